@@ -1,14 +1,7 @@
 """Free assembly, the reduction L^T K R, and solves that refuse a singular system.
 
 DOLFINx sets no Dirichlet conditions on a matrix whose test and trial spaces differ. Here the
-matrix is assembled free, and conditions are a `Reduction`; for -Δu = 1 with u = 0 around:
-
-    V = fem.functionspace(mesh, ("Lagrange", 2))
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(test_space(V))
-    K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
-    f = assemble_vector(v * ufl.dx)
-    rim = fem.locate_dofs_topological(V, 1, exterior_facet_indices(mesh.topology))
-    a = solve(K, f, Reduction.dirichlet(V, [fem.dirichletbc(0.0, rim, V)]))
+matrix is assembled free, and conditions are a `Reduction`.
 """
 
 from collections.abc import Iterator

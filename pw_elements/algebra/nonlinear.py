@@ -278,15 +278,14 @@ class PetrovGalerkinProblem:
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC] = (),
         solver: LinearSolver | None = None,
     ) -> None:
-        with collective(arguments.processes(u)):
-            arguments.of_type("u", u, fem.Function, "fem.Function(V) is an unknown")
-            arguments.of_type("the residual", residual, ufl.Form, "an integrand times a measure")
-            check_solver(solver)
-            if isinstance(solver, str) or is_matrix_free(solver):
-                raise ValueError(
-                    'Iterative() and "auto" solve with one free matrix under supports, not with '
-                    "Newton's tangents: use Direct()"
-                )
+        arguments.of_type("u", u, fem.Function, "fem.Function(V) is an unknown")
+        arguments.of_type("the residual", residual, ufl.Form, "an integrand times a measure")
+        check_solver(solver)
+        if isinstance(solver, str) or is_matrix_free(solver):
+            raise ValueError(
+                'Iterative() and "auto" solve with one free matrix under supports, not with '
+                "Newton's tangents: use Direct()"
+            )
         self.u, self.increments = u, tuple[Increment, ...]()
         self._space, self._conditions = u.function_space, conditions
         self._comm: MPI.Comm = self._space.mesh.comm

@@ -334,10 +334,7 @@ def masked(reduction: Reduction) -> Reduction:
     """The reduction that keeps all unknowns and sets prescribed ones to zero."""
     if reduction.supports is None:
         raise ValueError(NO_SUPPORTS)
-    free, offset = reduction.supports.free, reduction.offset
-    if offset.comm.tompi4py().allreduce(bool(free.all()), MPI.LAND):
-        return reduction
-    kept = selection(free, offset, renumbered=False)
+    kept = selection(reduction.supports.free, reduction.offset, renumbered=False)
     return replace(reduction, left=kept, right=kept)
 
 

@@ -89,16 +89,14 @@ def communicator(value: object) -> None:
     of_type("comm", value, MPI.Comm, "it has to be a communicator, such as MPI.COMM_WORLD")
 
 
-def mesh(value: object) -> None:
+def mesh(value: Any) -> None:  # noqa: ANN401
     of_type("the mesh", value, Mesh, "it has to be a dolfinx.mesh.Mesh")
-    assert isinstance(value, Mesh)
     if value.geometry.x.dtype != np.float64:
         raise ValueError(f"the mesh is one of {value.geometry.x.dtype}: make it with dtype=float64")
 
 
-def space(value: object, name: str = "the space") -> None:
+def space(value: Any, name: str = "the space") -> None:  # noqa: ANN401
     of_type(name, value, fem.FunctionSpace, "it has to be a fem.FunctionSpace, one of `Spaces`")
-    assert isinstance(value, fem.FunctionSpace)
     mesh(value.mesh)
 
 

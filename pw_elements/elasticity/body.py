@@ -418,18 +418,15 @@ class Body:
         grad = ufl.grad(u)
         if self.state is not StressState.AXISYMMETRIC:
             return grad
-        hoop = u[0] / self._radius()
+        hoop = u[0] / ufl.SpatialCoordinate(self.spaces.mesh)[0]
         return ufl.as_tensor(
             [[grad[0, 0], grad[0, 1], 0], [grad[1, 0], grad[1, 1], 0], [0, 0, hoop]]
         )
 
-    def _radius(self) -> Expr:
-        return ufl.SpatialCoordinate(self.spaces.mesh)[0]
-
     def _depth(self) -> Scalar:
         """The factor that makes a volume of an area of the mesh."""
         if self.state is StressState.AXISYMMETRIC:
-            return 2 * np.pi * self._radius()
+            return 2 * np.pi * ufl.SpatialCoordinate(self.spaces.mesh)[0]
         if self.state is StressState.SOLID:
             return 1.0
         return self._value(self.thickness)
@@ -544,8 +541,8 @@ def prescribe(
     components = field.unknowns.shape[1]
     if not (fluid or (arguments.is_number(component) and component in range(components))):
         raise ValueError(f"component {component}: the space has {components}, counted from 0")
-    held = value if isinstance(value, fem.Constant) else None
-    now = arguments.number("the prescribed value", value if held is None else held.value)
+    now = value.value if isinstance(value, fem.Constant) else value
+    arguments.number("the prescribed value", now)
     axis = 0 if fluid else int(component)
     if callable(where):
         nodes = some_nodes_of(field.space, "the prescribed nodes", where)
@@ -559,8 +556,8 @@ def prescribe(
     part = space.sub(int(fluid)) if hybrid else space
     if part.num_sub_spaces:
         part = part.sub(axis)
-    prescribed = default_scalar_type(now) if held is None else held
-    return fem.dirichletbc(prescribed, np.ascontiguousarray(dofs), part)
+    held = default_scalar_type(now) if now is value else value
+    return fem.dirichletbc(held, np.ascontiguousarray(dofs), part)
 
 
 @same_everywhere

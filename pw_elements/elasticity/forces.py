@@ -117,9 +117,8 @@ def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETS
 
 def _shares(element: basix.finite_element.FiniteElement, keeps: float, gives: float) -> Array:
     """T of one cell: of the node of each column, what goes to the node of each row."""
-    inside = np.zeros(element.dim, dtype=int)  # dimension of each node's entity
-    for dimension, of_dimension in enumerate(element.entity_dofs):
-        inside[[dof for dofs in of_dimension for dof in dofs]] = dimension
+    each = [len(np.ravel(dofs)) for dofs in element.entity_dofs]
+    inside = np.repeat(np.arange(len(each)), each)  # dimension of each node's entity
     T = np.zeros((element.dim, element.dim))
     for dimension, of_dimension in enumerate(element.entity_dofs):
         for entity, dofs in enumerate(of_dimension):

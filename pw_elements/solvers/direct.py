@@ -19,7 +19,7 @@ import numpy as np
 
 from pw_elements._compat import option_used
 from pw_elements.arrays import Indices
-from pw_elements.checks import arguments, collective, processes, same_everywhere
+from pw_elements.checks import arguments, same_everywhere
 from pw_elements.progress import told
 
 Options: TypeAlias = Mapping[str, str | int | float | bool]
@@ -212,8 +212,7 @@ class Direct:
             TypeError, ValueError: if it is not such a matrix, or PETSc refuses the options.
         """
         arguments.flag("symmetric", symmetric)
-        with collective(processes(matrix)):
-            arguments.matrix("the matrix", matrix)
+        arguments.matrix("the matrix", matrix)
         with said_clearly(self.options):
             return Factors(matrix, symmetric, self.options)
 
@@ -227,10 +226,8 @@ class Factors:
     do, or half of their memory.
     """
 
-    def __init__(
-        self, matrix: PETSc.Mat, symmetric: bool = False, options: Options | None = None
-    ) -> None:
-        self._options = options or {}
+    def __init__(self, matrix: PETSc.Mat, symmetric: bool, options: Options) -> None:
+        self._options = options
         self._orientations: list[int] = []
         self._factorisations = self._iterations = 0
         self.ksp = PETSc.KSP().create(matrix.comm)

@@ -102,9 +102,8 @@ class Spaces:
                 `Reduction.dirichlet(spaces, conditions)` makes it continuous within each. Without
                 them the pressure is off by ten per cent and more where materials meet.
         """
-        vector = _trial_element(mesh)
-        check_parts(parts)
-        trial = fem.functionspace(mesh, mixed_element(vector, split=parts is not None))
+        element = mixed_element(_trial_element(mesh), split=parts is not None)
+        trial = fem.functionspace(mesh, element)
         return cls(trial, test_space(trial), parts)
 
     @property
