@@ -1,13 +1,8 @@
 import re
 from pathlib import Path
 
-from mpi4py import MPI
-
 import pytest
-import ufl
-from dolfinx import fem, mesh
 
-import pw_elements.algebra
 from study.judge.claims import GRADES, PAPER, load_claims
 from study.judge.facts import load_facts
 from study.judge.measures.beam import computed_ratio, exact_ratio
@@ -22,15 +17,6 @@ def test_the_example_of_the_readme_runs():
     names: dict = {}
     exec(code, names)
     assert names["a"].max()[1] == pytest.approx(CENTRE, rel=1e-3)
-
-
-def test_the_example_of_the_algebra_runs():
-    code = "\n".join(re.findall(r"^    (.*)$", pw_elements.algebra.linear.__doc__, re.MULTILINE))
-    square = mesh.create_unit_square(MPI.COMM_SELF, 8, 8)
-    square.topology.create_connectivity(1, 2)
-    names = {**vars(pw_elements), "ufl": ufl, "fem": fem, "mesh": square}
-    exec(code, names | {"exterior_facet_indices": mesh.exterior_facet_indices}, found := {})
-    assert found["a"].max()[1] == pytest.approx(CENTRE, rel=1e-3)
 
 
 def test_the_readme_names_files_that_exist():
