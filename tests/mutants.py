@@ -119,7 +119,7 @@ def draw() -> list[Mutant]:
 def applied(mutant: Mutant) -> tuple[str, set[int]] | None:
     """Return the module's text with the change, and its lines; None if the expression is gone."""
     path = ROOT / mutant.module
-    for other, node in sites(path):
+    for other, node in sites(path) if path.is_file() else ():
         if (other.kind, *other[2:5]) == (mutant.kind, *mutant[2:5]):
             lines = path.read_bytes().splitlines(keepends=True)
             first, last = node.lineno - 1, (node.end_lineno or node.lineno) - 1
