@@ -87,7 +87,6 @@ class System:
 
     def __init__(self, u: fem.Function, residual: fem.Form, tangent: fem.Form) -> None:
         self.u, self._residual, self._tangent = u, residual, tangent
-        self._forces = petsc.assemble_vector(residual)
         self.blocked = False  # whether the matrix is stored by nodes, see `assemble_matrix`
 
     @cached_property
@@ -102,10 +101,7 @@ class System:
         self.u.x.scatter_forward()
 
     def forces(self) -> PETSc.Vec:
-        forces = self._forces.duplicate()
-        with forces.localForm() as local:
-            local.set(0.0)
-        petsc.assemble_vector(forces, self._residual)
+        forces = petsc.assemble_vector(self._residual)
         forces.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
         return Assembled(self._residual).mark(forces)
 

@@ -143,16 +143,13 @@ class _Cells:
         cells = total[:, -1]
         self.exterior = (cells == 1)[self.facets]
         rest = np.sqrt(sum(total[:, k] ** 2 for k in range(dim)))
-        same_side = (cells == 2) & (rest > _CANCELS * total[:, dim])
-        crowded = (same_side | (cells > 2))[self.facets].any(axis=0)
-        if self.mesh.comm.allreduce(bool(crowded.any()), MPI.LOR):
-            self._refuse((cells > 2)[self.facets].any(axis=0), "share a facet with two others")
-            self._refuse(crowded, "lie on the same side of a facet as their neighbour")
+        folded = ((cells == 2) & (rest > _CANCELS * total[:, dim]))[self.facets].any(axis=0)
+        self._refuse((cells > 2)[self.facets].any(axis=0), "share a facet with two others")
+        self._refuse(folded, "lie on the same side of a facet as their neighbour")
 
     def _refuse(self, wrong: Mask, what: str) -> None:
-        comm = self.mesh.comm
-        if comm.allreduce(bool(wrong.any()), MPI.LOR):
-            places = np.concatenate(comm.allgather(self.middle[wrong]))
+        places = np.concatenate(self.mesh.comm.allgather(self.middle[wrong]))
+        if len(places):
             raise DegenerateMesh(f"cells around {listed(np.unique(places, axis=0))} {what}")
 
 
