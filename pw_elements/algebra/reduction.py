@@ -275,10 +275,7 @@ class Reduction:
 
     @same_everywhere
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
-        """Reduces a matrix to L^T K R.
-
-        Args:
-            K: matrix (n, n).
+        """Reduces a matrix K (n, n) to L^T K R, (n_r, n_r).
 
         Raises:
             TypeError, ValueError: if K is not a matrix that matches the reduction.
@@ -357,9 +354,7 @@ def equilibrated(reduction: Reduction, K: PETSc.Mat) -> Reduction:
     if reduction.space is None or not is_hybrid(reduction.space):
         return reduction
     scale = equilibration(reduction.space, K)
-    right = reduction.right.copy()
-    left = right if reduction.left == reduction.right else reduction.left.copy()
-    right.diagonalScale(scale)
-    if left != right:
-        left.diagonalScale(scale)
+    left, right = reduction.left.copy(), reduction.right.copy()
+    for side in (left, right):
+        side.diagonalScale(scale)
     return replace(reduction, left=left, right=right)

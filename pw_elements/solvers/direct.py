@@ -114,26 +114,13 @@ class PreparedSolver(Protocol):
         """Number of negative eigenvalues of a symmetric matrix; None if the solver knows not."""
 
     def set_up(self) -> None:
-        """Makes ready for the matrix as it is now; `ksp` then solves with it.
-
-        Raises:
-            SingularSystem: if there is no unique solution.
-        """
+        """Makes `ksp` ready for the matrix as it is now, or raises SingularSystem."""
 
     def solve(self, right: PETSc.Vec) -> PETSc.Vec:
-        """Solution (n,) for the matrix as it is now.
-
-        Raises:
-            SingularSystem: if there is no unique one.
-        """
+        """Solution (n,) for the matrix as it is now; SingularSystem if there is not just one."""
 
     def solve_changed(self, right: PETSc.Vec, rows: Indices) -> PETSc.Vec | None:
-        """Solution after rows have changed since `solve`, if that is cheaper; or None.
-
-        Args:
-            right: (n,).
-            rows: global numbers of those of this process.
-        """
+        """Solution after rows (global, this process') have changed, if that is cheaper; or None."""
 
     def release(self) -> None:
         """Frees what it holds, on all processes."""
@@ -167,12 +154,9 @@ class MatrixFree(Protocol):
     matrix_free: ClassVar[bool]  # true
 
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False, supports: Any = None) -> Any:  # noqa: ANN401
-        """Binds the solver to a free matrix (n, n) under `Supports`; gives a `PreparedSolver`.
+        """Binds the solver to a free matrix (n, n); gives a `PreparedSolver`.
 
-        Args:
-            matrix: square (n, n), free.
-            symmetric: whether it is.
-            supports: of `Reduction.dirichlet`; None where the reduction is another one.
+        Supports are those of `Reduction.dirichlet`; None where the reduction is another one.
         """
 
 
