@@ -2,10 +2,8 @@
 
 Harmonic motion, Eq. (13), makes Eq. (14) of vibration; Eq. (24) is that of buckling.
 
-Central differences need a symmetric stiffness, a diagonal mass, and a step that is stable. They
-multiply the part of a motion that belongs to an eigenvalue w of M^-1 K by factors rho with
-rho^2 - (2 - dt^2 w) rho + 1 = 0, whose product is one: unless w is real and dt^2 w <= 4, one of
-them is larger than one, and that part grows.
+Steps of time that are stable belong to the largest eigenvalue, see the guide's page on theory ("The
+symmetric sibling").
 """
 
 import logging

@@ -9,10 +9,7 @@ warning.
 The outward area vectors of both cells of an inner facet have to cancel; the cells' volumes then
 add up to the boundary's integral of x·n / dim, which need not be computed.
 
-What cannot be told: an overlap that covers no centre of a cell at the boundary (bodies in contact
-whose round sides are made of straight ones overlap a little), bodies meant to be joined that
-merely touch, a crack that was not meant, hanging nodes on curved facets, and whether cells follow
-the shape that was meant.
+What cannot be told is in the guide's page on meshes.
 """
 
 import logging

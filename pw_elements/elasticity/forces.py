@@ -7,19 +7,8 @@ Three measures of contact pressure (and shear) are in use, and they must never b
 3. the nodal force over the geometric tributary area of the node: of the surface's once halved
    cells, each node gets equal parts of those around it.
 
-Under uniform pressure the standard quadratic element shows a sawtooth in 1 and 3 and none in 2; on
-the faces of 10-node tetrahedra its corners have no weight, and 2 does not exist there. With
-piecewise-linear test functions 2 and 3 are the same on straight sides.
-
-Reactions are fluxes where a field is prescribed. Heat, seepage, current: r = K a - f at a
-prescribed node is what enters the body there, weighted by the node's test function; over an area
-it is a flux (of vectors, a traction). It is far more accurate than the gradient of the solution,
-and conserves: reactions and sources add up to zero.
-
-Which area? Piecewise-linear weights integrate to the node's geometric share, and reactions are as
-even as the flux. A standard quadratic element's are not: over geometric areas they zigzag by a
-third (in space corners of tetrahedra get nothing at all), over own weights they do not, where there
-is one. T evens them out afterwards, see `force_transfer`.
+Which of them is even with which element, and why reactions are fluxes, is in the guide's page on
+theory ("Reactions and fluxes").
 """
 
 from dataclasses import dataclass

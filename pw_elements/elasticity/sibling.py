@@ -1,10 +1,7 @@
 """The symmetric sibling: the standard quadratic element in a basis whose nodal forces are even.
 
-With T of `force_transfer`, the basis has functions T N: at a mid-side node 3/4 of the
-standard one, at a vertex its own and 1/8 of those of the adjacent mid-sides. It spans the same
-space, so stiffness T K T^T and load T f have the standard element's solution, are symmetric, and
-are Galerkin's; but forces are even as with piecewise-linear weights, and row sums of the mass are
-positive. What changes is the meaning of the unknowns, coefficients a of displacements u = T^T a.
+With T of `force_transfer`, the basis has functions T N, and unknowns are coefficients a of
+displacements u = T^T a: see the guide's page on theory ("The symmetric sibling").
 """
 
 from collections.abc import Sequence
