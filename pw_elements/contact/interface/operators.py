@@ -3,17 +3,11 @@
 With a the displacements (n,) of all nodes and r the contact forces at the points,
 
     motion of the points  = G a,          G (points x dim, n),
-    K a - f               = H r,          H (n, points x dim),
+    K a - f               = H r,          H (n, points x dim).
 
-all components global. The motion is relative to what faces a point: nothing is subtracted for
-rigid surfaces, whose translations the law sees apart; the opposite body's displacement where
-nodes match. Nodal interfaces have H = G^T, for the new element too: its nodal equations are
-weighted, its nodal displacements are not.
-
-Builders make the `Points` of a pair. Of a mortar's, G has the weighted gap integrals in its rows,
-H the integrals of the multipliers' duals against the weights of both bodies. What the rest relies
-on is that the force can be read from `Points.equation`, and that G's unit times H's is a stiffness
-over K's, by which the law's scale is found. Law, kinematics and loop see points only.
+Builders make the `Points` of a pair. What the rest relies on is that the force can be read from
+`Points.equation`, and that G's unit times H's is a stiffness over K's, by which the law's scale is
+found. Law, kinematics and loop see points only.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,18 +1,8 @@
 """The linear system of one active set: the law in place of one equation per component of force.
 
-With K and f reduced by the supports, the forces at the contact points are read from their own
-equations, r = L (K a - f), and taken out of all others, K' = K - H L K without these. The law's
-linearisation E r + C G a - D U = c stands in the places that have become free, and the balance of
-the free translations U at the end:
-
-    K' a                    = f'        all equations but the contact points' own
-    (E L K + C G) a - D U   = c + E L f     theirs
-    sum L K a               = totals + sum L f
-
-Where surfaces turn, U has angles, too, and sums are those of `Levers`.
-
-The nonzero pattern is that of all active sets. Its rows are built once, before the iteration.
-`KrylovTangent` assembles nothing instead.
+The guide's page on theory has its rows ("The linear system"). Where surfaces turn, U has angles,
+too, and sums are those of `Levers`. The nonzero pattern is that of all active sets: its rows are
+built once, before the iteration. `KrylovTangent` assembles nothing instead.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,16 +1,6 @@
 """Impact: central differences with nodal unilateral contact and Coulomb friction.
 
-With a diagonal mass M, velocities at half steps and displacements at whole ones,
-
-    v(n+1/2) = v(n-1/2) + dt M^-1 (f(n) - K u(n) + r(n)),    u(n+1) = u(n) + dt v(n+1/2),
-
-the contact forces r(n) are those that the displacements they lead to ask for: a node that would
-lie inside the rigid surface at n+1 is put back on it, r_n = mass x correction / dt^2, and of the
-slip that it would make on the way as much is taken back as r_t <= mu r_n allows. The mass being
-diagonal, this is Coulomb's law at each node, to the last digit, without any iteration.
-
-With a symmetric K the energy E(n+1/2) = v(n+1/2)' M v(n+1/2) / 2 + u(n)' K u(n+1) / 2 changes by
-the work (f(n) + r(n))' (u(n+1) - u(n-1)) / 2 of loads and contact alone, exactly.
+The guide's page on theory has the scheme, its energy and its stability ("Impact").
 """
 
 from collections.abc import Callable, Sequence

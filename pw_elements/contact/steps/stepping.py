@@ -1,14 +1,7 @@
 """Increments of load and motion: `ContactProblem.step`; `solve_contact` is a loop over it.
 
-Small displacements: gap and normal belong to the *undeformed* body and the surface at its
-present place (initial place + translation U), so that for the displacement a of a node
-
-    g(a, U) = gap(x - U) + n(x - U)·a,
-
-and the slip of an increment is the tangential part of (a - U) less that at its start.
-Planes make this linear in U. For curved surfaces under force control it is linearised, the
-active set found, and gap and n then taken at the U so found, until nothing changes. Other loops
-over time join here: `step` changes no state. `solve_impact` needs no `step`.
+Gap and normal belong to the undeformed body and the surface at its present place, as the guide's
+page on theory says ("Contact"). Other loops over time join here: `step` changes no state.
 
 An increment may be made in parts, on the straight way from a state to what is asked for. History is
 true on that way: slip and friction follow each part. So a step that is cut may end in
