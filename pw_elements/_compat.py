@@ -2,8 +2,11 @@
 
 from ctypes import CDLL, byref, c_int64
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
+import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
@@ -14,7 +17,7 @@ try:
 except ImportError:  # before DOLFINx 0.10
     from dolfinx.io.gmshio import model_to_mesh
 
-__all__ = ["cell_nodes", "interpolation_points", "model_to_mesh", "option_used"]
+__all__ = ["cell_nodes", "interpolation_points", "model_to_mesh", "option_used", "single_entries"]
 
 
 def cell_nodes(mesh: Mesh) -> Local:
@@ -34,3 +37,17 @@ def option_used(name: str) -> bool:
     used = c_int64(0)  # a PetscBool is shorter
     CDLL(PETSc.__file__).PetscOptionsUsed(None, name.encode(), byref(used))
     return bool(used.value)
+
+
+def single_entries(
+    column: npt.NDArray[np.integer],
+    sizes: tuple[tuple[int, int], tuple[int, int]],
+    comm: MPI.Comm | PETSc.Comm,
+    value: Array | float = 1.0,
+) -> PETSc.Mat:
+    """Matrix whose rows here have one entry each, at a global column; none where that is -1."""
+    stated = column >= 0
+    pointers = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
+    values = np.broadcast_to(value, column.shape)[stated]
+    csr = (pointers, column[stated].astype(PETSc.IntType), values)
+    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)

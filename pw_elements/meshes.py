@@ -22,6 +22,7 @@ from dolfinx.mesh import (
     meshtags,
 )
 
+from pw_elements._compat import model_to_mesh
 from pw_elements.abaqus import FACES, Model
 from pw_elements.arrays import Array, Indices, Local
 from pw_elements.checks import answer, arguments, collective, same_everywhere
@@ -181,8 +182,6 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
     arguments.communicator(comm)
     with collective(comm):
         import gmsh
-
-        from pw_elements._compat import model_to_mesh
     path = Path(source) if isinstance(source, str | Path) else None
     with collective(comm) as same:
         same["source"] = path  # a model is process 0's

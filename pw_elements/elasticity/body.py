@@ -10,7 +10,7 @@ Units are consistent ones of the user's choice (N, m, Pa, kg/m³ throughout, say
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Literal, TypeAlias
 
@@ -132,7 +132,6 @@ class Material:
                 material, materials without a cell, or constants that are not numbers.
         """
         arguments.mesh(mesh)
-        names = [field.name for field in fields(cls)]
         arguments.of_type(
             "the mapping of tags", materials, Mapping, "give {tag: Material(E, nu), ...}"
         )
@@ -140,9 +139,8 @@ class Material:
         for tag, one in materials.items():
             of = f"the material of tag {tag}"
             arguments.of_type(of, one, Material, "Material(E, nu) makes one")
-            constants[tag] = [
-                arguments.number(f"{name} of {of}", getattr(one, name)) for name in names
-            ]
+            numbers = vars(one).items()
+            constants[tag] = [arguments.number(f"{name} of {of}", value) for name, value in numbers]
         return cls(*by_cell_tag(mesh, cell_tags, constants))
 
 

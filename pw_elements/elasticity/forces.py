@@ -201,8 +201,7 @@ class SurfaceNodes:
                 number is none of a facet.
         """
         arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
-        kinds = (Expr, type(None))
-        arguments.of_type("stretch", stretch, kinds, "SurfaceNodes.stretch(u) makes it")
+        arguments.of_type("stretch", stretch, Expr | None, "SurfaceNodes.stretch(u) makes it")
         depth = body._depth() if stretch is None else body._depth() * stretch
         return cls.scalar(_scalar(body.spaces.displacements), where, depth)
 

@@ -18,8 +18,9 @@ import scipy.sparse as sp
 from dolfinx import fem
 from scipy.sparse.csgraph import connected_components
 
+from pw_elements._compat import single_entries
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.spaces import Assembled, single_entries
+from pw_elements.spaces import Assembled
 
 # Rows of a matrix in blocks (a multiple of any block) that are converted at once, to save memory,
 # and the most parts in which it is done, for their sum takes time
@@ -97,13 +98,12 @@ def destroy(*things: PETSc.Object) -> None:
         thing.destroy()
 
 
-def collect_garbage(*like: PETSc.Object) -> None:
-    """Frees objects that have gone out of use and live where these do; collective.
+def collect_garbage(like: PETSc.Object) -> None:
+    """Frees objects that have gone out of use and live where this one does; collective.
 
     On several processes petsc4py leaves them alone until then: Python may drop them in any order.
     """
-    for thing in like:
-        PETSc.garbage_cleanup(thing.comm)
+    PETSc.garbage_cleanup(like.comm)
 
 
 def block_diagonal(blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> PETSc.Mat:

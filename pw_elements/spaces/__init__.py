@@ -15,7 +15,6 @@ from pw_elements.spaces.hybrid import (
     fields_of,
     is_hybrid,
     is_split,
-    single_entries,
     tied,
 )
 from pw_elements.spaces.parts import (

@@ -32,7 +32,6 @@ _CELL = CellType.tetrahedron
 # Points nearer to a side than this, of cells of size one, lie on it
 _ON_SIDE = 1e-10
 
-_SIMPLICES = ("triangle", "tetrahedron")
 CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 
@@ -172,7 +171,7 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
     )
     if cell == "tetrahedron":
         element = TwelveCellElement(element._element)
-    elif cell not in _SIMPLICES:
+    elif cell != "triangle":
         element = _HalvedTensorElement(element._element)
     return basix.ufl.blocked_element(element, shape=shape) if shape else element
 

@@ -6,34 +6,19 @@ Bercovier and Pironneau's: piecewise-linear weights beside the same P1.
 
 from dataclasses import dataclass
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags
 
+from pw_elements._compat import single_entries
 from pw_elements.arrays import Array, Local, Mask
 from pw_elements.checks import collective, sizes_of
 
 # What a constant pressure does, over the largest stiffness, that is round-off
 NOTHING = 1e-10
-
-
-def single_entries(
-    column: npt.NDArray[np.integer],
-    sizes: tuple[tuple[int, int], tuple[int, int]],
-    comm: MPI.Comm | PETSc.Comm,
-    value: Array | float = 1.0,
-) -> PETSc.Mat:
-    """Matrix whose rows here have one entry each, at a global column; none where that is -1."""
-    stated = column >= 0
-    pointers = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
-    values = np.broadcast_to(value, column.shape)[stated]
-    csr = (pointers, column[stated].astype(PETSc.IntType), values)
-    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
 
 
 def mixed_element(

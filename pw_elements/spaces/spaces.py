@@ -257,15 +257,13 @@ def of_owners(
 
 
 def check_parts(parts: object) -> None:
-    kinds = (MeshTags, type(None))
-    arguments.of_type("parts", parts, kinds, "dolfinx.mesh.meshtags makes them")
+    arguments.of_type("parts", parts, MeshTags | None, "dolfinx.mesh.meshtags makes them")
 
 
 def _trial_element(mesh: Mesh, components: int | None = None) -> basix.ufl._ElementBase:
     arguments.mesh(mesh)
-    count = arguments.whole(
-        "components", mesh.geometry.dim if components is None else components, 0
-    )
+    components = mesh.geometry.dim if components is None else components
+    count = arguments.whole("components", components, 0)
     return quadratic_element(mesh.topology.cell_name(), (count,) if count else ())
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
+from pw_elements._compat import single_entries
 from pw_elements.algebra import Reduction, free_pressure, supported
 from pw_elements.arrays import Array, Indices, Local
 from pw_elements.contact.interface import Interface
@@ -24,7 +25,6 @@ from pw_elements.contact.iteration.krylov import KrylovTangent, NodePoints, stat
 from pw_elements.contact.iteration.law import Accuracy, Levers, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
 from pw_elements.solvers import LinearSolver, PreparedSolver, SolverReport, add, is_matrix_free
-from pw_elements.spaces import single_entries
 
 # What does not count as different
 _EQUAL = 1e-12
