@@ -8,7 +8,7 @@ import pytest
 from dolfinx.mesh import CellType, create_box
 from scipy.optimize import linprog
 
-from pw_elements import Reduction, assemble_vector, prescribe
+from pw_elements import Reduction, assemble_matrix, assemble_vector, prescribe
 from pw_elements.contact import (
     ContactFailed,
     ContactPair,
@@ -20,9 +20,11 @@ from pw_elements.contact import (
     Plane,
 )
 from pw_elements.contact.model import MatchingNodes
+from pw_elements.contact.rescue import rigid
 from pw_elements.contact.rescue.refusals import Points, escape, proof
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import triangles
+from pw_elements.solvers import matrices
 from tests.contact.cases import Elastic, Greco, at
 from tests.contact.test_matching import lower_nodes
 from tests.contact.two_bodies import joined
@@ -332,6 +334,23 @@ def test_proof_is_found_where_no_forces_balance_the_loads_and_nowhere_else(seed)
         assert -missing @ velocity == pytest.approx(power @ velocity, abs=more)
         again = power + missing
         assert escape(points, again)[0] @ again < more
+
+
+@pytest.mark.parametrize("blocked", [False, True])
+def test_motions_of_many_pieces_are_found_as_those_of_few(monkeypatch, blocked):
+    """Sparse algebra, and parts of a stiffness in blocks, give the words of the dense one."""
+    both, words = two_apart(), []
+    both.K = assemble_matrix(both.body.stiffness(), blocked=blocked)
+    for few in (60, 0):
+        for module in (matrices, rigid):
+            monkeypatch.setattr(module, "FEW_MODES", few)
+        unbraked = refusal(both, floor(0.3), (0.5, -1.0))
+        words.append((str(unbraked), unbraked.missing.moment.round(9).tolist()))
+        with pytest.raises(FreeBody) as loose:
+            both.solve(ContactPair(at(1, 1.0), CEILING, 0.0), (0.0, 0.0))
+        words[-1] += (str(loose.value),)
+        assert both.solve(floor(0.3), (0.1, -1.0)).converged
+    assert words[0] == words[1]
 
 
 def test_stiffness_between_pieces_holds_them():
