@@ -61,12 +61,10 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     tractions on straight sides the result is the nodal forces of the piecewise-linear weights: T
     f_G = f_PW on every cell.
 
-    On straight-sided triangles with constant D and t, in plane stress or strain, K_PW = T K_G,
-    too, since piecewise-linear and quadratic weight functions see the same averages of a linear
-    stress field. The identity has no counterpart on other cells: there T K_G is another
-    stiffness than K_PW, though both even out forces. A transformation of this form, but with 1/5
-    in place of 1/8, gives quadratic mortar methods their dual multipliers (A. Popp et al.,
-    https://doi.org/10.1137/110848190).
+    On straight-sided triangles with constant D and t, in plane stress or strain, K_PW = T K_G, too:
+    the guide's page on theory has the proof. On other cells T K_G is another stiffness, though both
+    even out forces. A transformation of this form, but with 1/5 in place of 1/8, gives quadratic
+    mortar methods their dual multipliers (A. Popp et al., https://doi.org/10.1137/110848190).
 
         even = force_transfer(U) * reactions(K, a, f)  # of the standard element
 
