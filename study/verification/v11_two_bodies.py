@@ -153,12 +153,9 @@ def _beyond(trace: Trace, end: float, linear: bool) -> tuple[npt.NDArray[np.int6
     return np.concatenate(at), np.concatenate(values)
 
 
-def hertz(way: str, edges: int, ratio: float = RATIO, cold: bool = False) -> Result:
-    """Half of two cylinders of unequal moduli without friction; far fields are exact.
-
-    A `cold` start is from the nodes that touch.
-    """
-    return (_hertz(way, edges, ratio, []) if cold else _nested(_hertz, way, edges, ratio))[0]
+def hertz(way: str, edges: int, ratio: float = RATIO) -> Result:
+    """Half of two cylinders of unequal moduli without friction; far fields are exact."""
+    return _nested(_hertz, way, edges, ratio)[0]
 
 
 def _nested(problem: _Problem, way: str, edges: int, ratio: float) -> _Found:
@@ -639,7 +636,6 @@ CASES += [
     for way in WAYS
     for ratio in (0.5, 1.0, 2.0)
 ]
-CASES.append(_case("hertz-2d-{}-16-cold", hertz, "pw-dual", edges=16, cold=True))
 CASES += [
     _case(f"{problem.__name__}-{{}}-{edges}", problem, "pw-dual", edges=edges)
     for problem in (cattaneo, unequal)

@@ -6,7 +6,7 @@ used and tested alone. `Policy` is both together, as the loop takes them.
 The active set that an increment starts from is chosen here, too.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from hashlib import blake2b
 
@@ -15,7 +15,7 @@ from mpi4py import MPI
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pw_elements.arrays import Array, Indices, Mask
+from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.law import (
     HELD,
@@ -30,16 +30,6 @@ from pw_elements.contact.iteration.law import (
 )
 from pw_elements.contact.model import ContactState, FreeBody, NotFound
 
-# Points around one, with it, by the dimension
-_NEIGHBOURS = {2: 3, 3: 7}
-# Decimals of coordinates that count, over the extent of the points
-_DECIMALS = 9
-# Where the way from a point that pulls to the nearest free one is looked at, the part of it that
-# may be held, and of its length that is gone on by
-_ALONG = np.linspace(0.1, 0.9, 9)
-_HELD_SHARE = 0.5
-_WAY_SHARE = 0.99
-
 FreeMotions = Callable[[ActiveSet, Array], list[str]]  # of an active set in frames, by name
 
 # Directions closer than this belong to the same active set
@@ -49,61 +39,6 @@ _DIGITS = 10
 _TOUCHING_GAP = 1e-9
 
 
-class EdgeRelease:
-    """Lets points at the edge of a contact, or of its sticking part, go as deep again as they pull.
-
-    Where a smooth contact is taken for larger than it is, by a length e, the pressure at a distance
-    d from its edge is that of the true one, A (d - e)^(1/2), to first order in e, or A (d^(1/2) -
-    e/2 d^(-1/2)): it pulls up to d = e/2 only. So the law alone halves the excess. What shear lacks
-    to friction's limit is alike at the edge of what sticks. Forces next to an edge oscillate from
-    node to node, so that means of neighbours tell who pulls.
-    """
-
-    def __init__(self, interface: Interface, chosen: Sequence[int]) -> None:
-        self._interface = interface
-        self._counts = [len(interface.in_order(k, interface.pair)) for k in range(interface.pairs)]
-        self._points: dict[int, tuple[Array, Indices]] = {}  # positions, and their nearest ones
-        for k in chosen:
-            x = interface.in_order(k, interface.position)
-            # the same on any number of processes, which round coordinates in their own ways
-            x = np.round(x / np.ptp(x, axis=0).max(initial=1e-300), _DECIMALS)
-            near = min(_NEIGHBOURS[x.shape[1]], len(x))
-            self._points[k] = x, cKDTree(x).query(x, near)[1].reshape(len(x), near)
-
-    def deeper(self, new: ActiveSet, old: ActiveSet, contact: Contact) -> ActiveSet:
-        """The new set, in which more points let go next to those that have done so."""
-        shear = contact.shearing
-        size = np.linalg.norm(shear, axis=1)
-        excess = size - contact.limits[0]
-        sticking_, closed = old.status == STICK, old.status != OPEN
-        slips = self._beside(sticking_, new.status == STICK, excess) & contact.cone.rough
-        slips &= size > 0
-        direction = np.where(slips, 1 / np.where(slips, size, 1.0), 0.0)[:, None] * shear
-        status, turning = np.full_like(new.status, SLIP), slips.astype(float)
-        slipping = ActiveSet.of(status, direction, turning, contact.cone, contact.pressing)
-        opens = self._beside(closed, new.status != OPEN, -contact.force[:, 0])
-        open_ = sticking(np.zeros_like(opens), contact.cone, direction.shape[1])
-        return mixed(~opens, mixed(~slips, new, slipping), open_)
-
-    def _beside(self, before: Mask, now: Mask, pull: Array) -> Mask:
-        """Points (m,) to let go that hold now and did before, by forces (m,) that pull these."""
-        deeper = [np.zeros(count, dtype=bool) for count in self._counts]
-        for k, (x, around) in self._points.items():
-            held, holds, force = (self._interface.in_order(k, v) for v in (before, now, pull))
-            pulls = held & (np.where(held, force, 0.0)[around].mean(axis=1) > 0)
-            free, rest = ~held & ~holds, held & ~pulls
-            if not (pulls.any() and free.any() and rest.any()):
-                continue
-            width, nearest = cKDTree(x[free]).query(x[pulls])
-            along = x[pulls][:, None] + _ALONG[:, None] * (x[free][nearest] - x[pulls])[:, None]
-            to_rest, to_others = (cKDTree(x[some]).query(along)[0] for some in (rest, ~rest))
-            width[np.mean(to_rest < to_others, axis=1) > _HELD_SHARE] = 0.0  # no edge
-            found = cKDTree(x).query_ball_point(x[pulls], _WAY_SHARE * width)
-            deeper[k][np.concatenate(found).astype(np.int64)] = True
-            deeper[k] &= held & holds
-        return self._interface.local(deeper)
-
-
 class Cycles:
     """Active sets visited, and points that change one at a time since they were caught cycling."""
 
@@ -111,10 +46,6 @@ class Cycles:
         self._comm = comm
         self._visited: list[tuple[bytes, ActiveSet]] = []
         self._slow: Mask | None = None
-
-    @property
-    def slow(self) -> bool:
-        return self._slow is not None
 
     def repeats(self, active: ActiveSet) -> bool:
         """Notes an active set; whether it has been there, and the remedy changes something."""
@@ -191,8 +122,6 @@ class Policy:
 
     def __init__(self, free_motions: FreeMotions, interface: Interface) -> None:
         self._comm: MPI.Comm = interface.comm
-        mortar = [k for k, nodes in enumerate(interface.opposite) if len(nodes)]
-        self._edges = EdgeRelease(interface, mortar) if mortar else None
         self._hold, self._cycles = LastHold(free_motions, interface), Cycles(self._comm)
 
     def restart(self, first: ActiveSet | None = None) -> None:
@@ -204,8 +133,6 @@ class Policy:
     def wanted(self, active: ActiveSet, contact: Contact) -> ActiveSet:
         """The set that should follow; raises NotFound if it would let the body go."""
         following = self._cycles.slowed(active, contact)
-        if self._edges is not None and not self._cycles.slow:
-            following = self._edges.deeper(following, active, contact)
         return self._hold.kept(following, active, contact)
 
     def taken(self, wanted: ActiveSet, active: ActiveSet, contact: Contact) -> ActiveSet:
