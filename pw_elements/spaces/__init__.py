@@ -1,11 +1,15 @@
 """Elements, spaces, parts of bodies, quadrature and assembly."""
 
 from pw_elements.spaces.assembly import (
+    STATE,
     Assembled,
     assemble_matrix,
     assemble_scalar,
     assemble_vector,
+    cell_measure,
     compiled_form,
+    with_cell_rules,
+    with_degrees,
 )
 from pw_elements.spaces.elements import macro_element, quadratic_element
 from pw_elements.spaces.hybrid import (
@@ -27,7 +31,6 @@ from pw_elements.spaces.parts import (
     numbered,
     some_nodes_of,
 )
-from pw_elements.spaces.quadrature import STATE, cell_measure, with_cell_rules, with_degrees
 from pw_elements.spaces.spaces import (
     Spaces,
     as_function,
