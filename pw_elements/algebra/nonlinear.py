@@ -1,12 +1,8 @@
 """Problems stated by any UFL residual, with piecewise-linear weight functions.
 
 Where test and trial space differ, DOLFINx's own `LinearProblem` and `NonlinearProblem` take the
-prescribed columns out of a matrix but no rows: the first returns `inf`, the second fails.
-
-They are solved by Newton's method, PETSc's SNES. Conditions are equations as all others, u_i - g_i
-times a stiffness: so the first step of an increment moves the whole body along, not the prescribed
-nodes alone, which would turn cells over. A pressure beside displacements is scaled to be a length,
-and so are the equations of volume.
+prescribed columns out of a matrix but no rows: the first returns `inf`, the second fails. Newton's
+method is PETSc's SNES; conditions are equations, see the guide's page on theory ("Large strains").
 """
 
 import logging

@@ -204,10 +204,7 @@ class Direct:
 class Factors:
     """Factors of a matrix: made anew where it has changed, corrected where few of its rows have.
 
-    Where A differs from the factorised A_0 in rows S, these columns of the inverse, Z = A_0^-1 I_S,
-    take the residual out of them: x + Z w with (A Z)_S w = (b - A x)_S. Adding A_0^-1 (b - A x)
-    leaves a residual in S alone. The columns are kept until they have cost twice as much as factors
-    do, or half of their memory.
+    The guide's page on theory says how ("Large systems").
     """
 
     def __init__(self, matrix: PETSc.Mat, symmetric: bool, options: Options) -> None:

@@ -69,21 +69,8 @@ class SideResults:
 class Opposite:
     """The deformable surface of a pair, whose m nodes it faces; k nodes, on every process.
 
-    Contact is stated at the nodes j of the pair's own side. Those k of the opposite side have the
-    forces that the mortar hands on, of each r_j a part M_jk / A_j, and areas likewise: with a_j the
-    area by which r_j is a pressure and n_j the normal, the area vector of node k is
-
-        b_k = sum of M_jk a_j n_j / A_j.
-
-    It is along the normal, and its length divides the force on k. So an even pressure without shear
-    is one on both sides, whatever the meshes, also where facets face each other in part; and the
-    opposite's pressures times their areas sum up to the force. On flat faces |b_k| is the integral
-    of w_k over what faces the pair. The pressures are sums over duals that have either sign: where
-    the opposite mesh is the finer one they are off by a part of the differences of neighbouring
-    p_j. Means are weighted with integrals of the products of both weights.
-
-    At large sliding the sides meet as they are deformed, while a_j is an area of the undeformed
-    pair, or of the deformed one for true pressures.
+    Its nodes have areas that are handed on as forces are: see the guide's page on theory ("Two
+    bodies"). Means are weighted with integrals of the products of both weights.
     """
 
     node: Indices  # (k,), global numbers
