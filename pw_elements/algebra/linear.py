@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.algebra.reduction import Reduction, equilibrated, masked
-from pw_elements.checks import arguments, collective, same_everywhere
+from pw_elements.checks import same_everywhere
 from pw_elements.progress import doing
 from pw_elements.solvers import (
     Direct,
@@ -122,12 +122,7 @@ def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
 
     Args:
         matrix: A, (n, n); it is not changed.
-
-    Raises:
-        TypeError, ValueError: if it is not a square matrix.
     """
-    with collective(arguments.processes(matrix)):
-        arguments.matrix("the matrix", matrix)
     part = matrix + matrix.transpose(PETSc.Mat())
     part.scale(0.5)
     return Assembled.of(matrix).mark(part)

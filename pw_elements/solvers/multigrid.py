@@ -252,10 +252,6 @@ class Multigrid:
     Smoother: Chebyshev polynomial of degree 2 with the inverse blocks of nodes. On the coarse level
     one cycle of algebraic multigrid that knows the rigid motions.
 
-    The blocks are those of Pi K Pi + (1 - Pi), but what is smoothed, and whose residual goes to the
-    coarse level, is the operator that is solved: that matrix of a linear problem, E K + C of
-    contact. With the former alone, contact takes four tenths more iterations.
-
     K in blocks multiplies twice as fast. The operator is Pi (K + B) Pi + (1 - Pi) with the springs
     B of `hold`. A node without stiffness is a ValueError.
     """

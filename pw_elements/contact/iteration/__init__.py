@@ -26,8 +26,10 @@ from pw_elements.contact.iteration.newton import (
     Iterate,
     LinearEquilibrium,
     Reference,
+    contact_state,
     newton,
+    pair_states,
+    undeformed,
 )
 from pw_elements.contact.iteration.policy import Policy, initial_active_set, resumed, same
-from pw_elements.contact.iteration.results import contact_state, pair_states, undeformed
 from pw_elements.contact.iteration.system import ContactSystem, Tangent, border_columns, local_rows

@@ -173,11 +173,7 @@ class Unassembled:
 class Sprung:
     """Preconditioner of E K + C from one of bodies with springs, for a `PETSc.PC` in Python.
 
-    Springs k of the softer side's stiffness, in the directions Q that are held, turn K into
-    K' = K + H k Q G, which is as regular as contact makes it. Forces follow from the law alone, as
-    if points moved by W r, (E + C W) r = c; W = G D^-1 H, with the diagonal D of K, knows which
-    motions of a fine stiff side a coarse soft one cannot follow. What G K'^-1 H makes of r + k Q W
-    r is then about W r, whatever the stiffnesses of the bodies are.
+    The guide's page on theory has the springs k, directions Q and W = G D^-1 H ("Large systems").
     """
 
     def __init__(self, inner: PETSc.PC, points: NodePoints, K: PETSc.Mat) -> None:

@@ -1,8 +1,5 @@
 """Policies that keep the active-set iteration from cycling and from losing its last hold.
 
-Each of them turns the next active set that the law asks for into another one, and each can be
-used and tested alone. `Policy` is both together, as the loop takes them.
-
 The active set that an increment starts from is chosen here, too.
 """
 

@@ -1,15 +1,6 @@
 """The smallness check of an increment: displacements stay small, surfaces outside of the body.
 
-Once a surface has gone through the body the law means nothing. It takes gap and normal at the
-undeformed body, and nothing in it says that a surface comes from outside: one that has gone too
-far pulls, or is out of reach on the other side of the body, and all conditions hold. So three
-things are refused of rigid surfaces:
-
-- nodes that a surface swallows, on its straight way to its place, from where it would push them
-  outwards: against the outward normals of all facets around;
-- nodes in contact that are pushed outwards;
-- nodes in contact that have been pushed beyond the far side of the body, where its last nodes along
-  the push are now. As a whole it may move and bend however far with the surface.
+The guide's page on theory says what is refused of rigid surfaces, and why ("Contact").
 """
 
 import logging
