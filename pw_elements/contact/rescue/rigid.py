@@ -30,14 +30,7 @@ from pw_elements.contact.iteration import (
     mixed,
 )
 from pw_elements.contact.model import Free
-from pw_elements.solvers import (
-    FEW_MODES,
-    Pieces,
-    destroy,
-    galerkin_product,
-    null_space,
-    triangle,
-)
+from pw_elements.solvers import FEW_MODES, Pieces, destroy, galerkin_product, null_space, triangle
 
 _AXES = "xyz"
 # Part of a motion, over its largest one, that is none
