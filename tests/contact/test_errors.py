@@ -148,6 +148,19 @@ def test_what_looks_similar_is_solved():
     assert again.iterations == 1
 
 
+def test_what_counts_as_inside_a_surface_grows_with_the_body():
+    """A millionth of its diagonal is round-off, or the faceting of curved sides."""
+    body = Elastic(triangles(MPI.COMM_SELF, (0.0, 0.0), (600.0, 800.0), (3, 4)))
+    top = body.clamped(at(1, 800.0))
+    for depth, inside in ((0.9e-3, False), (1.1e-3, True)):
+        pair = ContactPair(at(1, 0.0), Plane((0, depth), (0, 1)), 0.2)
+        if inside:
+            with pytest.raises(ValueError, match="inside the rigid surface before any motion"):
+                body.contact(pair, top)
+        else:
+            assert body.contact(pair, top)[0].pairs[0].force[1] > 0
+
+
 def test_error_names_its_increment():
     with pytest.raises(FreeBody, match=r"^increment 2: ") as caught:
         solved(load=[BLOCK.pressure, BLOCK.pressure, -1.0 * BLOCK.pressure])
