@@ -113,6 +113,8 @@ def rows() -> Iterator[Row]:
         yield Row("contact", "pw-T10", 35, method, 2)
     for method in ("Direct", "Iterative", "compared"):
         yield Row("bodies", "pw-T10", 10, method)
+    for n in (7, 14):
+        yield Row("bodies", "pw-T10", n, "Iterative")
     for processes in (1, 2, 3):
         yield Row("bodies", "pw-T10", 20, "Iterative", processes)
     for n in (10, 20, 40, 80):
@@ -127,6 +129,7 @@ def rows() -> Iterator[Row]:
         yield Row("contact", "pw-hybrid-T10", n)
     for n in (8, 11, 16, 22):
         yield Row("contact", "pw-hybrid-T10", n, "Iterative")
+    yield Row("contact", "pw-hybrid-T10", 16, "Iterative", 2)
     for element in ("galerkin-hybrid-T10", "pw-hybrid-T10"):
         for n in (5, 8):
             yield Row("incompressible", element, n)
