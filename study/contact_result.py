@@ -7,13 +7,12 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements import force_transfer, forces_along, reactions
+from pw_elements import SurfaceNodes, force_transfer, forces_along, reactions
 from pw_elements.contact import OPEN, STICK
 from pw_elements.contact.model import ContactState
 from pw_elements.spaces import Marker
 from study.core.store import Result
 from study.discretisation import Discretisation, mesh_curves
-from study.reading import contact_surface
 from study.units import Units, units_of
 
 Array = npt.NDArray[np.float64]
@@ -81,7 +80,7 @@ def surface_result(
     contact = state.pairs[pair]
     (x, y), r_n = contact.position.T, contact.force_normal
     r_t = -contact.force_tangential[:, 0]  # of the body on the surface, as it is pulled
-    surface = contact_surface(body.body, line)
+    surface = SurfaceNodes.of(body.body, line)
     pressure = surface.pressure(r_n)
     closed = contact.status != OPEN
     curves = {

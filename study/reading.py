@@ -12,28 +12,24 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements import Body, SurfaceNodes
-from pw_elements.spaces import Part
+from pw_elements import SurfaceNodes
 
 Array = npt.NDArray[np.float64]
 
 
-def contact_surface(body: Body, where: Part, transfer: PETSc.Mat | None = None) -> SurfaceNodes:
-    """Nodes of a surface with their weights; `.pressure(forces)` reads, NaN without a weight.
+def transferred(surface: SurfaceNodes, transfer: PETSc.Mat) -> SurfaceNodes:
+    """The nodes with weights of forces that `force_transfer`'s T, or the sibling, has given them.
+
+    Their test functions are T times the standard ones, and so are the weights.
 
     Args:
-        body: on one process.
-        where: the surface, a part of the boundary as `SurfaceNodes.of` takes it.
-        transfer: T (n, n) of `force_transfer`, if forces are transferred by it or the sibling's:
-            their test functions are T times the standard ones, and so are the weights.
+        surface: of the standard element, on one process.
+        transfer: T (n, n).
     """
-    surface = SurfaceNodes.of(body, where)
-    if transfer is None:
-        return surface
-    weights, of_node = transfer.createVecRight(), (-1, body.spaces.mesh.geometry.dim)
+    weights, of_node = transfer.createVecRight(), (-1, surface.position.shape[1])
     weights.array.reshape(of_node)[surface.node, -1] = surface.own_area
-    transferred = (transfer * weights).array_r.reshape(of_node)[surface.node, -1]
-    return replace(surface, own_area=transferred)
+    own = (transfer * weights).array_r.reshape(of_node)[surface.node, -1]
+    return replace(surface, own_area=own)
 
 
 def compared(error: Array, other: Array) -> dict[str, float]:

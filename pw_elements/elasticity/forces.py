@@ -37,6 +37,7 @@ from pw_elements.spaces import (
     assemble_vector,
     exterior_facets,
     is_hybrid,
+    macro_element,
     of_owners,
     quadratic_element,
     scalar_space,
@@ -221,7 +222,9 @@ class SurfaceNodes:
             raise ValueError("the spaces have components: it takes those of a scalar")
         depth = arguments.positive_coefficient("depth", depth, spaces.mesh.comm)
         position, own, node = _areas(spaces, where, depth)
-        other, tributary, _ = _areas(Spaces.petrov_galerkin(spaces.mesh, 0), where, depth)
+        other, tributary = position, own
+        if spaces.test.ufl_element() != macro_element(spaces.mesh.topology.cell_name()):
+            other, tributary, _ = _areas(Spaces.petrov_galerkin(spaces.mesh, 0), where, depth)
         if not tributary.min(initial=np.inf) > 0:
             raise ValueError("the depth or thickness is not positive: a node there has no area")
         facets = _facets(spaces.trial, where, node)

@@ -150,6 +150,7 @@ def _twelve_cells() -> tuple[Array, Array, Array]:
     return corners, np.linalg.inv(np.concatenate([np.ones((12, 4, 1)), corners], axis=2)), weights
 
 
+@functools.cache
 def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Piecewise-linear weight functions on the cell halved once, Eq. (15) to Eq. (20).
 
@@ -176,6 +177,7 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
     return basix.ufl.blocked_element(element, shape=shape) if shape else element
 
 
+@functools.cache
 def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Quadratic Lagrange shape functions, the trial functions of the paper's elements."""
     _cell(cell)

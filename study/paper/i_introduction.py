@@ -14,6 +14,7 @@ from dolfinx.mesh import Mesh
 from pw_elements import (
     Direct,
     Material,
+    SurfaceNodes,
     assemble_vector,
     boundary_measure,
     forces_along,
@@ -28,7 +29,6 @@ from pw_elements.meshes import triangles
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
-from study.reading import contact_surface
 from study.units import dimensionless
 
 TITLE = "The paper's introduction: cost and tensile nodal forces"
@@ -85,7 +85,7 @@ def dip(element: str, refined: int = 1) -> Result:
     held = [prescribe(body.space, 1, _lower_side), prescribe(body.space, 0, _left_side)]
     a = solve(body.K, f, body.supports(held))
     force = forces_along(body.space, reactions(body.K, a, f), _lower_side)
-    pressures = contact_surface(body.body, _lower_side).pressure(force.force[:, 1])
+    pressures = SurfaceNodes.of(body.body, _lower_side).pressure(force.force[:, 1])
     scalars = {
         "smallest_force": force.force[:, 1].min() / force.force[:, 1].mean(),
         "smallest_pressure": pressures.min() / (ROW**2 / 12),

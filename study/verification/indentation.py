@@ -21,7 +21,7 @@ from study.contact_result import CONTACT_UNITS
 from study.core.store import Result
 from study.discretisation import discretise, displacement_space, held_nodes, mesh_curves
 from study.line_mesh import on_lines
-from study.reading import contact_surface
+from study.reading import transferred
 from study.units import UNSTATED, Units, units_of
 from study.verification.half_space import BondedLine, KnownContact
 
@@ -142,12 +142,12 @@ def indented(
     nothing = body.K.createVecLeft()
     (solved,) = solve_contact(body.K, nothing, body.supports(conditions), [pair], body.space)
 
-    surface = contact_surface(body.body, touching)
+    surface = SurfaceNodes.of(body.body, touching)
     curves = _along(solved, known, surface) | mesh_curves(body.space)
     if element == "galerkin-T6" and indenter.state is StressState.PLANE_STRAIN:
         T, r = force_transfer(body.space), reactions(body.K, solved.displacement, nothing)
         curves["force_n_T"] = -forces_along(body.space, T * r, touching).force[:, 1]
-        weighted = contact_surface(body.body, touching, T)
+        weighted = transferred(surface, T)
         curves["pressure_T"] = weighted.pressure(curves["force_n_T"])
     scalars = _errors(curves, surface, known) | _summary(solved, known, surface)
     named = units_of(scalars, INDENTATION_UNITS, indenter.units)

@@ -38,7 +38,6 @@ from pw_elements.contact.interface import Overlap, Trace, gathered_trace
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import Part
-from study.reading import contact_surface
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -250,7 +249,7 @@ def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.Dirichle
         active = new
     force = np.zeros_like(x)
     force[:, -1] = coupling.forces.T @ multiplier
-    surface = contact_surface(two.body, two.slave)
+    surface = SurfaceNodes.of(two.body, two.slave)
     order = np.searchsorted(nodes, surface.node)
     if two.way == "node-to-segment":
         pressure = surface.pressure(multiplier[order])

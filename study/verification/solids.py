@@ -33,7 +33,7 @@ from pw_elements.elasticity import StressState, Vector, by_position
 from pw_elements.spaces import Marker
 from study.core.store import Result
 from study.discretisation import displacement_space, held_nodes, spaces
-from study.reading import compared, contact_surface
+from study.reading import compared, transferred
 from study.units import dimensionless
 
 Array = npt.NDArray[np.float64]
@@ -125,22 +125,28 @@ class Solid:
         order = by_position(self.space.tabulate_dof_coordinates()[nodes])
         return np.asarray(forces.array_r.reshape(-1, 3)[nodes[order]])
 
-    def surface(self, where: Marker) -> SurfaceNodes:
-        """Nodes (m) of a part of the boundary, with weights by which its forces are read."""
-        T = self.T if self.sibling is None else force_transfer(self.space)
-        return contact_surface(self.body, where, T)
+    def faces(self, where: Marker) -> tuple[SurfaceNodes, SurfaceNodes]:
+        """Nodes (m) of a part of the boundary, with own weights and with the standard element's."""
+        own = SurfaceNodes.of(self.body, where)
+        spaces, T = self.body.spaces, self.T
+        if spaces.test is not spaces.trial:
+            galerkin = replace(self.body, spaces=Spaces.galerkin(spaces.mesh))
+            return own, SurfaceNodes.of(galerkin, where)
+        if self.sibling is not None:
+            T = force_transfer(self.space)
+        return own if T is None else transferred(own, T), own
 
-    def compared(self, name: str, error: Array, where: Marker) -> dict[str, float]:
-        """Scalars of errors (m,) on the nodes that the standard element reads, and on others."""
-        galerkin = replace(self.body, spaces=Spaces.galerkin(self.body.spaces.mesh))
-        standard = contact_surface(galerkin, where).pressure(np.zeros(len(error)))
-        return {f"{name}_{of}": size for of, size in compared(error, standard).items()}
+
+def errors_beside(name: str, error: Array, standard: SurfaceNodes) -> dict[str, float]:
+    """Scalars of errors (m,) on the nodes that the standard element reads, and on others."""
+    sizes = compared(error, standard.pressure(np.zeros(len(error))))
+    return {f"{name}_{of}": size for of, size in sizes.items()}
 
 
 def face_result(
     states: list[ContactState],
     solid: Solid,
-    where: Marker,
+    faces: tuple[SurfaceNodes, SurfaceNodes],
     forces: Array,
     exact: Array,
     scale: float,
@@ -152,14 +158,14 @@ def face_result(
     Args:
         states: all increments.
         solid: the body.
-        where: marker of the face.
+        faces: `Solid.faces` of the face.
         forces: (m, 3), at its nodes; the last component presses, the first shears.
         exact: (m,), pressure.
         scale: what errors and curves are over.
         inner: distance from the origin within which errors count.
         further: scalars to store besides.
     """
-    surface = solid.surface(where)
+    surface, standard = faces
     x, tractions = surface.position, surface.pressure(forces)
     pressure = tractions[:, 2]
     r = np.linalg.norm(x[:, :2], axis=1)
@@ -169,7 +175,7 @@ def face_result(
     scalars = {
         "pressure_error_median": np.nanmedian(off),
         "pressure_error_max": np.nanmax(off),
-        **solid.compared("pressure_error", off, where),
+        **errors_beside("pressure_error", off, standard),
         "weightless_nodes": np.isnan(pressure[counts]).sum(),
         "nodes": counts.sum(),
         "iterations": sum(state.iterations for state in states),

@@ -13,7 +13,7 @@ from study.verification.half_space import Elastic, HertzSphere
 from study.verification.half_space_shear import MindlinSphere, hertz_force
 from study.verification.mesh_lines import OUTER, graded
 from study.verification.solid_meshes import box, cell_of, with_mirror_image
-from study.verification.solids import INNER, Solid, face_result
+from study.verification.solids import INNER, Solid, errors_beside, face_result
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -79,14 +79,14 @@ def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
     pair = ContactPair(facing(0.0), upper, SLIDING, motions)
     states = solve_contact(solid.K, loads, supports, [pair], solid.space)
 
-    surface = solid.surface(facing(0.0))
+    surface, standard = faces = solid.faces(facing(0.0))
     forces = solid.nodal_forces(states[-1], loads[-1], facing(0.0))
     forces = forces * [1.0, 1.0, -1.0]  # pressing is positive, and pulling
     r = np.linalg.norm(surface.position[:, :2], axis=1)
     away = (r < INNER) & (np.abs(r - known.stick) > APART)
     tractions = surface.pressure(forces)
     off = np.abs(tractions[:, 0] - known.shear(r)) / (SLIDING * known.normal.peak)
-    further = solid.compared("shear_error", np.where(away, off, np.nan), facing(0.0))
+    further = errors_beside("shear_error", np.where(away, off, np.nan), standard)
     if solid.T is None:  # else the standard element's zone
         sticks = states[-1].pairs[0].status == STICK
         inside = surface.own_area[r < known.stick].sum()
@@ -95,7 +95,7 @@ def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
     return face_result(
         states,
         solid,
-        facing(0.0),
+        faces,
         forces,
         known.pressure(r),
         known.normal.peak,

@@ -116,11 +116,12 @@ def _block(
     states = solve_contact(solid.K, load, supports, [pair], solid.space)
 
     forces = solid.nodal_forces(states[-1], load, base) @ turn
-    off = np.abs(solid.surface(base).pressure(forces)[:, 0] + shear) / PRESSURE
+    faces = solid.faces(base)
+    off = np.abs(faces[0].pressure(forces)[:, 0] + shear) / PRESSURE
     return face_result(
         states,
         solid,
-        base,
+        faces,
         forces,
         np.full(len(forces), PRESSURE),
         PRESSURE,
@@ -156,15 +157,15 @@ def _indented(
     nothing = solid.K.createVecLeft()
     supports = solid.supports(conditions)
     states = solve_contact(solid.K, nothing, supports, [pair], solid.space)
-    surface = solid.surface(below)
+    faces = solid.faces(below)
     forces = -solid.nodal_forces(states[-1], nothing, below)
-    r = np.linalg.norm(surface.position[:, :2], axis=1)
+    r = np.linalg.norm(faces[0].position[:, :2], axis=1)
     with np.errstate(invalid="ignore"):
         exact = np.where(r < 1 - 1e-9, known.pressure(np.minimum(r, 1 - 1e-9)), 0.0)
     return face_result(
         states,
         solid,
-        below,
+        faces,
         forces,
         exact,
         1.5 * known.force / np.pi,

@@ -26,7 +26,7 @@ from study.core.store import Result
 from study.line_mesh import on_lines
 from study.peers.calculix import peer_of, tracked_digest
 from study.peers.two_bodies import PAIRS, Blocks
-from study.reading import compared, contact_surface
+from study.reading import compared
 from study.units import dimensionless
 from study.verification.c_mesh_families import meshed
 from study.verification.friction import Cattaneo
@@ -568,7 +568,7 @@ def _result(
     }
     if dim == 3:
         galerkin = replace(two.body, spaces=Spaces.galerkin(two.space.mesh))
-        standard = contact_surface(galerkin, two.slave).pressure(np.zeros(len(at)))
+        standard = SurfaceNodes.of(galerkin, two.slave).pressure(np.zeros(len(at)))
         errors = compared(np.where(near, error, np.nan) / scale, standard)
         scalars |= {f"pressure_error_{of}": size for of, size in errors.items()}
     if slowly.any():

@@ -26,6 +26,7 @@ from pw_elements import (
     Reduction,
     Sibling,
     Spaces,
+    SurfaceNodes,
     assemble_matrix,
     assemble_vector,
     critical_step,
@@ -38,7 +39,7 @@ from pw_elements.contact import ContactPair, Plane, solve_impact
 from pw_elements.elasticity import StressState, by_position
 from study.core.cases import Case
 from study.core.store import Result
-from study.reading import compared, contact_surface
+from study.reading import compared, transferred
 from study.units import dimensionless
 from study.verification.c_mesh_families import (
     cell_size,
@@ -149,15 +150,16 @@ def bar(scheme: str, dimension: int, cells: int, end: float = END) -> Result:
     held = found.walls([1.0] * (dimension - 1))
     motion = (_by_hand if scheme == "pw" else _by_library)(found, held, end)
     wall = _on(dimension - 1, 0.0)
-    transfer = None if found.sibling is None else force_transfer(found.space)
-    face = contact_surface(found.body, wall, transfer)
+    face = SurfaceNodes.of(found.body, wall)
+    if found.sibling is not None:
+        face = transferred(face, force_transfer(found.space))
     standard = Body(Spaces.galerkin(mesh), MATERIAL, STATES[dimension])
     total = motion.force.sum(axis=1)  # the exact one is 1, as the face's area
     steady = (motion.time > STEADY[0]) & (motion.time < STEADY[1])
     inner = motion.force[steady][:, ~face.rim]
     mean = inner.mean(axis=0)
     pressure = face.pressure(motion.force[steady].mean(axis=0))[~face.rim]
-    of_standard = contact_surface(standard, wall).pressure(face.own_area)[~face.rim]
+    of_standard = SurfaceNodes.of(standard, wall).pressure(face.own_area)[~face.rim]
     errors = compared(pressure - 1, of_standard)
     scalars = {
         "pressure_min": np.nanmin(pressure),

@@ -13,14 +13,13 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, prescribe
+from pw_elements import Material, SurfaceNodes, prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Parabola, solve_contact
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from study.core.store import Result
 from study.discretisation import discretise, displacement_space, held_nodes
 from study.line_mesh import on_lines
-from study.reading import contact_surface
 from study.units import dimensionless
 from study.verification.half_space import Elastic, HertzLine
 from study.verification.indentation import INNER, OUTER, graded_square
@@ -83,7 +82,7 @@ def presses(element: str, n: int) -> Result:
     down = [Motion((0.0, None), (0.0, -step.force / 2)) for step in steps]
     pair = ContactPair(touching, Parabola((0.0, 0.0), RADIUS), FRICTION, down)
     states = solve_contact(block.K, loads, supports, pair, space)
-    surface = contact_surface(block.body, touching)
+    surface = SurfaceNodes.of(block.body, touching)
     (contact,) = states[-1].pairs
     at = contact.position[:, 0]
     shear = surface.pressure(-contact.force_tangential[:, 0]) / (FRICTION * known.peak)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, prescribe
+from pw_elements import Material, SurfaceNodes, prescribe
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
@@ -16,7 +16,6 @@ from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import discretise, mesh_curves
-from study.reading import contact_surface
 from study.units import units_of
 
 TITLE = "Contact patch test"
@@ -50,7 +49,7 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
     (solved,) = solve_contact(body.K, load, body.supports([middle]), [foundation], space)
     (contact,) = solved.pairs
 
-    surface = contact_surface(body.body, _lower_side)
+    surface = SurfaceNodes.of(body.body, _lower_side)
     force = contact.force_normal
     own, tributary = surface.pressure(force), surface.tributary_pressure(force)
     displacement = solved.displacement.array_r.reshape(-1, 2)

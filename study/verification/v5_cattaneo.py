@@ -11,7 +11,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, prescribe
+from pw_elements import Material, SurfaceNodes, prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Parabola, solve_contact
 from pw_elements.contact.model import ContactState, MatchingNodes
 from pw_elements.elasticity import StressState
@@ -19,7 +19,6 @@ from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise, mesh_curves
 from study.line_mesh import on_lines
-from study.reading import contact_surface
 from study.units import dimensionless
 from study.verification.friction import Cattaneo
 from study.verification.graded_meshes import with_counterpart
@@ -131,7 +130,7 @@ class _Traction:
 
 def _result(body: Discretisation, states: list[ContactState]) -> Result:
     (contact,) = states[-1].pairs
-    surface = contact_surface(body.body, _touching)
+    surface = SurfaceNodes.of(body.body, _touching)
     x, status = contact.position[:, 0], contact.status
     known = (KNOWN.pressure(x), KNOWN.shear(x))
     forces = (contact.force_normal, contact.force_tangential[:, 0])

@@ -13,6 +13,7 @@ from dolfinx.mesh import Mesh
 
 from pw_elements import (
     Material,
+    SurfaceNodes,
     as_function,
     assemble_matrix,
     assemble_vector,
@@ -26,7 +27,6 @@ from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise, mesh_curves
-from study.reading import contact_surface
 from study.units import SI, dimensionless, units_of
 from study.verification.friction import (
     WEDGE_PUSH,
@@ -64,7 +64,7 @@ def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result
 
     (contact,) = states[-1].pairs
     force_n, force_t = contact.force_normal, -contact.force_tangential @ _uphill()
-    surface = contact_surface(wedge.body, _base)
+    surface = SurfaceNodes.of(wedge.body, _base)
     pressure, closed = surface.pressure(force_n), contact.status != OPEN
     ratio = wedge_ratio(WEDGE_SLOPE, friction)
     scalars = {

@@ -13,13 +13,14 @@ from pw_elements import (
     Material,
     Sibling,
     Spaces,
+    SurfaceNodes,
     assemble_vector,
     boundary_measure,
     force_transfer,
 )
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
-from study.reading import compared, contact_surface
+from study.reading import compared, transferred
 
 
 def below(x):
@@ -53,7 +54,9 @@ def test_even_pressure_is_read_with_each_elements_own_weights(kind):
     )
     of_sibling = Sibling.of(space).load(standard)
     for transfer, force in ((None, standard), (force_transfer(space), of_sibling)):
-        surface = contact_surface(body, where, transfer)
+        surface = SurfaceNodes.of(body, where)
+        if transfer is not None:
+            surface = transferred(surface, transfer)
         nodal = force.array_r.reshape(-1, len(up))[surface.node, -1]
         read = surface.pressure(nodal)
         known = ~np.isnan(read)
@@ -68,7 +71,7 @@ def test_siblings_weights_are_integrals_of_its_basis():
     """Of T N, each interpolated as a function of its own and integrated over the face."""
     body, where = solid()
     space = body.spaces.trial
-    surface = contact_surface(body, where, force_transfer(space))
+    surface = transferred(SurfaceNodes.of(body, where), force_transfer(space))
     basis, function = Sibling.of(space).basis, fem.Function(space)
     ds = boundary_measure(space.mesh, where)
     for place in (0, 1, len(surface.node) // 2):
