@@ -42,7 +42,7 @@ from pw_elements.solvers import SingularSystem, SolverReport
 # it is `ROUND_OFF`, for a gap is a difference of coordinates
 _LOST = 1e-13
 # Iterations, more than most increments take
-_DOUBTFUL = 6
+_DOUBTFUL = 12
 # Relative change of friction beside a singular tangent, and of a solution that goes on there
 _FRICTION_CHANGE = 1e-6
 _SOLUTION_CHANGE = 1e-3
