@@ -249,8 +249,8 @@ class Iterative:
     the supports of `Reduction.dirichlet`, but no condensation, and computes no determinants.
 
     Args:
-        tolerance: on the residual over the load, both in the Euclidean norm. Contact has its own,
-            relative to the largest nodal contact force.
+        tolerance: on the residual over the load, both in the Euclidean norm; in contact over the
+            largest nodal contact force, and there 1e-10 at most, a tenth of what the law has.
         options: PETSc options without prefix and hyphen, such as
             `{"mg_levels_1_ksp_max_it": 4, "mg_coarse_pc_gamg_threshold": 0.02}`; `ksp_type` sets
             the method and `ksp_max_it` its iterations. The two levels cannot be exchanged.
@@ -316,7 +316,7 @@ class Krylov:
     def __init__(
         self, matrix: PETSc.Mat, supports: Supports, how: Iterative, foreign: _Iterate | None = None
     ) -> None:
-        self._how, self._matrix, self._foreign = how, matrix, foreign
+        self._matrix, self._foreign, self.tolerance = matrix, foreign, how.tolerance
         self.options, self.foreign = how.options, foreign is not None
         self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
         saddle = SaddlePoint(matrix, supports) if is_hybrid(supports.space) else None
@@ -353,12 +353,12 @@ class Krylov:
         ksp.setGMRESRestart(_KEPT_VECTORS)
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
         ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        ksp.setTolerances(rtol=self._how.tolerance, atol=0.0, max_it=_MOST_ITERATIONS)
+        ksp.setTolerances(rtol=self.tolerance, atol=0.0, max_it=_MOST_ITERATIONS)
         ksp.setComputeEigenvalues(True)
         counted = self._counted  # a method would make a cycle that is never freed
         ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
         # residuals are judged here, not by an error of PETSc's
-        set_options(ksp, {**_GMRES, **self._how.options})
+        set_options(ksp, {**_GMRES, **self.options})
         return ksp
 
     @property
@@ -378,14 +378,14 @@ class Krylov:
         rest, size = right.copy(), right.norm()
         # Rounding makes the residual that GMRES updates drift from the true one
         for _ in range(2):
-            solve_by(self.ksp, rest, step, self._how.options)
+            solve_by(self.ksp, rest, step, self.options)
             solution.axpy(1.0, step)
             self.operator.mult(solution, rest)
             rest.aypx(-1.0, right)
             left = rest.norm()
-            if left <= self._how.tolerance * size:
+            if left <= self.tolerance * size:
                 break
-        if not left <= _DRIFT * self._how.tolerance * size + self.round_off(solution.norm()):
+        if not left <= _DRIFT * self.tolerance * size + self.round_off(solution.norm()):
             raise self.not_converged(left / size)
         return solution
 

@@ -84,6 +84,19 @@ def test_a_coarser_mesh_state_saves_work(method, nu):
     assert nested.iterations < cold.iterations
 
 
+@pytest.mark.parametrize("method", [PW, HYBRID])
+def test_the_solvers_tolerance_is_that_of_contact(method):
+    arguments, known = Solid(method=method).arguments("rough floor"), None
+    for tolerance in (1e-13, 1e-11, 1e-2):  # 1e-10 at most
+        (state,) = solve_contact(*arguments, solver=Iterative(tolerance=tolerance))
+        work = state.report.krylov_iterations
+        if known is not None:
+            compare([state], [known[0]], near=1e-9)
+            assert work < known[1]
+        assert state.residuals.equilibrium < max(min(tolerance, 1e-10), 1e-12)
+        known = state, work
+
+
 def test_steps_go_on_from_any_state():
     solid = Solid()
     K, loads, supports, pair, U = solid.arguments("sphere")

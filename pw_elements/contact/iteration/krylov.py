@@ -46,12 +46,12 @@ _FORCING = 0.02
 # Equally stiff bodies have a least share of springs in the law of about one over this; a softer
 # body has a smaller share, its forces say less of the gaps, and its residual has to be smaller
 _SOFTER = 5.0
-# Residual at the end, over the largest nodal contact force, and what each further exact solution
-# takes of it
-_EXACT = 1e-11
-_MORE = 0.1
-# The same of a tangent, whose next one would be assembled anew
+# Residual at the end, over the largest nodal contact force, is the solver's tolerance, but at most
+# this, and of a tangent, whose next one would be assembled anew, that; more exact solutions take
+# this share of it
+_LOOSEST = TOLERANCE / 10
 _EXACT_TANGENT = 1e-13
+_MORE = 0.1
 # Residual at which eigenvalues are looked at
 _EXAMINED = 1e-4
 # Forces over the residual from which on they say anything of the solution
@@ -373,7 +373,8 @@ class KrylovTangent:
         self._rigid_holds = RigidHolds(held.space, points) if loose else None
         self._solution = self._operator.createVecRight()
         self._final = self._enclosed = False
-        self._accuracy, self._renewed = _EXACT, False
+        self._exact = self._accuracy = min(krylov.tolerance, _LOOSEST)
+        self._renewed = False
         self._size = self._left_before = 0.0
         # operations: of making levels, what they have lost since, and a digit's at first
         self._set_up = self._wasted = 0.0
@@ -425,7 +426,7 @@ class KrylovTangent:
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
         law = replace(law, D=law.D[:, :, : law.E.shape[1]])  # the border has translations alone
         more = accuracy == "more" and self._final
-        exact = _EXACT_TANGENT if self._renewed else _EXACT
+        exact = min(self._exact, _EXACT_TANGENT) if self._renewed else self._exact
         self._accuracy = self._accuracy * _MORE if more else exact
         law, forcing = self._in_forces(law, right)
         self._context.state(law)
@@ -449,7 +450,7 @@ class KrylovTangent:
             found = self._reduced(known, rest, self._left(known, rest), reduced, forcing)
             assert found is not None, "these levels are new"
         left, stalled = found
-        self._final = bool(left <= _EXACT * self._largest() or stalled)
+        self._final = bool(left <= self._exact * self._largest() or stalled)
         collect_garbage(known)
         return Solved(np.array(x.array_r), exact=stalled, final=self._final)
 
