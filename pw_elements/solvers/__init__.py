@@ -24,6 +24,7 @@ from pw_elements.solvers.iterative import (
 )
 from pw_elements.solvers.matrices import (
     FEW_MODES,
+    MODES_ROUND_OFF,
     Masked,
     Projection,
     Supports,

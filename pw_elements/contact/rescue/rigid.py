@@ -30,7 +30,15 @@ from pw_elements.contact.iteration import (
     mixed,
 )
 from pw_elements.contact.model import Free
-from pw_elements.solvers import FEW_MODES, Pieces, destroy, galerkin_product, null_space, triangle
+from pw_elements.solvers import (
+    FEW_MODES,
+    MODES_ROUND_OFF,
+    Pieces,
+    destroy,
+    galerkin_product,
+    null_space,
+    triangle,
+)
 
 _AXES = "xyz"
 # Part of a motion, over its largest one, that is none
@@ -251,9 +259,12 @@ class RigidMotions:
         product = galerkin_product(self._K, *((last, moved) if transposed else (moved, last)))
         if transposed:
             product.transpose()
-        rows = sp.csr_array(sp.vstack([held, local_rows(product, 0) / largest]))
+        rows = local_rows(product, 0)
         destroy(modes, moved, product)
-        return triangle(rows, system.comm)
+        rows.data /= largest
+        rows.data[np.abs(rows.data) < MODES_ROUND_OFF] = 0.0
+        rows.eliminate_zeros()
+        return triangle(sp.csr_array(sp.vstack([held, rows])), system.comm)
 
     def _forces_by_modes(self, first: PETSc.Mat, last: PETSc.Mat, transposed: bool) -> Array:
         """Columns of `last`^T K `first` m, or with K^T: one at a time, for K in blocks has none."""
