@@ -28,7 +28,7 @@ def draw(results: Results) -> Figure:
         for element in ELEMENTS:
             for method, line in LINES.items():
                 drawn = PEERS.get(element, element) if method == "CalculiX" else element
-                rows = _rows(results, task, drawn, method)
+                rows = series(results, task, drawn, method)
                 seconds = "whole_seconds" if task == "contact" else "seconds"
                 for ax, name in zip(column, (seconds, "megabytes"), strict=True):
                     _curve(ax, rows, name, element, line)
@@ -55,7 +55,7 @@ def draw(results: Results) -> Figure:
     return fig
 
 
-def _rows(results: Results, task: str, element: str, method: str) -> list[dict[str, float]]:
+def series(results: Results, task: str, element: str, method: str) -> list[dict[str, float]]:
     """Scalars of a series on one process, by the number of unknowns."""
     keys = [
         f"K/{name}"

@@ -119,9 +119,9 @@ def rows() -> Iterator[Row]:
         yield Row("bodies", "pw-T10", 20, "Iterative", processes)
     for n in (10, 20, 40, 80):
         yield Row("search", "pw-T10", n, "graded")
-    for n in (30, 100, 300):
+    for n in (30, 100, 300, 1000):
         yield Row("pieces", "pw-T6", n)
-    for n in (10, 30, 100):
+    for n in (10, 25, 50, 100):
         yield Row("pieces", "pw-T10", n, "Iterative")
     for n in (5, 10, 17):
         yield Row("sliding", "pw-T10", n, "Iterative")

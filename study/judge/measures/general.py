@@ -37,6 +37,12 @@ def ratio(results: Results, key: str, other: str, name: str) -> float:
     return results.scalar(key, name) / results.scalar(other, name)
 
 
+def growth(results: Results, key: str, other: str, name: str, over: str) -> float:
+    """Exponent by which a stored number grows with another one, from one case to a larger one."""
+    values = ratio(results, other, key, name), ratio(results, other, key, over)
+    return float(np.log(values[0]) / np.log(values[1]))
+
+
 def excess_ratio(results: Results, fine: Pair, coarse: Pair, name: str) -> float:
     """Relative difference of a stored number of two cases over that of two others."""
     of_fine, of_coarse = (ratio(results, *pair, name) - 1 for pair in (fine, coarse))
