@@ -308,7 +308,9 @@ def _largest(
                 krylov.set_up()
         B = krylov.operator
     else:
-        ldl = asked.symmetrised or (_by_mumps(solver) and _is_symmetric(B))
+        named = {name.lstrip("-") for name in getattr(solver, "options", ())}
+        mumps = isinstance(solver, Direct) and "pc_factor_mat_solver_type" not in named
+        ldl = asked.symmetrised or (mumps and _is_symmetric(B))
         inverse = factorise(B, ldl, solver, reduction)
     if asked.symmetrised:
         _refuse_indefinite(inverse)
@@ -348,11 +350,6 @@ def _largest(
             "Direct(), or raise ksp_max_it"
         )
     return values, modes, residuals, inverse.report
-
-
-def _by_mumps(solver: LinearSolver) -> bool:
-    package = "pc_factor_mat_solver_type"
-    return isinstance(solver, Direct) and package not in {n.lstrip("-") for n in solver.options}
 
 
 def _is_symmetric(matrix: PETSc.Mat, tolerance: float = _SYMMETRIC) -> bool:

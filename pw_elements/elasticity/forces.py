@@ -229,8 +229,7 @@ class SurfaceNodes:
             raise ValueError("the depth or thickness is not positive: a node there has no area")
         facets = _facets(spaces.trial, where, node)
         edges, rim_nodes = _edges(facets, spaces.mesh)
-        rim = np.zeros(len(position), dtype=bool)
-        rim[rim_nodes] = True
+        rim = np.isin(np.arange(len(position)), rim_nodes)
         shares = tributary[cKDTree(other).query(position)[1]]
         return cls(position, own, shares, edges, rim, node, facets)
 

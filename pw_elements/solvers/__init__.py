@@ -24,7 +24,6 @@ from pw_elements.solvers.iterative import (
 )
 from pw_elements.solvers.matrices import (
     FEW_MODES,
-    MODES_ROUND_OFF,
     Masked,
     Projection,
     Supports,

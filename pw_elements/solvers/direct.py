@@ -259,20 +259,18 @@ class Factors:
         self._most = 0.0  # columns
         self._columns: list[PETSc.Mat] = []
         self._rows: Indices = np.empty(0, dtype=PETSc.IntType)  # S, of all processes
-        begun, comm = perf_counter(), self._matrix.comm.tompi4py()
-        what = f"{self._method} of {self._matrix.getSize()[0]} unknowns"
+        begun, comm, n = perf_counter(), self._matrix.comm.tompi4py(), self._matrix.getSize()[0]
         with said_clearly(self._options):
             self.ksp.setUp()
         self._factorisations += 1
         self._check()
         refuse_unused(self.ksp, self._options)
-        words = f"{what}: {perf_counter() - begun:.2f} s"
+        words = f"{self._method} of {n} unknowns: {perf_counter() - begun:.2f} s"
         told(comm, logging.DEBUG, words, ".linear_solver")
         if self._mumps:
             factor = self._preconditioner.getFactorMatrix()
             operations, entries = factor.getMumpsRinfog(3), factor.getMumpsInfog(29)
             entries = entries if entries > 0 else -1e6 * entries  # in millions if it is negative
-            n = self._matrix.getSize()[0]
             self._most = min(operations / (2 * entries), entries / (2 * n))
             self._factorised = int(np.sign(factor.getMumpsRinfog(12)))
             self._orientations.append(self._factorised)
@@ -354,11 +352,8 @@ class Factors:
         self.ksp.solve(self._matrix * known, back)
         back.axpy(-1.0, known)
         error = back.norm() / known.norm()
-        null_pivots = 0
-        if self._mumps:
-            null_pivots = self._preconditioner.getFactorMatrix().getMumpsInfog(28)
-        if null_pivots > 0:
-            raise SingularSystem(f"the system matrix is singular, it has {null_pivots} zero pivots")
+        if self._mumps and (none := self._preconditioner.getFactorMatrix().getMumpsInfog(28)) > 0:
+            raise SingularSystem(f"the system matrix is singular, it has {none} zero pivots")
         if not error <= _LOST:
             raise SingularSystem(
                 "the system matrix is singular or too badly conditioned, a known solution came "

@@ -42,7 +42,6 @@ from pw_elements.solvers.direct import (
     set_options,
 )
 from pw_elements.solvers.matrices import (
-    MODES_ROUND_OFF,
     Masked,
     Projection,
     Supports,
@@ -515,7 +514,7 @@ class Pieces:
         """Values (owned nodes, block, k) in their pieces' modes: (owned dofs, modes and others)."""
         n, block, k = values.shape
         mode = np.broadcast_to(self.number[:n, None, None] * k + np.arange(k), values.shape)
-        known = np.abs(values) > MODES_ROUND_OFF
+        known = values != 0
         pointers = np.append(0, np.cumsum(known.sum(axis=2)))
         shape = n * block, len(self.centre) * k + others
         return sp.csr_array((values[known], mode[known], pointers), shape)

@@ -31,7 +31,7 @@ _DENSE_AT_ONCE = 20_000
 # Modes that are taken together, though they may not be: in so few sparse algebra takes longer
 FEW_MODES = 60
 # Displacements and forces in a mode of unit size that are none
-MODES_ROUND_OFF = 1e-13
+_ROUND_OFF = 1e-13
 
 
 def is_blocked(matrix: PETSc.Mat) -> bool:
@@ -149,16 +149,16 @@ def triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Array
     """
     if isinstance(rows, np.ndarray) or rows.shape[1] <= FEW_MODES:
         return _dense_triangle(rows, comm)
+    rows.data[np.abs(rows.data) < _ROUND_OFF] = 0.0
     rows.eliminate_zeros()
     rows = rows[np.diff(rows.indptr) > 0]
-    parts = together(sum(comm.allgather(abs(rows).T @ abs(rows))))
-    part = np.empty(rows.shape[1], dtype=int)
-    part[np.concatenate(parts)] = np.repeat(np.arange(len(parts)), [len(modes) for modes in parts])
+    count, part = connected_components(sum(comm.allgather(abs(rows).T @ abs(rows))), directed=False)
     of_row = part[rows.indices[rows.indptr[:-1]]]
     order = np.argsort(of_row, kind="stable")
-    ends = np.searchsorted(of_row[order], np.arange(len(parts) + 1))
+    ends = np.searchsorted(of_row[order], np.arange(count + 1))
     rows, found = rows[order], []
-    for k, modes in enumerate(parts):
+    for k in range(count):
+        modes = np.flatnonzero(part == k)
         R = _dense_triangle(rows[ends[k] : ends[k + 1]][:, modes], comm)
         places = np.repeat(np.arange(len(R)), len(modes)), np.tile(modes, len(R))
         found.append(sp.csr_array((R.ravel(), places), (len(R), rows.shape[1])))

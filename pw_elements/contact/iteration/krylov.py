@@ -46,9 +46,8 @@ _FORCING = 0.02
 # Equally stiff bodies have a least share of springs in the law of about one over this; a softer
 # body has a smaller share, its forces say less of the gaps, and its residual has to be smaller
 _SOFTER = 5.0
-# Residual at the end, over the largest nodal contact force, is the solver's tolerance, but at most
-# this, and of a tangent, whose next one would be assembled anew, that; more exact solutions take
-# this share of it
+# Residual at the end over the largest nodal contact force: the solver's tolerance, at most this,
+# and that of a tangent, whose next one would be assembled anew; "more" takes this share of it
 _LOOSEST = TOLERANCE / 10
 _EXACT_TANGENT = 1e-13
 _MORE = 0.1

@@ -30,15 +30,7 @@ from pw_elements.contact.iteration import (
     mixed,
 )
 from pw_elements.contact.model import Free
-from pw_elements.solvers import (
-    FEW_MODES,
-    MODES_ROUND_OFF,
-    Pieces,
-    destroy,
-    galerkin_product,
-    null_space,
-    triangle,
-)
+from pw_elements.solvers import FEW_MODES, Pieces, destroy, galerkin_product, null_space, triangle
 
 _AXES = "xyz"
 # Part of a motion, over its largest one, that is none
@@ -220,9 +212,8 @@ class RigidMotions:
         m, dim = frame.shape[:2]
         constraints, relative = equations(active, np.ones(m))[1] @ frame, self._relative
         if isinstance(relative, np.ndarray):
-            rows = (constraints @ relative.reshape(m, dim, relative.shape[1])).reshape(
-                relative.shape
-            )
+            rows = constraints @ relative.reshape(m, dim, relative.shape[1])
+            rows = rows.reshape(relative.shape)
         else:
             turned = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
             rows = sp.csr_array(turned @ relative)
@@ -262,8 +253,6 @@ class RigidMotions:
         rows = local_rows(product, 0)
         destroy(modes, moved, product)
         rows.data /= largest
-        rows.data[np.abs(rows.data) < MODES_ROUND_OFF] = 0.0
-        rows.eliminate_zeros()
         return triangle(sp.csr_array(sp.vstack([held, rows])), system.comm)
 
     def _forces_by_modes(self, first: PETSc.Mat, last: PETSc.Mat, transposed: bool) -> Array:
