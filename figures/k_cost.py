@@ -18,7 +18,7 @@ PANELS = {
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-T10", "pw-T10")
 # As CalculiX calls them
 PEERS = {"galerkin-T10": "C3D10"}
-LINES = {"Direct": "-", "Iterative": "--", "nested": ":", "CalculiX": "-."}
+LINES = {"Direct": "-", "Iterative": "--", "CalculiX": "-."}
 
 
 def draw(results: Results) -> Figure:
@@ -40,12 +40,7 @@ def draw(results: Results) -> Figure:
         ax.set(xscale="log", yscale="log")
     for ax in axes[1]:
         plain_ticks(ax)
-    words = {
-        "Direct": "direct",
-        "Iterative": "Krylov",
-        "nested": "Krylov, nested start",
-        "CalculiX": "CalculiX",
-    }
+    words = {"Direct": "direct", "Iterative": "Krylov", "CalculiX": "CalculiX"}
     shown = [Line2D([], [], **LOOK[element]) for element in ELEMENTS]
     shown += [
         Line2D([], [], color="#555555", linestyle=line, label=words[method])
@@ -78,9 +73,8 @@ def caption(results: Results) -> str:
         "CPU time and largest resident memory of the process for a block 2 × 1 (× 1): "
         "(a) factorisation of the stiffness (LDLᵀ for the standard elements, LU for the new ones); "
         "(b) the six lowest frequencies; (c) contact on a rough plane, the whole run, by a direct "
-        "and by a Krylov solver with multigrid (nested start: from the solution on a coarser "
-        "mesh), and by CalculiX with its C3D10 and surface-to-surface contact. Medians of three "
-        f"runs, or a single long run, on {machine}."
+        "and by a Krylov solver with multigrid, and by CalculiX with its C3D10 and "
+        f"surface-to-surface contact. Medians of three runs, or a single long run, on {machine}."
     )
 
 

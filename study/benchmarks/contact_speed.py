@@ -2,11 +2,10 @@
 
     ./run python3 -m study.benchmarks.contact_speed [--divisions 160 320] [--runs 5]
 
-prints medians and ranges over the runs as a table. Each mesh starts from the active sets of
-the next coarser one. "contact" are the linear systems of the block pressed and pulled in one
-load state, "history" the pressure and then the pull; "factorisation" is analysis, numeric
-phase and probe of one LU of the same stiffness; both in one run, in turn, so that the drift of
-a shared machine cancels in the ratios.
+prints medians and ranges over the runs as a table. "contact" are the linear systems of the block
+pressed and pulled in one load state, "history" the pressure and then the pull; "factorisation" is
+analysis, numeric phase and probe of one LU of the same stiffness; both in one run, in turn, so that
+the drift of a shared machine cancels in the ratios.
 """
 
 import argparse
@@ -20,23 +19,13 @@ from petsc4py import PETSc
 
 from pw_elements import Material, Reduction, assemble_matrix, prescribe
 from pw_elements.algebra import factorise
-from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from study.discretisation import Discretisation, discretise
 from study.paper import s7_2_block
 
-COARSEST = 20
-
 
 def measure(divisions: int, runs: int) -> dict[str, list[float]]:
     """Seconds of each part on one mesh, one number a run."""
-    starts: dict[str, list[ContactState]] = {"contact": [], "history": []}
-    level = COARSEST
-    while level < divisions:
-        body = _block(level)
-        for name, loads in _loads(body).items():
-            starts[name] = _solve(body, loads, starts[name])
-        level *= 2
     body = _block(divisions)
     held = _held(body).matrix(body.K)
     parts: dict[str, Callable[[], object]] = {
@@ -44,7 +33,7 @@ def measure(divisions: int, runs: int) -> dict[str, list[float]]:
         "factorisation": lambda: factorise(held),
     }
     for name, loads in _loads(body).items():
-        parts[name] = partial(_solve, body, loads, starts[name])
+        parts[name] = partial(s7_2_block.on_foundation, body, loads, s7_2_block.FRICTION, True)
     times: dict[str, list[float]] = {}
     for _ in range(runs):
         for name, part in parts.items():
@@ -93,12 +82,6 @@ def _block(divisions: int) -> Discretisation:
 def _loads(body: Discretisation) -> dict[str, list[PETSc.Vec]]:
     both = s7_2_block.press_and_pull(body, s7_2_block.PULL)
     return {"contact": [both[-1]], "history": [both[0], both[-1]]}
-
-
-def _solve(
-    body: Discretisation, loads: list[PETSc.Vec], start: list[ContactState]
-) -> list[ContactState]:
-    return s7_2_block.on_foundation(body, loads, s7_2_block.FRICTION, True, start)
 
 
 def _held(body: Discretisation) -> Reduction:

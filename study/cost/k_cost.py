@@ -74,23 +74,14 @@ def _over_bare(
 ) -> dict[str, float]:
     """A whole run of contact over what its parts take by themselves, as `measure` says."""
     alone = replace(row, task="linear", method="Iterative")
-    if row.task != "contact" or row.method not in ("Iterative", "nested") or alone not in known:
+    if row.task != "contact" or row.method != "Iterative" or alone not in known:
         return {}
-    bare, whole = known[alone], measured["whole_seconds"]
-    least = _parts(bare, measured["iterations"], measured["digits"])
-    if row.method == "nested":
-        coarse = known[replace(alone, cells=row.cells // 2)]
-        least += _parts(coarse, measured["coarse_iterations"], measured["coarse_digits"])
-    solutions = measured["iterations"] * bare["seconds"] + bare["assembly_seconds"]
-    return {"over_bare": whole / least, "over_solutions": whole / solutions}
-
-
-def _parts(bare: dict[str, float], steps: float, digits: float) -> float:
-    """Seconds of assembly, a set-up of the levels, and bare solutions to so many digits in all."""
+    bare, whole, steps = known[alone], measured["whole_seconds"], measured["iterations"]
     first = -math.log10(FORCING)
     each = (bare["exact_seconds"] - bare["seconds"]) / (EXACT_DIGITS - first)
-    solutions = steps * bare["seconds"] + (digits - steps * first) * each
-    return bare["assembly_seconds"] + bare["set_up_seconds"] + solutions
+    solutions = steps * bare["seconds"] + bare["assembly_seconds"]
+    parts = solutions + bare["set_up_seconds"] + (measured["digits"] - steps * first) * each
+    return {"over_bare": whole / parts, "over_solutions": whole / solutions}
 
 
 CASES = _cases()

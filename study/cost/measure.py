@@ -9,14 +9,13 @@ changes them little, wall time much: rows that were measured on a busy machine s
 
 Contact's time is set against what its parts take by themselves, for which "linear" rows measure
 assembly, one set-up of the multigrid levels, and bare solutions of K, clamped at its base, to two
-accuracies. The denominator `over_bare` has, for a run and for that on the coarser mesh from which
-it is nested: assembly, one set-up, and a bare solution for each of Newton's steps to the very
-reduction of the residual that this step asked for (`digits` is the sum of their decimal
-logarithms), between the two accuracies by interpolation. A solution of K from scratch cannot do
-without levels, so their set-up is in it, but once only, though contact makes parts of them anew;
-imports, mesh, contact's set-up and checks are not. The denominator of `over_solutions` is the least
-that can be said: each of the last mesh's steps as one bare solution to `FORCING`, and assembly; no
-levels, no coarser mesh, no exact last step.
+accuracies. The denominator `over_bare` has assembly, one set-up, and a bare solution for each of
+Newton's steps to the very reduction of the residual that this step asked for (`digits` is the sum
+of their decimal logarithms), between the two accuracies by interpolation. A solution of K from
+scratch cannot do without levels, so their set-up is in it, but once only, though contact makes
+parts of them anew; imports, mesh, contact's set-up and checks are not. The denominator of
+`over_solutions` is the least that can be said: each step as one bare solution to `FORCING`, and
+assembly; no levels, no exact last step.
 """
 
 import argparse
@@ -71,9 +70,8 @@ class Row:
             clamped block.
         element: as in the study, or one of CalculiX.
         cells: along the height of the block, or of the lower one; or the number of pieces.
-        method: "Direct", "Iterative", "nested": from the state of half as many cells;
-            "compared": Direct and Iterative, for their difference; "graded": wide cells around the
-            others; or "CalculiX", which `study.benchmarks.calculix_block` measures.
+        method: "Direct", "Iterative", "compared": both, for their difference; "graded": wide cells
+            around the others; or "CalculiX", which `study.benchmarks.calculix_block` measures.
         processes: of MPI.
     """
 
@@ -106,11 +104,8 @@ def rows() -> Iterator[Row]:
         yield Row("contact", element, 16, "Iterative")
     for processes in (2, 4):
         yield Row("contact", "pw-T10", 16, "Iterative", processes)
-    for n in (11, 16, 27):
-        yield Row("contact", "pw-T10", n, "nested")
     yield Row("contact", "pw-T10", 27, "Iterative")
-    for method in ("Iterative", "nested"):
-        yield Row("contact", "pw-T10", 35, method, 2)
+    yield Row("contact", "pw-T10", 35, "Iterative", 2)
     for method in ("Direct", "Iterative", "compared"):
         yield Row("bodies", "pw-T10", 10, method)
     for n in (7, 14):
@@ -362,19 +357,9 @@ def _contact(row: Row) -> dict[str, float]:
 
     digits: list[float] = []
 
-    def solver() -> Any:  # noqa: ANN401
-        return pw.Direct() if row.method == "Direct" else _watched(digits)
-
-    start: list[Any] = []
-    before: dict[str, float] = {}
-    if row.method == "nested":
-        start = [_solved(row.element, row.cells // 2, solver(), [])]
-        before = {"coarse_iterations": start[0].iterations, "coarse_digits": sum(digits)}
-        digits.clear()
-    state, seconds = _seconds(lambda: _solved(row.element, row.cells, solver(), start))
-    if row.method != "Direct":
-        before["digits"] = sum(digits)
-    return before | {
+    solver = pw.Direct() if row.method == "Direct" else _watched(digits)
+    state, seconds = _seconds(lambda: _solved(row.element, row.cells, solver))
+    return ({} if row.method == "Direct" else {"digits": sum(digits)}) | {
         "dofs": state.unknowns.getSize(),
         "seconds": seconds,
         "iterations": state.iterations,
@@ -416,7 +401,7 @@ def _pressed(body: Any) -> Any:  # noqa: ANN401
     return load
 
 
-def _solved(element: str, cells: int, solver: Any, start: list[Any]) -> Any:  # noqa: ANN401
+def _solved(element: str, cells: int, solver: Any) -> Any:  # noqa: ANN401
     """With assembly."""
     import numpy as np
 
@@ -429,8 +414,7 @@ def _solved(element: str, cells: int, solver: Any, start: list[Any]) -> Any:  # 
     load = _pressed(body)
     floor = ContactPair(lambda x: np.isclose(x[2], 0.0), Plane((0, 0, 0), (0, 0, 1)), FRICTION)
     free = pw.Reduction.dirichlet(space, [])
-    (state,) = solve_contact(K, load, free, floor, space, start, solver=solver)
-    K.destroy()  # on several processes petsc4py would keep that of a coarser mesh
+    (state,) = solve_contact(K, load, free, floor, space, solver=solver)
     return state
 
 

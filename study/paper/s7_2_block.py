@@ -45,25 +45,17 @@ def block(
     height: float = HEIGHT,
     pattern: Pattern = "right",
 ) -> Result:
-    """Contact forces below the block after the last increment.
-
-    Each mesh starts from the active sets of the next coarser one, down to that of the paper.
-    """
-    levels = [(divisions[0], divisions[1])]
-    while levels[0][0] >= 2 * DIVISIONS[0]:
-        levels.insert(0, (levels[0][0] // 2, levels[0][1] // 2))
-    states: list[ContactState] = []
-    for level in levels:
-        body = discretise(
-            element,
-            partial(mesh, level, height=height, pattern=pattern),
-            Material(YOUNGS_MODULUS, POISSONS_RATIO),
-            StressState(state),
-        )
-        loads = press_and_pull(body, pull, pressed_first, height)
-        states = on_foundation(
-            body, loads, friction, shared_is_rough, states, LENGTH / levels[0][0]
-        )
+    """Contact forces below the block after the last increment."""
+    body = discretise(
+        element,
+        partial(mesh, divisions, height=height, pattern=pattern),
+        Material(YOUNGS_MODULUS, POISSONS_RATIO),
+        StressState(state),
+    )
+    loads = press_and_pull(body, pull, pressed_first, height)
+    # the end element of a mesh as coarse as the paper's
+    smooth = LENGTH * max(1, divisions[0] // DIVISIONS[0]) / divisions[0]
+    states = on_foundation(body, loads, friction, shared_is_rough, smooth)
     return contact_result(body, states, loads[-1], lower_side, PRESSURE, UNSTATED)
 
 
@@ -84,17 +76,16 @@ def on_foundation(
     loads: list[PETSc.Vec],
     friction: float,
     shared_is_rough: bool,
-    start: list[ContactState],
     smooth: float = SMOOTH,
 ) -> list[ContactState]:
-    """Contact states at the end of each increment, started from those of a coarser mesh."""
+    """Contact states at the end of each increment."""
     edge = smooth - 1e-9 if shared_is_rough else smooth + 1e-9
 
     def per_node(x: np.ndarray) -> np.ndarray:
         return np.where((x[0] > edge) & (x[0] < LENGTH - edge), friction, 0.0)
 
     foundation = ContactPair(lower_side, Plane((0.0, 0.0), (0.0, 1.0)), per_node)
-    return solve_contact(body.K, loads, body.supports([]), [foundation], body.space, start)
+    return solve_contact(body.K, loads, body.supports([]), [foundation], body.space)
 
 
 def mesh(

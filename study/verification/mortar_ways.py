@@ -113,16 +113,15 @@ class TwoBodies:
         conditions: list[fem.DirichletBC],
         friction: float = 0.0,
         motions: Sequence[Motion] = (),
-        start: Sequence[ContactState] = (),
     ) -> "Solution":
-        """Contact of both; friction, several loads, motions and starts for the new way only."""
+        """Contact of both; friction, several loads and motions for the new way only."""
         reduction = Reduction.dirichlet(self.space, conditions)
         if self.way == "pw-dual":
             nodes = fem.locate_dofs_topological(
                 self.space, self.space.mesh.topology.dim - 1, self.slave
             )
             pair = ContactPair(nodes, DeformableSurface(self.master), friction, motions)
-            states = solve_contact(self.K, loads, reduction, [pair], self.space, start)
+            states = solve_contact(self.K, loads, reduction, [pair], self.space)
             return self._of_library(states)
         assert isinstance(loads, PETSc.Vec)
         return _saddle_point(self, loads, conditions)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any
 
 from mpi4py import MPI
 
@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 from pw_elements import Spaces, SurfaceNodes, assemble_matrix, prescribe
 from pw_elements.contact import STICK, Motion
 from pw_elements.contact.interface import Trace, gathered_trace, sizes
-from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped
 from pw_elements.spaces import exterior_facets
@@ -58,7 +57,7 @@ FRICTION, SHARE = 0.4, 0.5  # of partial slip
 ROUGH = 0.3  # of unequal bodies
 CALCULIX_DEGREE = 2  # what its four points in a tetrahedron integrate exactly
 TWOFOLD, OPEN = 2.0, 1e-9  # of pressures that vary slowly, and over the largest one that are none
-COARSEST, FINEST_EDGES = 4, 32  # edges that start from nothing, and that others are judged by
+FINEST_EDGES = 32  # by which others are judged
 
 # NAFEMS R0094-1 in N and mm: steel cylinder, aluminium block, their half widths and height, force
 CYLINDER, BLOCK, HEIGHT, FORCE = 50.0, 100.0, 200.0, 35e3
@@ -66,9 +65,6 @@ STEEL, ALUMINIUM = 210e3, 70e3
 FINEST, COARSENING, AROUND = 0.6, 0.12, 9.0  # sizes of cells, and distance up to which they stay
 LOADED = 30.0  # half width of the load on top
 EXPECTED_WIDTH, EXPECTED_PEAK = 6.215, 3585.4  # Hertz's, as the benchmark has them
-
-_Found: TypeAlias = tuple[Result, list[ContactState]]
-_Problem: TypeAlias = Callable[[str, int, float, list[ContactState]], _Found]
 
 
 def patch(way: str, dim: int) -> Result:
@@ -155,28 +151,15 @@ def _beyond(trace: Trace, end: float, linear: bool) -> tuple[npt.NDArray[np.int6
 
 def hertz(way: str, edges: int, ratio: float = RATIO) -> Result:
     """Half of two cylinders of unequal moduli without friction; far fields are exact."""
-    return _nested(_hertz, way, edges, ratio)[0]
-
-
-def _nested(problem: _Problem, way: str, edges: int, ratio: float) -> _Found:
-    """A problem's result, from the active sets of the next coarser mesh where there is one."""
-    start: list[ContactState] = []
-    if way == "pw-dual" and edges > COARSEST:
-        start = _nested(problem, way, edges // 2, ratio)[1]
-    return problem(way, edges, ratio, start)
-
-
-def _hertz(way: str, edges: int, ratio: float, start: list[ContactState]) -> _Found:
     lower, upper = (Elastic(E, POISSONS_RATIO) for E in MODULI)
     force = np.pi / (4 * RADIUS) / _compliance(lower, upper)
     known = [HertzLine(b, np.pi * b.plane_modulus / (4 * force), force) for b in (lower, upper)]
     two = _halves(way, edges, ratio)
     moved = _far_field(two, known, lambda k, x: k.displacement(x))
     symmetry = prescribe(two.space, 0, lambda x: np.isclose(x[0], 0.0) & ~_far(x))
-    found = two.solve(two.K.createVecLeft(), [moved, symmetry], start=start)
+    found = two.solve(two.K.createVecLeft(), [moved, symmetry])
     x = two.x[found.node][:, 0]
-    result = _result(two, found, known[0].pressure(x), known[0].peak, INNER, force / 2)
-    return result, found.states
+    return _result(two, found, known[0].pressure(x), known[0].peak, INNER, force / 2)
 
 
 def unequal(way: str, edges: int) -> Result:
@@ -184,7 +167,7 @@ def unequal(way: str, edges: int) -> Result:
 
     Errors are differences from a mesh of 32 edges.
     """
-    result, fine = (_nested(_unequal, way, n, RATIO)[0] for n in (edges, FINEST_EDGES))
+    result, fine = (_unequal(way, n) for n in (edges, FINEST_EDGES))
     x, area = result.curves["x"][:, 0], result.curves["area"]
     of = {
         name: np.interp(x, fine.curves["x"][:, 0], fine.curves[name])
@@ -208,34 +191,29 @@ def unequal(way: str, edges: int) -> Result:
     return replace(result, scalars=numbers, units=dimensionless(numbers), curves=curves)
 
 
-def _unequal(way: str, edges: int, ratio: float, start: list[ContactState]) -> _Found:
+def _unequal(way: str, edges: int) -> Result:
     lower, upper = (Elastic(E, POISSONS_RATIO) for E in MODULI)
     force = np.pi / (4 * RADIUS) / _compliance(lower, upper)
     known = [HertzLine(b, np.pi * b.plane_modulus / (4 * force), force) for b in (lower, upper)]
-    two = _halves(way, edges, ratio)
+    two = _halves(way, edges, RATIO)
     moved = _far_field(two, known, lambda k, x: k.displacement(x))
     symmetry = prescribe(two.space, 0, lambda x: np.isclose(x[0], 0.0) & ~_far(x))
-    found = two.solve(two.K.createVecLeft(), [moved, symmetry], ROUGH, start=start)
+    found = two.solve(two.K.createVecLeft(), [moved, symmetry], ROUGH)
     x = two.x[found.node][:, 0]
     (pair,) = found.states[-1].pairs
     pressed = float(pair.force_normal.sum()) / force
     sticking = {"stick": float(x[pair.status == STICK].max(initial=0.0)), "force": pressed}
     shear = pair.force_tangential[:, 0] / found.area / known[0].peak
     exact, peak, curves = known[0].pressure(x), known[0].peak, {"shear": shear}
-    result = _result(two, found, exact, peak, INNER, force / 2, sticking, curves)
-    return result, found.states
+    return _result(two, found, exact, peak, INNER, force / 2, sticking, curves)
 
 
 def cattaneo(way: str, edges: int) -> Result:
     """Two equal cylinders pressed and then pushed by forces, their approach and shift free."""
-    return _nested(_cattaneo, way, edges, RATIO)[0]
-
-
-def _cattaneo(way: str, edges: int, ratio: float, start: list[ContactState]) -> _Found:
     body = Elastic(1.0, POISSONS_RATIO)
     force = np.pi / (4 * RADIUS) / _compliance(body, body)
     known = Cattaneo(1.0, force, FRICTION, SHARE)
-    two = _halves(way, edges, ratio, (1.0, 1.0), whole=True)
+    two = _halves(way, edges, RATIO, (1.0, 1.0), whole=True)
     loads = []
     for share in (0.0, SHARE / 2, SHARE):
         moved = two.K.createVecRight()
@@ -253,7 +231,7 @@ def _cattaneo(way: str, edges: int, ratio: float, start: list[ContactState]) -> 
         for share in (0.0, SHARE / 2, SHARE)
     ]
     motions[0] = Motion((0.0, None), (0.0, -force))
-    found = two.solve(loads, held, FRICTION, motions, start)
+    found = two.solve(loads, held, FRICTION, motions)
     x = two.x[found.node][:, 0]
     (pair,) = found.states[-1].pairs
     scale = FRICTION * known.peak
@@ -266,8 +244,7 @@ def _cattaneo(way: str, edges: int, ratio: float, start: list[ContactState]) -> 
         "shear_error": float(np.abs(shear - known.shear(x))[away].max()) / scale,
     }
     curves = {"shear": shear / known.peak, "exact_shear": known.shear(x) / known.peak}
-    result = _result(two, found, known.pressure(x), known.peak, INNER, force, further, curves)
-    return result, found.states
+    return _result(two, found, known.pressure(x), known.peak, INNER, force, further, curves)
 
 
 def spheres(way: str, edges: float, ratio: float = 0.71) -> Result:

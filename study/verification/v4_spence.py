@@ -49,18 +49,16 @@ def stick_radius(
 ) -> Result:
     """Contact below the punch; `stick` is the stick radius over its half width.
 
-    It is the middle between the last node that sticks and the first that slips; their distance
-    is `stick_between`. The sides have the displacements of a half plane under the nodal
-    forces, or are held. Each mesh starts from the active sets and forces of the next coarser
-    one. `pass_change` is the largest change of a nodal force by the last far field, over the
-    largest force.
+    It is the middle between the last node that sticks and the first that slips; their distance is
+    `stick_between`. The sides have the displacements of a half plane under the nodal forces, or are
+    held. Each mesh starts from the forces of the next coarser one. `pass_change` is the largest
+    change of a nodal force by the last far field, over the largest force.
     """
     plane_strain = _in_plane_strain(YOUNGS_MODULUS, poissons_ratio, StressState(state))
     steps = np.arange(1, increments + 1) / increments
     down = [Motion((0.0, None), (0.0, -FORCE / 2 * step)) for step in steps]
     pair = ContactPair(_below, FlatPunch((0.0, 0.0), (0.0, -1.0), 1.0), friction, down)
     forces = np.array([[0.0, FORCE / 2, 0.0]])  # places, pressing, pulling; of the right half
-    states: list[ContactState] = []
     for level in COARSEST * 2 ** np.arange(1 + int(np.log2(elements // COARSEST))):
         body = discretise(
             element,
@@ -74,7 +72,7 @@ def stick_radius(
             full = _held_sides(body, plane_strain, forces if far_field else forces[:0])
             loads = [full * step for step in steps]
             before = forces
-            states = solve_contact(body.K, loads, sides, [pair], body.space, states)
+            states = solve_contact(body.K, loads, sides, [pair], body.space)
             (contact,) = states[-1].pairs
             tangential = contact.force_tangential[:, 0]
             forces = np.column_stack([contact.position[:, 0], contact.force_normal, tangential])

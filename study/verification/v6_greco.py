@@ -12,7 +12,6 @@ from dolfinx.mesh import Mesh
 
 from pw_elements import Material, prescribe
 from pw_elements.contact import ContactPair, Plane, solve_contact
-from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import quadrilaterals, triangles
 from study.contact_result import contact_result
@@ -30,29 +29,25 @@ Array = npt.NDArray[np.float64]
 SIDE = 0.04
 YOUNGS_MODULUS, POISSONS_RATIO, FRICTION = 1.3e11, 0.2, 1.0
 PRESSURE_TOP, PRESSURE_LEFT = 5e7, 15e7
-COARSEST = 16  # squares along a side that put a node at each of the manual's places
 
 
 def plate(element: str, squares: int) -> Result:
     """Displacements and contact forces of the loaded plate.
 
-    Each mesh starts from the active set of the next coarser one. Scalars besides those of
-    `contact_result`: `u_1` to `u_5`, horizontal displacements at the places of the manual.
+    A multiple of 16 `squares` along a side puts a node at each of the manual's places. Scalars
+    besides those of `contact_result`: `u_1` to `u_5`, horizontal displacements there.
     """
-    states: list[ContactState] = []
-    levels = COARSEST * 2 ** np.arange(1 + int(np.log2(squares // COARSEST)))
-    for level in levels:
-        body = discretise(
-            element,
-            partial(_mesh, int(level)),
-            Material(YOUNGS_MODULUS, POISSONS_RATIO),
-            StressState.PLANE_STRAIN,
-        )
-        load = body.surface_load((0.0, -PRESSURE_TOP), _top)
-        load.axpy(1.0, body.surface_load((PRESSURE_LEFT, 0.0), _left))
-        symmetry = body.supports([prescribe(body.space, 0, _middle)])
-        ground = ContactPair(_base, Plane((0.0, 0.0), (0.0, 1.0)), FRICTION)
-        states = solve_contact(body.K, load, symmetry, [ground], body.space, states)
+    body = discretise(
+        element,
+        partial(_mesh, squares),
+        Material(YOUNGS_MODULUS, POISSONS_RATIO),
+        StressState.PLANE_STRAIN,
+    )
+    load = body.surface_load((0.0, -PRESSURE_TOP), _top)
+    load.axpy(1.0, body.surface_load((PRESSURE_LEFT, 0.0), _left))
+    symmetry = body.supports([prescribe(body.space, 0, _middle)])
+    ground = ContactPair(_base, Plane((0.0, 0.0), (0.0, 1.0)), FRICTION)
+    states = solve_contact(body.K, load, symmetry, [ground], body.space)
 
     result = contact_result(body, states, load, _base, PRESSURE_TOP, SI)
     u = _along_base(result.curves)

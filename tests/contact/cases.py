@@ -130,9 +130,9 @@ class Block(Elastic):
             lambda x: np.where((x[0] > edge) & (x[0] < 4 - edge), mu, 0.0),
         )
 
-    def solve(self, mu, traction, increments=10, start=(), **pair):
+    def solve(self, mu, traction, increments=10, **pair):
         loads = self.pulled(traction, increments)
-        return self.contact(self.pair(mu, **pair), self.free, loads, start=start)
+        return self.contact(self.pair(mu, **pair), self.free, loads)
 
 
 class Punch(Elastic):
@@ -152,8 +152,8 @@ class Punch(Elastic):
     def pair(self, mu, motions=()):
         return ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), mu, motions)
 
-    def solve(self, mu, motions, start=()):
-        return self.contact(self.pair(mu, motions), self.foot, start=start)
+    def solve(self, mu, motions):
+        return self.contact(self.pair(mu, motions), self.foot)
 
 
 class Greco(Elastic):

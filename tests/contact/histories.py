@@ -39,11 +39,9 @@ def rubber(comm=MPI.COMM_SELF):
 histories = {"rubber": rubber, "block": block, "punch": punch}
 
 
-def whole(problem, steps, guess=None):
-    """All states from the undeformed body on; the first from a guess."""
-    first = steps[0] if len(steps[0]) > 1 else (*steps[0], ())
-    state = problem.step(problem.undeformed, *first, guess)
-    return [state, *resumed(problem, steps, state, 1)]
+def whole(problem, steps):
+    """All states from the undeformed body on."""
+    return resumed(problem, steps, problem.undeformed, 0)
 
 
 def resumed(problem, steps, state, after=RESUMED):

@@ -72,18 +72,6 @@ def test_states_are_those_of_the_direct_solver(case, cell, method, nu):
     iterated(Solid(cell, method, nu=nu).arguments(case), hybrid)
 
 
-@pytest.mark.parametrize(("method", "nu"), [(Spaces.petrov_galerkin, 0.3), (Spaces.hybrid, 0.5)])
-def test_a_coarser_mesh_state_saves_work(method, nu):
-    coarse = Solid(method=method, n=2, nu=nu).arguments("rough floor")
-    (coarse,) = solve_contact(*coarse, solver=Iterative())
-    fine = Solid(method=method, n=5, nu=nu).arguments("rough floor")
-    (cold,) = solve_contact(*fine, solver=Iterative())
-    (nested,) = solve_contact(*fine, solver=Iterative(), start=coarse)
-    compare([nested], [cold])
-    assert nested.report.krylov_iterations < 0.85 * cold.report.krylov_iterations
-    assert nested.iterations < cold.iterations
-
-
 @pytest.mark.parametrize("method", [PW, HYBRID])
 def test_the_solvers_tolerance_is_that_of_contact(method):
     arguments, known = Solid(method=method).arguments("rough floor"), None

@@ -381,7 +381,6 @@ FAR = SignedDistance(lambda x: (x[:, 1] - 1) ** 2 + 1.0, lambda x: 2 * (x - [0, 
         (lambda it: it.touching(surface=FlatPunch((0, 0), (0, -1), 0.3)), ValueError, "rounded"),
         (lambda it: it.touching(interference=True), ValueError, "interference"),
         (lambda it: it.step(load=it.problem.undeformed.displacement), TypeError, "of the share"),
-        (lambda it: it.step(guess=it.problem.undeformed), ValueError, "no guess"),
         (lambda _: Rubber(update=3), TypeError, "update"),
         # a point at the centre of curvature
         (lambda it: it.step(it.touching(surface=FAR)), NotFound, "no closest point"),

@@ -101,9 +101,7 @@ def accepted():
     target = Target.of(punch.nothing, [motion], stepping.interface)
     increment, place, policy = stepping._begun(stated.undeformed, target)
     free = stepping._bound(target.free)[1].left_free
-    active = initial_active_set(
-        stepping.interface, place, stated.undeformed, None, free, target.idle
-    )
+    active = initial_active_set(stepping.interface, place, stated.undeformed, free, target.idle)
     return increment, newton(increment, active, place, policy(), 50), stated.undeformed
 
 

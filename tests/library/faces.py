@@ -111,7 +111,7 @@ def calls(comm):
             | {"history": [one], "update": None, "callback": None}),
         "ContactProblem.step": (
             problem.step,
-            {"state": state, "load": w.load, "motions": [Motion((0, 0))], "guess": None}),
+            {"state": state, "load": w.load, "motions": [Motion((0, 0))]}),
         "ContactProblem.sensitivity": (
             problem.sensitivity,
             {"states": [problem.undeformed, state], "outputs": [("force", 0, 1)]}
@@ -202,7 +202,7 @@ def calls(comm):
             {"K": w.K, "f": w.load, "reduction": w.held, "solver": Direct({"ksp_rtol": 1.0})}),
         "solve_contact": (
             pw_elements.contact.solve_contact,
-            contact | shared | {"loads": [w.load], "start": (), "callback": None}),
+            contact | shared | {"loads": [w.load], "callback": None}),
         "solve_impact": (
             pw_elements.contact.solve_impact,
             impact | {"duration": 1e-3, "velocity": still, "load": None, "paths": []}

@@ -518,7 +518,6 @@ REFUSED = [
     ("facets are int64 of the shape (1, 1)", lambda w: boundary_measure(w.mesh, [NODE])),
     ("facets are a mask of 0", lambda w: boundary_measure(w.mesh, np.zeros(0, dtype=bool))),
     ("the state has forces or displacements", lambda w: w.problem.step(nan_state(w.start), w.f)),
-    ("the state to start from", lambda w: w.problem.step(w.start, w.f, guess=nan_state(w.start))),
     ("TypeError: the shape of matching nodes is 0.3", lambda w: MatchingNodes(below, 0.3)),
     ("TypeError: tags are given in place of nodes", lambda w: ContactPair(w.tags, FLOOR)),
     ("TypeError: displacement is of the type Vec", lambda w: w.body.von_mises(w.f)),

@@ -10,7 +10,6 @@ from hashlib import blake2b
 from mpi4py import MPI
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import Interface
@@ -156,19 +155,16 @@ def initial_active_set(
     interface: Interface,
     place: Place,
     before: ContactState,
-    guess: ContactState | None,
     free_motions: FreeMotions,
     idle: Mask,
 ) -> ActiveSet:
-    """A guess, else what the state before ended with, else the points that touch.
+    """What the state before ended with, or the points that touch.
 
     These also of pairs (pairs,) that are `idle`, whose surfaces are free and pushed by nothing. If
     it would not hold the body, every point that faces something sticks; raises FreeBody if not
     even that does.
     """
-    if guess is not None:
-        firsts = [_transferred(interface, place, guess)]
-    elif before.increment:
+    if before.increment:
         first, just = resumed(interface, place, before), idle[interface.pair]
         landed = _touching(interface, place)
         smooth = np.where(landed.status == STICK, SLIP, landed.status).astype(np.int8)
@@ -209,26 +205,3 @@ def resumed(interface: Interface, place: Place, before: ContactState) -> ActiveS
         interface.cone,
         local([pair.force_normal for pair in pairs]),
     )
-
-
-def _transferred(interface: Interface, place: Place, guess: ContactState) -> ActiveSet:
-    """Status and direction of the nearest node of another mesh's state."""
-    n, dim = interface.position.shape
-    status, force, pressing = np.zeros(n, dtype=np.int8), np.zeros((n, dim)), np.zeros(n)
-    for k, pair in enumerate(guess.pairs):
-        mine = interface.pair == k
-        if mine.any():
-            nearest = cKDTree(pair.position).query(interface.position[mine])[1]
-            known = pair.status[nearest]
-            status[mine] = np.where(known == HELD, STICK, known)
-            force[mine] = pair.force_tangential[nearest]
-            pressing[mine] = pair.force_normal[nearest]
-    rough = interface.cone.rough
-    status[(status == STICK) & ~rough] = SLIP
-    tangential = np.einsum("nab,nb->na", place.frame[:, 1:], force)
-    size = np.linalg.norm(tangential, axis=1)
-    directed = (status == SLIP) & rough & (size > 0)
-    status[(status == SLIP) & rough & ~directed] = STICK
-    direction = np.where(directed, 1 / np.where(directed, size, 1.0), 0.0)[:, None]
-    turning, cone = directed.astype(float), interface.cone
-    return ActiveSet.of(status, direction * tangential, turning, cone, pressing)

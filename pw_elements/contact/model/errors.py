@@ -58,7 +58,7 @@ class ContactFailed(RuntimeError):
         states: `ContactState`s of the increments before the one that failed.
         state: the `ContactState` of this increment that came nearest to a solution, or None. It
             is not a solution (`converged` is False; its residuals say by how much), but shows where
-            the iteration got stuck, and can be the `guess` of another attempt.
+            the iteration got stuck.
         reached: the largest share of this increment that was solved in parts, and the state there,
             or None. It is a solution, from which other increments can go on.
     """

@@ -257,8 +257,7 @@ def rescue(
         enclosed = f" {_ENCLOSED}." if increment.system.tangent.encloses() else ""
         failure = NotFound(
             f"{failure}. That is no proof that there is no solution.{enclosed}{near} Smaller "
-            "increments, pressing before pushing, or a start from states of a smaller friction or "
-            "a coarser mesh may find one"
+            "increments, or pressing before pushing, may find one"
         )
     failure.state = state
     raise failure from None

@@ -177,13 +177,6 @@ def _check_finite(state: ContactState, what: str) -> None:
             raise ValueError(f"{what} has forces or displacements that are not finite")
 
 
-def _check_guess(state: ContactState, pairs: int) -> None:
-    _each([state], ContactState, "a state to start from")
-    if len(state.pairs) != pairs:
-        raise ValueError("the state to start from has another number of contact pairs")
-    _check_finite(state, "the state to start from")
-
-
 def _check_motions(
     motions: Sequence[Motion | None], pairs: Sequence[ContactPair], dim: int
 ) -> None:
@@ -340,7 +333,6 @@ class ContactProblem:
         state: ContactState,
         load: PETSc.Vec | Loading | None = None,
         motions: Motion | Sequence[Motion | None] | None = (),
-        guess: ContactState | None = None,
     ) -> ContactState:
         """The state at the end of one increment.
 
@@ -351,8 +343,6 @@ class ContactProblem:
                 changes in it: constants and functions of loads and of conditions.
             motions: of each pair's surface from its initial place, None for one that rests
                 there; by default all rest. A single pair's need not be in a list.
-            guess: state whose active set is the start, for example on a coarser mesh: each node
-                takes the status of the nearest. It carries no history.
 
         Raises:
             ValueError: for a load that is not finite, a number of motions that is not that of
@@ -371,16 +361,12 @@ class ContactProblem:
         """
         check_belongs(state, self.undeformed, "the state")
         if not state.converged:
-            raise ValueError("the state at the start is no solution: it can be a guess only")
-        if guess is not None:
-            _check_guess(guess, len(self.pairs))
+            raise ValueError("the state at the start is no solution: go on from the one before")
         moved = _of_pairs("motions", () if motions is None else motions, len(self.pairs))
         _check_motions(moved, self.pairs, self._space.mesh.geometry.dim)
         if self._finite is not None:
             remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
             _check_function("the load of a residual", load, remedy)
-            if guess is not None:
-                raise ValueError("a problem of a residual starts from its state: it takes no guess")
             return self._finite.step(state, load, moved)
         load = self._K.createVecRight() if load is None else load
         check_load("the load", load, self._K)
@@ -390,7 +376,7 @@ class ContactProblem:
             if solver is not self._stepping.solver:
                 self.release()
                 self._stepping = self._by(solver)
-            return self._stepping.step(state, load, moved, guess)
+            return self._stepping.step(state, load, moved)
 
         return with_fallback(self._stepping.solver, self._asked, self._supports, stepped)
 
@@ -537,7 +523,6 @@ def solve_contact(
     reduction: Reduction,
     pairs: ContactPair | Sequence[ContactPair],
     space: fem.FunctionSpace,
-    start: ContactState | Sequence[ContactState] = (),
     max_iterations: int = 50,
     solver: Solver = None,
     callback: Callback | None = None,
@@ -552,11 +537,6 @@ def solve_contact(
             prescribe some that are tangential.
         pairs: contact pairs; a node belongs to one of them.
         space: trial space of the displacements.
-        start: states of the same increments, for example on a coarser mesh: each increment starts
-            from the status of the nearest node. It is a guess and carries no history: slip counts
-            from the undeformed body in the first increment (`ContactProblem.step` continues from a
-            state). Without it the first starts from the nodes that touch, others from the one
-            before.
         max_iterations: linear systems of one iteration.
         solver: of the linear systems, as in `solve`.
         callback: called with a `Progress` after each iteration and each increment, on each process
@@ -565,7 +545,7 @@ def solve_contact(
 
     Raises:
         TypeError, ValueError: for arguments that do not make a contact problem; loads that are not
-            finite, motions or starts that are not one per increment, or no iterations.
+            finite, motions that are not one per increment, or no iterations.
         DegenerateMesh: for cells that are flat or inverted.
         FreeBody, NoEquilibrium, NotUnique, NotFound, SurfacePassed: as `ContactProblem.step` says.
             They name the increment, counted from 0, and have the states before it as `states`.
@@ -584,26 +564,20 @@ def solve_contact(
             raise ValueError(
                 f"contact pair {k} has {len(of_pair)} motions for {len(given)} increments"
             )
-    guesses = _each(start, ContactState, "a state to start from")
-    if guesses and len(guesses) != len(given):
-        raise ValueError(f"{len(guesses)} states to start from for {len(given)} increments")
     moves = list(map(list, zip(*motions, strict=True)))
-    for guess in guesses:
-        _check_guess(guess, len(problem.pairs))
     for moved in moves:
         _check_motions(moved, problem.pairs, space.mesh.geometry.dim)
-    increments = zip(given, moves, guesses or [None] * len(given), strict=True)
     states = [problem.undeformed]
-    for k, (load, moved, guess) in enumerate(increments):
+    for k, (load, moved) in enumerate(zip(given, moves, strict=True)):
         try:
             with doing(space.mesh.comm, f"{k} of {len(given)} increments done"):
-                states.append(problem.step(states[-1], load, moved, guess))
+                states.append(problem.step(states[-1], load, moved))
         except ContactFailed as error:
             error.args = (f"increment {k}: {error}",)
             error.states = states[1:]
             raise
     found = states[1:]
-    problem.release()  # a finer mesh that starts from here needs the memory
+    problem.release()  # another problem needs the memory
     del problem, states
     collect_garbage(K)
     return found

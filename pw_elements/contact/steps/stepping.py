@@ -316,11 +316,7 @@ class Stepping:
         self._soft: ContactSystem | None = None  # with springs
 
     def step(
-        self,
-        state: ContactState,
-        load: PETSc.Vec,
-        moved: Sequence[Motion | None],
-        guess: ContactState | None = None,
+        self, state: ContactState, load: PETSc.Vec, moved: Sequence[Motion | None]
     ) -> ContactState:
         begun = perf_counter()
         end = Target.of(load, moved, self.interface)
@@ -329,7 +325,7 @@ class Stepping:
             reporter = Reporter(comm, state.increment, self._callback)
             before = self._spent(end.free)
             try:
-                found = self._solved(state, end, guess, reporter)
+                found = self._solved(state, end, reporter)
             except NotFound as failure:
                 parts = self._cut(state, end, reporter)
                 if not parts:
@@ -356,7 +352,7 @@ class Stepping:
         told(comm, logging.INFO, words, ".contact")
 
         def part(now: ContactState, share: float) -> ContactState:
-            return self._solved(now, between(start, end, share), None, reporter, left)
+            return self._solved(now, between(start, end, share), reporter, left)
 
         parts, _ = divided(part, state, (0.5, _SMALLEST, 1.0), lambda: left() > 0)
         done = parts[-1][0] if parts else 0.0
@@ -374,16 +370,13 @@ class Stepping:
         self,
         state: ContactState,
         target: Target,
-        guess: ContactState | None,
         reporter: Reporter,
         left: Callable[[], float] | None = None,
     ) -> ContactState:
         """The state at a target, in one piece; of a part, by what systems are `left`."""
-        increment, place, policy = self._begun(state, target, guess)
+        increment, place, policy = self._begun(state, target)
         before, rigid = self._spent(target.free), self._bound(target.free)[1]
-        active = initial_active_set(
-            self.interface, place, state, guess, rigid.left_free, target.idle
-        )
+        active = initial_active_set(self.interface, place, state, rigid.left_free, target.idle)
         proved = cache(partial(no_equilibrium, increment, place, rigid))
 
         def doubt() -> None:
@@ -459,7 +452,7 @@ class Stepping:
         return Linearised(increment, now, self._K, self._reduction, -place.frame[:, 1:])
 
     def _begun(
-        self, state: ContactState, target: Target, guess: ContactState | None = None
+        self, state: ContactState, target: Target
     ) -> tuple[Increment, Place, Callable[[], Policy]]:
         """The equations from a state to a target, where they start, and a policy's maker."""
         interface, prescribed = self.interface, target.translations
@@ -468,7 +461,7 @@ class Stepping:
         equilibrium = LinearEquilibrium.of(system, self._K, target.load, target.stated)
         increment = Increment(system, equilibrium, prescribed, target.totals, past, target.stated)
         policy = partial(Policy, rigid.left_free, interface)
-        begin = np.where(target.idle[:, None] & (guess is None), 0.0, (guess or state).translations)
+        begin = np.where(target.idle[:, None], 0.0, state.translations)
         translations = np.where(np.isnan(prescribed), begin, prescribed)
         system.start(lambda: state.unknowns, translations)
         interface.check_supports(translations)
