@@ -21,6 +21,7 @@ from pw_elements import Spaces, SurfaceNodes, prescribe
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import OPEN, SLIP, ContactPair, ContactProblem, DeformableSurface
 from pw_elements.contact.interface import gathered_trace
+from pw_elements.contact.iteration import TOLERANCE
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.meshes import curved
 from study.core.cases import Case
@@ -130,7 +131,7 @@ def follow(
 
     def told(progress: object) -> None:
         if getattr(progress, "state", None) is None:
-            course.violations[-1].append(getattr(progress, "violation", np.inf) * 1e-9)
+            course.violations[-1].append(getattr(progress, "violation", np.inf) * TOLERANCE)
 
     own, opposite = (side.astype(np.int32) for side in sides)
     of_pair = fem.locate_dofs_topological(space, 1, own)
