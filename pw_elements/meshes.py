@@ -84,7 +84,7 @@ def quadrilaterals(
 class TaggedMesh(NamedTuple):
     """A mesh, tags of its cells and facets, and which tags a named set has.
 
-    Sets of Abaqus' files may overlap: cells, or facets, have one tag if they lie in the same sets.
+    Sets of Abaqus' files may overlap: cells, or facets, that lie in the same sets share one tag.
 
     Args:
         mesh: the mesh.
@@ -103,7 +103,10 @@ class TaggedMesh(NamedTuple):
         """Local numbers of the cells in a named set.
 
         Args:
-            name: of the set; capitals do not count in Abaqus' files.
+            name: of the set; upper and lower case are alike for Abaqus' files.
+
+        Raises:
+            ValueError: if there is no such set.
         """
         return self._find("cells", self.cell_tags, name)
 
@@ -111,7 +114,10 @@ class TaggedMesh(NamedTuple):
         """Local numbers of the facets in a named set, as `boundary_measure` takes them.
 
         Args:
-            name: of the set; capitals do not count in Abaqus' files.
+            name: of the set; upper and lower case are alike for Abaqus' files.
+
+        Raises:
+            ValueError: if there is no such set.
         """
         return self._find("facets", self.facet_tags, name)
 
@@ -136,10 +142,10 @@ def from_file(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> TaggedMesh:
     Of `.inp` files: C3D10, C3D4, C3D8, and plane elements and shells with 3, 4 or 6 nodes, such as
     CPS6, CPE6, CAX6, S6, all in one plane z = constant. Elements of the highest dimension are
     cells, those of one less are facets. ELSETs are sets of cells or facets; SURFACEs are sets of
-    facets, and so are NSETs: of the boundary's facets with all nodes in them. Of one name, surfaces
-    count before sets. Sets without any facet or cell, and those whose names begin with an
-    underscore, are left out. Sets of parts bear their own names if there is one part, otherwise
-    "INSTANCE.SET". Names are in capitals.
+    facets, and so are NSETs: of the boundary's facets with all nodes in them. If a SURFACE and a
+    set have one name, the SURFACE's facets count. Sets without any facet or cell, and those whose
+    names begin with an underscore, are left out. Sets of parts keep their names if there is one
+    part; otherwise they are called "INSTANCE.SET". Names are in capitals.
 
     Args:
         path: of the file.

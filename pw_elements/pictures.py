@@ -45,9 +45,9 @@ _OUTLINES = {6: [0, 5, 1, 3, 2, 4], 9: [0, 4, 1, 6, 3, 7, 2, 5]}
 _PARTS = 4
 _GREY = (0.78, 0.82, 0.86)
 _FAR = 1e150  # beyond, areas overflow
-# Of the unit normal's component towards the eye; below it nothing is seen of a face
+# Least component of a face's unit normal towards the eye at which the face is drawn
 _EDGE_ON = 1e-9
-# From where light comes, to the right of the eye and above it; what is in the shade of it
+# Direction to the light (to the right, upwards, towards the eye); brightness of what it misses
 _LIGHT = np.array([0.35, 0.5, 0.79])
 _SHADE = 0.55
 
@@ -99,8 +99,8 @@ def draw(
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for a field that is not a scalar, a displacement that is no vector, one, a scale
-            or a view that is not finite, a function of another mesh, or cells of another kind.
+        ValueError: for values that are not scalar, a displacement, scale, view or limits that are
+            not finite or of the wrong size, another mesh's function, unknown cells or colours.
     """
     arguments.mesh(mesh)
     with collective(mesh.comm):

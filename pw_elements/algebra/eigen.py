@@ -2,7 +2,7 @@
 
 Harmonic motion, Eq. (13), makes Eq. (14) of vibration; Eq. (24) is that of buckling.
 
-Steps of time that are stable belong to the largest eigenvalue, see the guide's page on theory ("The
+The critical time step follows from the largest eigenvalue, see the guide's page on theory ("The
 symmetric sibling").
 """
 
@@ -68,7 +68,7 @@ _UNSTRESSED = 1e-10
 # Relative residual of the largest eigenvalue; its error is of the size of the square
 _POWER_TOLERANCE = 1e-8
 _POWER_STEPS = 1000
-# The same of the smallest one over the norm, and what of it is round-off over the largest
+# Tolerance of the smallest eigenvalue; a negative one is round-off up to this part of the largest
 _ROUGH, _INDEFINITE = 1e-3, 1e-9
 
 
@@ -137,9 +137,9 @@ def vibration_modes(
         count: how many eigenvalues, those of rigid motions among them.
         symmetrised: take the symmetric parts of both matrices, as a symmetric eigenvalue
             solver does with an unsymmetric element.
-        solver: of the systems with K - shift M, the shift being a small negative one; `Direct()`,
-            by LDL^T where they are symmetric, `Iterative()`, or "auto" as in `solve`, from 200 000
-            unknowns on. A symmetrised pair needs factors.
+        solver: of the systems with K - shift M, for a small negative shift: `Direct()` (by LDL^T if
+            they are symmetric), `Iterative()`, or, by default, "auto" as in `solve`, which takes
+            the latter in space from 200 000 unknowns on. A symmetrised pair needs `Direct()`.
 
     Raises:
         TypeError, ValueError: for arguments that do not fit together or are not finite; for

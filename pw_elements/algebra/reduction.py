@@ -1,7 +1,7 @@
 """Supports and static condensation: the reduction L^T K R of a free system.
 
-Inner nodes that are condensed have a stiffness of their own each; Dirichlet conditions have to
-agree on what they prescribe.
+Condensed inner nodes may not be coupled to each other, and each needs a stiffness; Dirichlet
+conditions that overlap have to prescribe the same values.
 """
 
 from collections.abc import Sequence

@@ -46,8 +46,8 @@ from pw_elements.spaces import (
 Scalar: TypeAlias = float | Expr
 Vector: TypeAlias = Sequence[float] | Array | Expr
 
-# Integrands that are no polynomials (hoop strain, curved cells, a varying modulus): what it leaves
-# of natural frequencies is below 1e-4 of the mesh's own error, see section V8 of the study
+# Degree for integrands that are no polynomials (hoop strain, curved cells, a varying modulus): its
+# error of natural frequencies is below 1e-4 of the mesh's own, see section V8 of the study
 _RATIONAL_DEGREE = 8
 # Poisson's ratio above which `Body.on` adds a pressure, and above which displacements alone lock
 _HYBRID_NU = 0.48
@@ -83,15 +83,13 @@ class Material:
 
         steel = Material(210e3, 0.3, 7.85e-9)  # N, mm, t, s
 
-    `by_tag` combines several materials in one mesh, of one body or of several.
+    `by_tag` combines several materials in one mesh, of one body or of several. Numbers,
+    `fem.Constant`s and nodal values of Lagrange functions are checked; other expressions cannot be.
 
     Args:
         youngs_modulus: E, positive, a stress.
         poissons_ratio: nu, above -1 and at most 1/2, which plane stress and hybrid spaces allow.
         density: positive, mass per volume.
-
-    Numbers, `fem.Constant`s and nodal values of Lagrange functions are checked; other expressions
-    cannot be.
 
     Raises:
         ValueError: for a modulus or density that is not positive, or nu outside (-1, 1/2].
@@ -162,8 +160,8 @@ class Body:
             "axisymmetric" or "solid".
         thickness: t(x, y) of a plane body, number or UFL expression.
         quadrature_degree: by default exact for straight simplices, parallelograms and
-            parallelepipeds with constant data; 3 points in each direction for other straight
-            quadrilaterals and hexahedra; 8 otherwise.
+            parallelepipeds with constant data; 5 (3 points in each direction) for other straight
+            quadrilaterals and hexahedra; 8 for curved cells, axisymmetry and varying data.
 
     Raises:
         ValueError: if the state does not suit the dimension; the mesh is a surface in space or
@@ -240,8 +238,8 @@ class Body:
     ) -> "Body":
         """Makes a body with the element that its material needs.
 
-        That is the one of `Spaces.hybrid` if Poisson's ratio exceeds 0.48 anywhere, which is
-        logged, except in plane stress, and the one of `Spaces.petrov_galerkin` otherwise.
+        That is `Spaces.hybrid` if Poisson's ratio exceeds 0.48 anywhere (this is logged), and
+        `Spaces.petrov_galerkin` otherwise, and always in plane stress.
 
             body = Body.on(mesh, Material(1e6, 0.499), "axisymmetric")
             U = body.spaces.trial
@@ -286,6 +284,9 @@ class Body:
 
         Args:
             u: displacement, a function or an argument of a form; of hybrid spaces both fields.
+
+        Raises:
+            ValueError: for a displacement alone of hybrid spaces.
         """
         E, nu = self._value(self.material.youngs_modulus), self._value(self.material.poissons_ratio)
         mu = E / (2 * (1 + nu))
@@ -384,8 +385,8 @@ class Body:
 
         Args:
             stress: tensor of the strain's shape, e.g. `body.stress(prestress_displacement)`.
-            form: "G" is the paper's, grad(v) : grad(u) S; "J" takes 2 S : (eps(v) eps(u)) off,
-                as continuum elements with an objective stress rate do.
+            form: "G" is the paper's, grad(v) : grad(u) S; "J" subtracts 2 S : (eps(v) eps(u)), as
+                continuum elements with an objective stress rate do.
 
         Raises:
             ValueError: for an unknown form, or a tensor of the wrong shape.

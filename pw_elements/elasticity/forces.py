@@ -4,8 +4,8 @@ Three measures of contact pressure (and shear) are in use, and they must never b
 
 1. the nodal force itself;
 2. the nodal force over the integral of the node's own test function over the surface;
-3. the nodal force over the geometric tributary area of the node: of the surface's once halved
-   cells, each node gets equal parts of those around it.
+3. the nodal force over the geometric tributary area of the node: facets are halved once, and the
+   area of each sub-facet is shared equally by its corners.
 
 Which of them is even with which element, and why reactions are fluxes, is in the guide's page on
 theory ("Reactions and fluxes").
@@ -55,7 +55,7 @@ Area = Literal["geometric", "own"]
 
 @same_everywhere
 def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
-    """T, (n, n): nodal forces of the standard quadratic element, evened out.
+    """Matrix T, (n, n), that evens out the nodal forces of the standard quadratic element.
 
     Three quarters of a mid-side node's force stay with it and an eighth goes to either vertex; on
     quadrilaterals and hexahedra T is the tensor product of this rule for intervals. Under uniform
@@ -169,7 +169,7 @@ class SurfaceNodes:
         tributary_area: (m,), integral of the piecewise-linear function of each node.
         edges: (e, 3), mid-side node and both corners of each edge of the surface.
         rim: (m,), nodes at the ends of the line or on the edge of the face.
-        node: (m,), global numbers in the space, of this number of processes.
+        node: (m,), global numbers in the space, valid for this number of processes.
         facets: (f, k), the nodes of each facet, in Basix' order (corners first).
     """
 
@@ -468,14 +468,14 @@ def nodal_flux(
         spaces: of the field, scalar or with components.
         reactions: vector (n,), of `reactions` or `PetrovGalerkinProblem.reactions`.
         where: part of the boundary, as in `boundary_measure`.
-        area: by which reactions are divided: the node's share of the geometry, or the integral of
-            its own test function; with piecewise-linear weights on flat boundaries both agree.
+        area: by which reactions are divided: "geometric", the node's share of the surface, or
+            "own", the integral of its test function: the same for piecewise-linear weights.
         depth: factor of the lengths or areas of the mesh, such as a thickness or 2 pi r.
 
     Raises:
         TypeError: for arguments of the wrong type.
         ValueError: for a vector that is not finite or of another space, an unknown area, a depth
-            that is not positive, or a part of the boundary that is none.
+            that is not positive, or a part of the boundary without facets.
     """
     arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
     space = spaces.trial

@@ -58,8 +58,8 @@ class SolverReport:
 
     Args:
         method: in words, "LU by mumps" say.
-        factorisations: of matrices.
-        krylov_iterations: of an iterative solver, or solutions by which old factors were corrected.
+        factorisations: how many matrices have been factorised.
+        krylov_iterations: of an iterative solver, or solves that corrected old factors.
     """
 
     method: str
@@ -67,10 +67,10 @@ class SolverReport:
     krylov_iterations: int = 0
 
     def after(self, before: "SolverReport") -> "SolverReport":
-        """Adds what was done before.
+        """The sum of this report and an earlier one.
 
         Args:
-            before: what was done before.
+            before: the earlier report.
         """
         return SolverReport(
             self.method,
@@ -134,7 +134,7 @@ class LinearSolver(Protocol):
 
         Args:
             matrix: square (n, n).
-            symmetric: whether it is.
+            symmetric: whether the matrix is symmetric.
         """
 
 
@@ -190,7 +190,7 @@ class Direct:
 
         Args:
             matrix: square (n, n).
-            symmetric: whether it is, so that LDL^T will do.
+            symmetric: whether the matrix is symmetric, so that LDL^T will do.
 
         Raises:
             TypeError, ValueError: if it is not such a matrix, or PETSc refuses the options.

@@ -62,7 +62,7 @@ _MASS = {
     "hexahedron": (0.125, 3.375, 12),
 }
 
-# x whose residual is no longer than a size; by a product, a preconditioner, a right-hand side
+# An x with |right - product(x)| <= size, of (product, preconditioner, right, size)
 _Map: TypeAlias = Callable[[Array], Array]
 _Iterate: TypeAlias = Callable[[_Map, _Map, Array, float], Array]
 
@@ -108,8 +108,8 @@ class SaddlePoint:
     """The levels for one matrix (n, n) of hybrid spaces, in the place of a `Multigrid`.
 
     Pressures are scaled to lengths, as by `equilibration`: `scaled` is s K s, the operator Pi s K s
-    Pi + (1 - Pi). The stiffness of displacements A, in blocks, is `elastic` with its supports,
-    `levels` are its multigrid, and `inner` preconditions by them, or by one that has more to do.
+    Pi + (1 - Pi). `elastic` are the stiffness A of displacements, in blocks, and its supports,
+    `levels` its multigrid, and `inner` a preconditioner of A by these, or in contact by `Sprung`.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
@@ -249,8 +249,8 @@ class Iterative:
     the supports of `Reduction.dirichlet`, but no condensation, and computes no determinants.
 
     Args:
-        tolerance: on the residual over the load, both in the Euclidean norm; in contact over the
-            largest nodal contact force, and there 1e-10 at most, a tenth of what the law has.
+        tolerance: of the residual over the load, in the Euclidean norm; in contact over the largest
+            nodal contact force, and never above 1e-10, a tenth of the tolerance of the law.
         options: PETSc options without prefix and hyphen, such as
             `{"mg_levels_1_ksp_max_it": 4, "mg_coarse_pc_gamg_threshold": 0.02}`; `ksp_type` sets
             the method and `ksp_max_it` its iterations. The two levels cannot be exchanged.

@@ -28,7 +28,7 @@ _ROWS_AT_ONCE = 12_000
 _MOST_PARTS = 32
 # Rows that are factorised as dense ones at once, to save memory
 _DENSE_AT_ONCE = 20_000
-# Modes that are taken together, though they may not be: in so few sparse algebra takes longer
+# Up to so many modes are handled as one dense block: sparse algebra would take longer
 FEW_MODES = 60
 # Displacements and forces in a mode of unit size that are none
 _ROUND_OFF = 1e-13

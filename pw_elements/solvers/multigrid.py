@@ -76,7 +76,7 @@ def near_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
 
 
 class LinearLevel:
-    """Linear functions, and what they make of K, free, under what is held on both levels.
+    """The coarse level: P^T K P of linear functions, K being free, less what is held on each level.
 
     The matrix is P^T Pi K Pi P between the vertices' projections, with multiples of one where these
     hold. It is made once; then only the part near nodes that are held at times is exchanged. The
@@ -258,7 +258,6 @@ class Multigrid:
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
         self._block = supports.space.dofmap.index_map_bs
-        # twice as fast
         copied = self._block > 1 and not is_blocked(K)
         self.blocked = K.convert("baij", PETSc.Mat()) if copied else K
         self._projection = Projection(supports.free, self._block)

@@ -36,7 +36,7 @@ from pw_elements.checks import arguments, same_everywhere
 from pw_elements.progress import doing
 from pw_elements.spaces.elements import TwelveCellElement, twelve_cell_rule, vertex_rule
 
-# Under this name metadata of a body's integrals have its state of stress
+# Key under which the metadata of a body's integrals hold its state of stress
 STATE = "stress_state"
 
 T = TypeVar("T", PETSc.Mat, PETSc.Vec)
@@ -44,7 +44,7 @@ T = TypeVar("T", PETSc.Mat, PETSc.Vec)
 
 @dataclass(frozen=True)
 class Assembled:
-    """What a matrix or vector was made of, so that what does not go together is told."""
+    """What a matrix or vector was assembled from, so that mismatched ones can be refused."""
 
     form: fem.Form | None = None  # compiled; None of what was made by hand
     sibling: Any = None  # that transformed it; None of what was assembled plainly
@@ -85,14 +85,14 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
 
     Args:
         form: of trial and test functions.
-        blocked: stores a vector field's matrix by nodes (PETSc's BAIJ), in 0.7 of the memory, as
-            `Iterative` needs it: another format is copied by it. Everything else converts it.
-            Scalar and hybrid ones have no blocks.
+        blocked: stores a vector field's matrix by nodal blocks (PETSc's BAIJ), in 0.7 of the
+            memory. `Iterative` works with these, and copies a matrix in another format; all else
+            converts them. Without effect on scalar and hybrid spaces.
 
     Raises:
         TypeError: if it is not a UFL form.
-        ValueError: if it is not bilinear, cannot be compiled, or has a measure that names a rule
-            that is wrong for it.
+        ValueError: if it is not bilinear, cannot be compiled, or has a measure with a quadrature
+            rule that does not suit the weights.
     """
     arguments.flag("blocked", blocked)
     compiled = compiled_form(form, 2, "a matrix")
@@ -114,8 +114,8 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
 
     Raises:
         TypeError: if it is not a UFL form.
-        ValueError: if it is not linear, cannot be compiled, or has a measure that names a rule
-            that is wrong for it.
+        ValueError: if it is not linear, cannot be compiled, or has a measure with a quadrature
+            rule that does not suit the weights.
     """
     compiled = compiled_form(form, 1, "a vector")
     vector = _assemble_vector(compiled)
@@ -137,7 +137,7 @@ def assemble_scalar(form: ufl.Form) -> float:
     Raises:
         TypeError: if it is not a UFL form.
         ValueError: if it has a test function, belongs to no mesh, cannot be compiled, or has a
-            measure that names a rule that is wrong for it.
+            measure with a quadrature rule that does not suit the weights.
     """
     compiled = compiled_form(form, 0, "a functional")
     return float(compiled.mesh.comm.allreduce(fem.assemble_scalar(compiled), MPI.SUM))
@@ -191,7 +191,7 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
 
 
 def with_cell_rules(form: ufl.Form) -> ufl.Form:
-    """The form with such points in its integrals over tetrahedra, if its functions need them."""
+    """The form, with points on sub-cells in integrals over tetrahedra whose functions need them."""
     return _with(form, _ruled)
 
 

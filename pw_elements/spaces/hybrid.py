@@ -40,7 +40,7 @@ def is_hybrid(space: fem.FunctionSpace) -> bool:
 
 
 def is_split(space: fem.FunctionSpace) -> bool:
-    """Whether the pressure is one of each cell alone, which has to be tied within parts."""
+    """Whether the pressure is discontinuous between cells, and has to be tied within parts."""
     return is_hybrid(space) and bool(space.ufl_element().sub_elements[1].discontinuous)
 
 
@@ -89,7 +89,7 @@ class SubSpace:
         return self.unknowns[: self.space.dofmap.index_map.size_local]
 
     def part(self, values: PETSc.Vec) -> PETSc.Vec:
-        """The field's vector in a vector of all unknowns; both keep the space.
+        """The field's entries of a vector of all unknowns; both vectors keep the space alive.
 
         PETSc's vectors outlive a mesh, but not its communicator, by which their copies are made.
         """
@@ -121,7 +121,7 @@ class SubSpace:
 
 
 def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
-    """Vector (n,): 1 at displacements; pressures over it, stiffness per area, are lengths."""
+    """Scale (n,): 1 at displacements, a stiffness per area at pressures; p / scale is a length."""
     scale = K.createVecRight()
     scale.set(1.0)
     if not is_hybrid(space):

@@ -22,7 +22,7 @@ Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 
 
 def marked(comm: MPI.Comm, whose: str, where: Marker, x: Array) -> Mask:
-    """Which points (3, n) a marker holds at; local, under the guard; not asked without points."""
+    """Mask (n,) of the points (3, n) at which a marker holds; local, for use under the guard."""
     if not callable(where):
         raise TypeError(
             f"{whose} is of the type {type(where).__name__}: give a function of points. Tagged "
@@ -92,7 +92,7 @@ def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
 
 
 def some_nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
-    """The same, which have to be some on all processes together; collective."""
+    """As `nodes_of`, but a ValueError if there are none on all processes together; collective."""
     nodes = nodes_of(space, whose, where)
     if space.mesh.comm.allreduce(len(nodes), MPI.SUM) == 0:
         raise ValueError("the marker holds at no node of the space: check its coordinates")
@@ -102,7 +102,7 @@ def some_nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
 def exterior_facets(mesh: Mesh, where: Part, inner: bool = True) -> Local:
     """Local numbers of a part of the boundary's facets; a marker has to hold at all vertices.
 
-    Numbers of `inner` facets are left out, or refused.
+    Given numbers of facets within the body are left out, or refused unless `inner`.
     """
     topology, dimension = mesh.topology, mesh.topology.dim - 1
     topology.create_connectivity(dimension, topology.dim)

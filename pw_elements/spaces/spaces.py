@@ -270,7 +270,7 @@ def _trial_element(mesh: Mesh, components: int | None = None) -> basix.ufl._Elem
 def _assert_one_numbering(
     trial: fem.FunctionSpace, test: fem.FunctionSpace, blocks: bool = True
 ) -> None:
-    """No document of DOLFINx promises it, so it is looked at: here and nowhere else."""
+    """DOLFINx nowhere promises that both numberings agree, so it is checked: here alone."""
     a, b = trial.dofmap, test.dofmap
     same = (
         (a.index_map_bs == b.index_map_bs or not blocks)

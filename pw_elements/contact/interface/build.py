@@ -43,7 +43,7 @@ from pw_elements.spaces import (
     of_owners,
 )
 
-# What surfaces have one component of per dimension
+# Attributes of surfaces that are vectors (dim,)
 _VECTORS = ("point", "direction", "apex", "centre")
 # Cells at a time, to save memory
 _CELLS_AT_ONCE = 20_000
@@ -54,15 +54,15 @@ _NEARLY = 0.9
 # Gap of sides that coincide, over the slave's mean sub-facet: that of an octant of a sphere is 0.01
 # with two quadratic facets a side
 _COINCIDE = 0.05
-# Gaps of meshes over an edge, over an interference over the body's diagonal, that are much: they
-# change pressures by a tenth
+# Mesh gaps per edge length, over interference per body diagonal, above which a warning is logged:
+# they change pressures by a tenth
 _NOISE = 0.03
 _OF_MESHES = (
     "contact pair %d: gaps that meshes leave within facets are much of its interference, and "
     "pressures are off by a tenth or more: use finer meshes, or DeformableSurface(..., "
     "coincident=True) and the depth as interference"
 )
-# Mean edge of the slave over the master's, both where they face each other, that is much
+# Mean edge of the slave over the master's where they face each other; a warning is logged above
 _COARSE = 3.0
 
 

@@ -29,7 +29,7 @@ from pw_elements.contact.model import Cone, NotFound, Surface
 from pw_elements.elasticity import by_position
 from pw_elements.spaces import SubSpace, of_owners
 
-# What the point faces in place of a node of a body: nothing that moves by itself, or many nodes
+# Values of `faced` that are no node: a rigid surface, or a deformable one, which has many
 RIGID, DEFORMABLE = -1, -2
 
 # What of a coordinate may be round-off
@@ -239,8 +239,8 @@ class Interface:
     def gaps(self, translations: Array | None) -> Array:
         """Gap (m,) of the undeformed body to the translated surfaces, as the unknowns see it.
 
-        Coefficients close what they make of the displacements' gaps. A node keeps its own where one
-        of those whose displacements its coefficient is made of faces nothing.
+        Gaps of a sibling's coefficients are T^-T g, as if gaps were displacements. A node keeps its
+        own where any node on which its coefficient depends faces nothing.
         """
         gap, inverse = self._by_pair("gap", translations), self._inverse
         if inverse is None:

@@ -39,9 +39,9 @@ from pw_elements.spaces import SubSpace, is_hybrid
 _MOTIONS = 3
 # A step is halved so often at most
 _HALVINGS = 10
-# Below this s the series of the arc's factor are as exact
+# Below this s the arc's factor is as exact by its series as by its formula
 _SMALL_TURN = 1e-3
-# Normals that turn further have jumped; s of a right angle, and one that is finite beyond it
+# s of normals at a right angle, beyond which a point has jumped; the largest s that `_arc` is given
 _RIGHT_ANGLE, _FARTHEST = np.sqrt(0.5), 0.99
 # Shares of a point's way at which it is looked for within the surface
 _WAY = np.linspace(0.05, 0.95, 19)

@@ -43,11 +43,11 @@ _ENOUGH = 6
 
 # Residual on the way, over the one before
 _FORCING = 0.02
-# Equally stiff bodies have a least share of springs in the law of about one over this; a softer
-# body has a smaller share, its forces say less of the gaps, and its residual has to be smaller
+# The least of `Sprung.shares` is about one over this for equally stiff bodies; smaller if one is
+# softer: its forces then say less of the gaps, and the residual has to be smaller
 _SOFTER = 5.0
-# Residual at the end over the largest nodal contact force: the solver's tolerance, at most this,
-# and that of a tangent, whose next one would be assembled anew; "more" takes this share of it
+# Residual at the end over the largest nodal contact force: the solver's tolerance, up to _LOOSEST;
+# _EXACT_TANGENT if tangents are renewed (large strains); "more" takes a share _MORE of it
 _LOOSEST = TOLERANCE / 10
 _EXACT_TANGENT = 1e-13
 _MORE = 0.1

@@ -352,8 +352,8 @@ def newton(
     `told`, if it is given, is called with each iteration's number, active set and violation,
     `doubt` once, after more iterations than most increments take: it may raise a NoEquilibrium.
 
-    Where solutions are iterative, and so inexact on the way, and it fails, it is tried once more
-    with exact ones.
+    If it fails with an iterative solver, whose solutions are inexact on the way, it is tried once
+    more with exact ones.
 
     Raises:
         NotUnique, NotFound: as `solve_contact` says.

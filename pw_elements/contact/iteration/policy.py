@@ -31,7 +31,7 @@ FreeMotions = Callable[[ActiveSet, Array], list[str]]  # of an active set in fra
 # Directions closer than this belong to the same active set
 _DIGITS = 10
 
-# A gap of this part of the surface's extent counts as closed in a cold start
+# A gap up to this part of the contact nodes' extent counts as closed where no active set is known
 _TOUCHING_GAP = 1e-9
 
 
@@ -44,7 +44,7 @@ class Cycles:
         self._slow: Mask | None = None
 
     def repeats(self, active: ActiveSet) -> bool:
-        """Notes an active set; whether it has been there, and the remedy changes something."""
+        """Notes an active set; True if it has come back, and more points are slowed now."""
         digest = blake2b(active.status.tobytes(), digest_size=16)
         for values in (active.direction, active.turning, active.slope):
             digest.update((np.round(values, _DIGITS) + 0.0).tobytes())
@@ -158,11 +158,11 @@ def initial_active_set(
     free_motions: FreeMotions,
     idle: Mask,
 ) -> ActiveSet:
-    """What the state before ended with, or the points that touch.
+    """The active set that the state before ended with, or, from the undeformed body, what touches.
 
-    These also of pairs (pairs,) that are `idle`, whose surfaces are free and pushed by nothing. If
-    it would not hold the body, every point that faces something sticks; raises FreeBody if not
-    even that does.
+    Pairs (pairs,) that are `idle`, whose surfaces are free and unloaded, begin with what touches in
+    any case. If the set would not hold the body, every point that faces something sticks; raises
+    FreeBody if not even that does.
     """
     if before.increment:
         first, just = resumed(interface, place, before), idle[interface.pair]

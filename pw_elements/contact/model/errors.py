@@ -14,9 +14,8 @@ class RigidVelocity:
     """A rigid motion of each connected piece, and of the surfaces that are free to move.
 
     A node at x of piece k moves with translation[k] + rotation[k] × (x - centre[k]); in the plane
-    rotation has one component, w, and w × (x, y) is (-w y, w x). Only the direction of all
-    together has a meaning: the largest of translations and rotations, these times the piece's
-    radius of gyration, is one.
+    rotation has one component, w, and w × (x, y) is (-w y, w x). The motion's size is arbitrary: of
+    all translations, and rotations times the piece's radius of gyration, the largest is one.
 
     Args:
         centre: (pieces, dim), mean position of a piece's nodes; pieces are sorted by it.
@@ -85,7 +84,7 @@ class NoEquilibrium(FreeBody):
 
 
 class NotUnique(ContactFailed, SingularSystem):
-    """The tangent is singular at a solution: there are others, by friction or a loose body."""
+    """The tangent is singular at a solution: it is not unique, by friction or a loose body."""
 
 
 class NotFound(ContactFailed):

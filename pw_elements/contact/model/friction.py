@@ -26,23 +26,25 @@ _ROUND_OFF = 1e-9
 
 @runtime_checkable
 class Friction(Protocol):
-    """A law that limits the friction of a node.
+    """A law of friction: limit of the tangential force, whose ratio to the normal one never rises.
 
-    class Worn:
-        '''Coulomb's law, with a coefficient that falls to nothing with the normal force.'''
+    Any object with both methods is one:
 
-        def at(self, x):
-            return 50.0 + 10.0 * x[0]  # the force at which it has halved
+        class Worn:
+            '''Coulomb's law, with a coefficient that falls to nothing with the normal force.'''
 
-        def limit(self, half, force):
-            share = half / (half + force)
-            return 0.3 * share * force, 0.3 * share**2
+            def at(self, x):
+                return 50.0 + 10.0 * x[0]  # the force at which it has halved
 
-    ContactPair(bottom, Plane((0, 0), (0, 1)), friction=Worn())
+            def limit(self, half, force):
+                share = half / (half + force)
+                return 0.3 * share * force, 0.3 * share**2
+
+        ContactPair(bottom, Plane((0, 0), (0, 1)), friction=Worn())
     """
 
     def at(self, x: Array) -> Array | float:
-        """One number (n,) for each node; asked once.
+        """The law's parameter (n,) at each node, or one number for all; asked once.
 
         Args:
             x: positions as columns (3, n).
@@ -52,7 +54,7 @@ class Friction(Protocol):
         """Largest tangential force (n,) beside a normal force, and its slope (n,).
 
         Args:
-            at: what the law said of these nodes (n,), which may be another process'.
+            at: what `at` gave for these nodes (n,), which may be those of another process.
             force: normal forces (n,), none of them negative.
         """
 

@@ -29,13 +29,14 @@ class Motion:
         translation: (dim,); None for a component that is free and follows from its force.
         force: (dim,), total force of the surface on the body in the free components (on the
             whole circumference in axisymmetry, where radial ones are sums of nodal forces round
-            the axis); without meaning in prescribed ones.
+            the axis), and zero in prescribed ones.
         rotation: angle in radians, right-handed about the pair's axis, in the plane
             anticlockwise; None if it is free and follows from its torque.
-        torque: of the surface on the body about the pivot's present place, if it is free.
+        torque: of the surface on the body about the pivot's present place, where rotation is None.
 
     Raises:
-        ValueError: for values that are not finite numbers, or a force in a prescribed component.
+        ValueError: for values that are not finite numbers, a force and a translation of different
+            sizes, or a force or torque on a given motion.
     """
 
     translation: Sequence[float | None]
@@ -129,17 +130,16 @@ class DeformableSurface:
 
     Contact is stated at the pair's own nodes: `PairState` has their results, and the nodal forces
     of the opposite side; `ContactFields` has pressures, gaps, slips and statuses of both. The
-    module `pw_elements.contact.interface.mortar` explains what is exact and what is not. With a
-    residual, in the plane, sides slide on each other (`pw_elements.contact.interface.sliding`).
+    guide's page on theory says what is exact and what is not ("Two bodies"). Large sliding needs
+    `ContactProblem.of_residual`, in the plane or in axisymmetry.
 
     Args:
         where: marker of positions as columns (3, n), which holds at every vertex of a facet; or
             local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
-        revolved: whether areas are those of the circumference, as in axisymmetry. A stiffness
-            that a `Body` states knows it; of others in the plane it has to be given.
-        coincident: whether both sides are one surface before any motion, as a tube's and its
-            liner's. The small distances between meshes of a curved surface then do not
-            count as gaps.
+        revolved: whether areas are those of the whole circumference, as in axisymmetry. Needed in
+            the plane only, and unless the stiffness is that of a `Body`, which knows it.
+        coincident: whether both sides are one and the same surface before any motion, as of a tube
+            and its liner. The small gaps that meshes leave on a curved one are then ignored.
 
     Raises:
         TypeError: for arguments of the wrong type.
@@ -167,23 +167,23 @@ class ContactPair:
         surface: the rigid surface at its initial place, or the other part of the mesh, as
             `DeformableSurface` or `MatchingNodes`.
         friction: Coulomb's mu, or a function of positions as columns (3, n) that returns it for
-            each node, (n,), or another law, see `Friction`. It also assigns a node between a smooth
-            and a rough part to one of them.
-        motions: one per increment of `solve_contact`; without them the surface rests. A
-            single one need not be in a list.
-        interference: whether the surface may cut the body before any motion, as in a shrink fit;
-            the first increment then pushes the nodes out of it. Of a `DeformableSurface` that is
-            `coincident` it is the nominal depth: a number, or a function of positions as columns
-            (3, n) that returns it for each node, (n,). Gaps of meshes on curved faces do not
-            count then, which may be larger than the depth.
-        pivot: (dim,), point about which a rigid surface turns at large sliding, at its initial
-            place; in axisymmetry nothing turns.
-        axis: (3,), in space, direction of any length that it turns about.
+            each node, (n,), or another law, see `Friction`. A node where a smooth and a rough part
+            meet has the value that the function gives there.
+        motions: one per increment of `solve_contact`; without them the surface rests. A single one
+            needs no list.
+        interference: whether the surface may cut into the body before any motion, as in a shrink
+            fit; the first increment then pushes the nodes out of it. With a `coincident`
+            `DeformableSurface` it is the nominal depth instead: a number, or a function of
+            positions as columns (3, n) that returns it for each node, (n,); the gaps that meshes
+            leave on curved faces, perhaps larger than the depth, are then ignored.
+        pivot: (dim,), initial place of the point about which a rigid surface may turn, for
+            `ContactProblem.of_residual` alone; nothing turns in axisymmetry.
+        axis: (3,), in space only: direction, of any length, of the axis through the pivot.
 
     Raises:
         TypeError: for arguments of the wrong type, such as exchanged ones.
-        ValueError: for a friction that is negative or not a number, an interference that is
-            not one of its sides, or a pivot of a body or, in space, without an axis.
+        ValueError: for a friction that is negative or not a number, an interference of a kind that
+            the surface does not take, a pivot of a deformable body, or one in space without axis.
     """
 
     nodes: Part

@@ -40,11 +40,11 @@ class PairState:
         displacement: (m, dim), of the nodes; relative to what they face where nodes match.
         direction: (m, dim), unit direction of the tangential force of slipping nodes, else zero.
         turning: (m,), of the law's linearisation at slipping nodes, which the next iteration needs.
-        node: (m,), global numbers in the space, of this number of processes; component i of node
-            k is the entry dim k + i of `ContactState.displacement`.
-        faced: (m,), the same of the nodes that they face; -1 where a rigid surface does, -2 where
-            a deformable one does.
-        opposite: (k,), the same of the nodes of a deformable surface, in the order of positions.
+        node: (m,), global node numbers, valid for the present number of processes; component i of
+            node k is entry dim k + i of `ContactState.displacement`.
+        faced: (m,), global number of the node that each of them faces; -1 where it faces a rigid
+            surface, -2 where a deformable one.
+        opposite: (k,), global numbers of a deformable surface's nodes, sorted by position.
         opposite_force: (k, dim), nodal forces on these.
     """
 
@@ -82,27 +82,26 @@ class PairState:
 class Residuals:
     """How well each condition is satisfied: the largest violation over all nodes.
 
-    Forces over the largest nodal contact force of the history so far, lengths over the largest
-    displacement of a contact node or its surface, of two bodies that of both together, in its
-    states with contact (`Scale`) and now.
-    Where these are nothing but round-off, lengths are over the largest coordinate of a contact
-    node, and forces over the stiffness of one times the length.
+    Forces are divided by the largest nodal contact force, lengths by the largest displacement of a
+    contact node or its surface (of two bodies: of both together), each the largest of this state
+    and of all earlier ones with contact (`Scale`). Where these are only round-off, lengths are
+    divided by the largest coordinate of a contact node, and forces by a node's stiffness times it.
 
-    A state is accepted where none exceeds 1e-9 and, over the largest contact force, what may be
-    round-off: 1e-13 of stiffness times displacement, and 1e-15 of stiffness times coordinate. That
-    is more than 1e-9 where a body is far stiffer than what holds it, or moves far under small
+    A state is accepted if no residual exceeds 1e-9 plus, over the largest contact force, possible
+    round-off: 1e-13 of stiffness times displacement and 1e-15 of stiffness times coordinate. The
+    sum is more than 1e-9 where a body is far stiffer than what holds it, or moves far under small
     forces.
 
     Args:
-        equilibrium: unbalanced force of nodes that are not in contact.
+        equilibrium: unbalanced force at all other nodes than the pairs' own.
         penetration: -g where it is positive.
         tension: -r_n where it is positive.
         complementarity: smaller of r_n and g, where both are positive.
-        cone: |r_t| - mu r_n where it is positive.
+        cone: |r_t| less the limit of friction (Coulomb's mu r_n), where it is positive.
         stick: slip of nodes that stick.
-        direction: r_t less the limit of friction against the slip, of slipping nodes; its largest
-            component along the tangents.
-        balance: total force against the one prescribed for free translations.
+        direction: at slipping nodes, largest tangential component of r_t less a force of the
+            limit's size that opposes the slip.
+        balance: total force (or torque over its arm) less the one given, on free motions.
     """
 
     equilibrium: float = 0.0
@@ -156,12 +155,11 @@ class ContactState:
             space unless that is hybrid.
         pairs: one state per contact pair.
         iterations: linear systems solved, including those of failed attempts and of parts.
-        unique: False if determinants of tangents have different signs: of all that the problem
-            has factorised so far, and of those on the way to a state that was loaded. The friction
-            is then so large that several states can be in equilibrium with the same loads, and
-            another start or smaller increments may lead to another one. False, too, if friction is
-            used up so that a body may slide on and on. None if the linear
-            solver computes no determinants.
+        unique: False if the determinants of the tangents that the problem has factorised so far
+            (and those on the way to a loaded state) differ in sign: friction is so large that
+            several states may be in equilibrium with the same loads, and smaller increments may
+            lead to another one. False, too, if friction is used up, so that a body may slide on for
+            ever. None by a solver without determinants, and of `ContactProblem.of_residual`.
         residuals: of all conditions.
         report: what solved the linear systems of this increment.
         increment: number of increments from the undeformed body, where it is 0.
@@ -171,12 +169,12 @@ class ContactState:
             told from a stable one. Empty with `Iterative()`, which looks for negative
             eigenvalues of the preconditioned tangent by Arnoldi's method: no proof.
         scale: what `residuals` are relative to.
-        smallness: largest strain, rotation and slip; a warning is logged where they leave the
-            range of small displacements. None of `ContactProblem.of_residual`, where they may.
-        substates: (share, state) of the inner ends of the parts into which the increment was cut,
-            see `ContactProblem`: share of the way from the loads and motions before it to its own.
-            `slip` and `iterations` are of all parts. Files do not
-            include them.
+        smallness: largest strain, rotation and slip; a warning is logged when they leave the range
+            of small displacements. None for `ContactProblem.of_residual`, where they may be large.
+        substates: (share, state) at the end of each part but the last, if the increment was cut
+            into parts (see `ContactProblem`); the share runs from 0 at the loads and motions before
+            the increment to 1 at its own. This state's `slip` and `iterations` are those of all
+            parts together. Files do not include substates.
         converged: False in the `state` of an error, which is no solution: nothing can continue from
             it.
         unknowns: full vector (n,) in the trial space's numbering; `split` gives displacement and

@@ -17,11 +17,11 @@ from pw_elements.checks import arguments
 
 Points = Array
 
-# Steps of Newton's method to closest points, which ends with one below a part of the largest
-# coordinate, and of what differences for gradients leave of it
+# Newton's method for closest points: most steps, and the size of the last one over the largest
+# coordinate, with a gradient function and with differences
 _PROJECTIONS = 30
 _PROJECTED, _PROJECTED_BY_DIFFERENCES = 1e-12, 1e-8
-# Step of first differences over the largest coordinate, and that of second ones over it
+# Step of first differences over the largest coordinate; step of second ones over that of first ones
 _STEP, _COARSER = 1e-6, 100
 
 

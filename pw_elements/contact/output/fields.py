@@ -1,7 +1,9 @@
 """States as functions on the body, and as a time series of these that ParaView opens.
 
-fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fields.status ...
-write("punch.bp", states, body)
+    fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fields.status ...
+    write("punch.bp", states, body)
+
+Without the body, its trial space in place of it, there are no pressures.
 """
 
 import secrets
@@ -60,7 +62,7 @@ class SideResults:
 
     @property
     def draw(self) -> float:
-        """Largest force that draws, over the largest that presses; zero where nothing presses."""
+        """Largest tensile nodal force over the largest compressive one; 0 without compression."""
         pressed = self.pressed.max(initial=0.0)
         return float(max(0.0, -self.pressed.min(initial=0.0)) / pressed) if pressed > 0 else 0.0
 
@@ -238,16 +240,17 @@ class ContactFields:
             at nodes of a deformable surface, whose weights are linear.
         traction: vector, the tangential force of the surface on the body over the area that
             `pressure` has.
-        surfaces: of each pair, areas being of what faces a deformable one; none without the body.
-        opposite: of each pair, what it faces where that is deformable, else None; its `results`
-            has the same as arrays on every process.
+        surfaces: `SurfaceNodes` of each pair, () without body; at small sliding with the areas that
+            face a deformable surface.
+        opposite: of each pair the deformable surface that it faces, or None; its `results` of a
+            `PairState` are arrays (k, ...) at the nodes there, on every process.
         body_pressure: scalar, the pressure that is an unknown of hybrid bodies, everywhere; None
             of others. Where materials meet it is that of either side.
-        hybrid: trial space of hybrid bodies.
+        hybrid: mixed trial space of a hybrid body; None of others.
         true_pressure: scalar, as above, the thickness being that of the body; None unless the
             state is one of `ContactProblem.of_residual` and the body is given. NaN where `pressure`
             is.
-        body: that has been given.
+        body: the body, if it was given; else None.
     """
 
     displacement: fem.Function
@@ -396,16 +399,17 @@ class ContactFields:
 
     @same_everywhere
     def indicator(self) -> fem.Function:
-        """Distance of stresses from pressures on each cell, which says where to refine.
+        """Error indicator, one value per cell, which says where to refine the contact surfaces.
 
-        Stresses have larger errors than nodal forces, so that their distance on the pairs' own
-        surfaces is about the error of stresses there: on a cell's part of them
+        Stresses have larger errors than nodal forces, so that the distance of both is about the
+        error of stresses: over the part of the pairs' own surfaces in cell K,
 
             eta_K^2 = integral of (n·sigma n + p)^2,
 
-        with pressures that are linear between nodes where weights are.
-        The root of the sum of squares is the error of all, with the unit of stress times the root
-        of area. Cells with a node that has no pressure have none.
+        with the nodal pressures p interpolated by the weight functions.
+
+        The root of the sum of squares is the error of all, in stress times root of area. It is zero
+        in cells off these surfaces, and where a node has no pressure.
 
         Raises:
             ValueError: without the body, of a hybrid one, and at large strains, where the material

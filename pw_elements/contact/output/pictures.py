@@ -55,12 +55,12 @@ def plot(
     are named nominal, and `ContactFields` has the true ones.
 
     Args:
-        state: what to draw.
+        state: whose contact is drawn.
         body: whose contact it is.
-        pair: number of the pair.
+        pair: number of the pair, from 0.
         axes: to draw in; by default those of a new figure.
-        along: coordinate (0 or 1) that the line is drawn along; by default its arc length,
-            from the end with the least coordinates. Faces know no such thing.
+        along: coordinate (0 or 1) that is the abscissa of a line; by default the arc length from
+            the end with the least coordinates. Not for faces in space.
         opposite: whether to draw them on the deformable surface that the pair faces.
         unit: of tractions, for the labels, such as "MPa".
 

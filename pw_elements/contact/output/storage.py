@@ -180,9 +180,9 @@ def _with_ghosts(space: fem.FunctionSpace, own: Array) -> Array:
 def _handed_out(
     path: Path, stored: Array | None, values: Array | None, space: fem.FunctionSpace
 ) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Values of the owned nodes in a file, whose places and values one process has.
+    """Values at this process' owned nodes, from a file's places and values, which process 0 read.
 
-    That is told the row of each node of the body there, which was its number; others nothing.
+    Process 0 also gets the row of each global node in the file, its number there; others none.
     """
     comm, nearest = space.mesh.comm, np.empty(0, dtype=np.intp)
     given, parts = comm.gather(_places(space)), None

@@ -169,7 +169,7 @@ class RigidMotions:
         return [self.modes.name(motion) for motion in self.modes.simplest(free).motions]
 
     def slides(self, contact: Contact, lost: float) -> bool:
-        """Whether friction is used up, but for lost forces, so that a body may slide on and on."""
+        """Whether friction is used up, to within a force `lost`: a body may slide for ever then."""
         comm, shear, at_rest = self._system.comm, contact.force[:, 1:], contact.at_rest
         size, limit = np.linalg.norm(shear, axis=1), contact.limits[0]
         used = contact.cone.rough & (at_rest.status != OPEN) & (size > lost)

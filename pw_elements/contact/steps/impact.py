@@ -64,9 +64,9 @@ def nodal_contact(
 ) -> NodalContact:
     """The law at points (m): forces by which a step ends with no penetration, and Coulomb's slip.
 
-    `motion` (m, dim) is the points' in the step if there were no contact, `shift` the surfaces';
-    `gap` (m,) at its start, to the surfaces as they are at its end. Friction leaves components
-    alone that are `held` (m, dim) by supports.
+    `motion` (m, dim) is how the points would move in the step without contact, `shift` (m, dim) how
+    their surfaces do; `gap` (m,) is that at its start, to the surfaces as they are at its end.
+    Friction leaves components alone that are `held` (m, dim) by supports.
     """
     stiffness = mass / step**2
     reached = gap + np.sum(normal * motion, axis=1)
@@ -92,8 +92,8 @@ class Energies:
 
     Args:
         kinetic: v' M v / 2.
-        strain: u' K u / 2, of the displacements before and after: at a half step it may be
-            slightly negative.
+        strain: u' K u / 2, one u being the displacement before, the other the one after the half
+            step: it may be slightly negative.
         load_work: of the loads, since the start.
         normal_work: of normal contact forces, since the start: what impacts take, and what moving
             surfaces do.
@@ -125,7 +125,7 @@ class PairHistory:
 
     Args:
         position: (m, dim), undeformed.
-        node: (m,), global numbers in the space, of this number of processes.
+        node: (m,), global numbers in the space, valid for this number of processes.
         force: (s, m, dim), of the surface on the body at each node, at the times of
             `ImpactHistory` but the last.
         translation: (s + 1, dim), of the surface from its initial place.
@@ -147,13 +147,13 @@ class ImpactHistory:
     """Motion, contact forces and energies that `solve_impact` found.
 
     Args:
-        step: of time.
-        critical_step: the largest that is stable, without contact.
+        step: the time step.
+        critical_step: the largest stable time step, without contact.
         time: (s + 1,), from 0 on.
         energies: at the half steps before these times.
         pairs: one per contact pair.
         displacement: (n,), at the last time; coefficients with the symmetric sibling.
-        velocity: (n,), half a step before.
+        velocity: (n,), half a step before the last time.
         frames: `ContactState`s with the displacements at `frame_times` and the contact forces
             that led there, for `ContactFields` and `write`. They are not states of equilibrium:
             residuals are NaN, and no static increment can continue from them. With the sibling
@@ -212,8 +212,8 @@ def solve_impact(
         paths: of each pair's surface, the translation (dim,) from its initial place as a function
             of time; None for one that rests there; by default all rest. A single one need not be
             in a list.
-        displacement: (n,), at the start; by default the supports' own.
-        step: of time; by default 0.9 of the critical one.
+        displacement: (n,), at the start; by default what supports prescribe, zero elsewhere.
+        step: time step; by default 0.9 of the critical one.
         frames: how many `ContactState`s to keep, evenly spaced up to the last, for `write`. Where
             strains or rotations of one, or of the last state, are not small, that is logged.
         max_steps: the most that may be made.
@@ -221,8 +221,8 @@ def solve_impact(
     Raises:
         TypeError, ValueError: for arguments that do not make such a problem; an unsymmetric
             stiffness or one with negative eigenvalues, a mass that is not diagonal, positive and
-            isotropic, a step that is not stable or in which a surface moves farther than a facet
-            reaches, or too many steps.
+            isotropic, nodes inside a surface at the start, a step that is not stable or in which a
+            surface moves farther than a facet reaches, or too many steps.
         DegenerateMesh: for cells that are flat or inverted.
         FloatingPointError: if the motion is not finite.
     """

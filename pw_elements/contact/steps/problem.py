@@ -202,19 +202,19 @@ class ContactProblem:
 
     Args:
         K: stiffness (n, n), all rows and columns free; it may be unsymmetric.
-        reduction: supports (or condensation) that keep the contact nodes' displacements, or
-            prescribe some that are tangential.
+        reduction: supports (or condensation); contact nodes stay, and have no prescribed
+            displacement but tangential ones.
         pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
             `solve_contact` and do not count here.
         space: trial space of the displacements, or of the hybrid element.
         solver: of the linear systems, as in `solve`.
-        max_iterations: linear systems of one iteration.
+        max_iterations: the most linear systems solved in one attempt at an increment.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; an exception that it raises ends the computation.
-        remedies: what is tried where the iteration fails: "springs" hold the contact points on
-            the way, and let go; "cutback" halves the increment, which with friction is another
-            path (see `ContactState.substates`). Each may take three times as long as the first
-            attempt; {"springs": 3, "cutback": 10}, say, gives it more.
+        remedies: what is tried if the iteration fails: "springs" (not by `Iterative()`) hold the
+            contact points and get softer and softer; "cutback" solves the increment in parts, with
+            friction another path (see `ContactState.substates`). Each may solve three times as many
+            linear systems as the first attempt; {"springs": 3, "cutback": 10} allows more.
 
     Raises:
         TypeError, ValueError: for arguments that do not make a contact problem.
@@ -277,18 +277,18 @@ class ContactProblem:
             residual: F, as in `PetrovGalerkinProblem`, without what surfaces exert.
             u: unknown function in the trial space, which may be hybrid; steps set it.
             conditions: Dirichlet conditions; constants and functions in them may change.
-            pairs: of rigid surfaces with a `closest` point, `Plane`, `Sphere`, `SignedDistance`,
-                which may turn about a `pivot`; or in the plane and in axisymmetry of a
-                `DeformableSurface`, which is `revolved` or not. Who faces whom is found anew all
-                the time; slip is of second order. See `pw_elements.contact.interface.sliding`.
-            solver: of linear systems, as in `solve`, but by default `Direct()`, which alone serves
-                two bodies, and surfaces that are free to turn, and tells by determinants that a
-                state is unstable; `Iterative()` looks for negative eigenvalues.
-            max_iterations: linear systems of one attempt.
+            pairs: with rigid surfaces that know their `closest` points, `Plane`, `Sphere` or
+                `SignedDistance`, which may turn about a `pivot`; or, in the plane and in
+                axisymmetry, with a `DeformableSurface` whose `revolved` is given. Who faces whom is
+                found anew in each iteration; slip along curved sides is of second order.
+            solver: of linear systems, as in `solve`, but by default `Direct()`. Two bodies, and
+                surfaces that are free to turn, need it; it tells by determinants that a state is
+                unstable, `Iterative()` by negative eigenvalues.
+            max_iterations: the most linear systems solved in one attempt.
             callback: as in `ContactProblem`.
-            history: functions in the residual that belong to the state: steps start from those of
-                their state, and files hold them.
-            update: sets them, once an increment or a part of one has been solved; u has the end.
+            history: functions in the residual that belong to the state, such as plastic strains: a
+                step starts from its state's values, and files hold them.
+            update: sets these functions after each solved part of an increment; u is its solution.
 
         Raises:
             TypeError, ValueError: for arguments that do not make a contact problem.
@@ -337,12 +337,12 @@ class ContactProblem:
         """The state at the end of one increment.
 
         Args:
-            state: at its start, of this problem or one like it; slip counts from there.
-            load: load vector (n,) at its end, in all; by default nothing. With
-                a residual it is a function of the share (0, 1] of the increment, which sets what
-                changes in it: constants and functions of loads and of conditions.
-            motions: of each pair's surface from its initial place, None for one that rests
-                there; by default all rest. A single pair's need not be in a list.
+            state: at the start, of a problem with the same contact nodes; slip counts from there.
+            load: total load vector (n,) at the end; by default zero. With a residual it is a
+                function of the share (0, 1] of the increment, which sets what changes in it:
+                constants and functions of loads and of conditions.
+            motions: of each pair's surface, from its initial place to the end of the increment;
+                None for one that rests there, as by default all do. A single one needs no list.
 
         Raises:
             ValueError: for a load that is not finite, a number of motions that is not that of
@@ -355,9 +355,9 @@ class ContactProblem:
                 body is loose.
             NotFound: if no state has been found, though there may be one; `state` came nearest.
             SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
-            NotConverged: if an iterative solver fails, singular tangents among the reasons;
-                "auto" then goes on with factors if there is memory for them, and stays with them.
-                With a residual smaller parts are tried, and it is a NotFound.
+            NotConverged: if an iterative solver fails, perhaps for a singular tangent; "auto" then
+                goes on with factors if there is memory for them, and stays with them. With a
+                residual smaller parts are tried instead, and NotFound is raised in the end.
         """
         check_belongs(state, self.undeformed, "the state")
         if not state.converged:
@@ -395,7 +395,7 @@ class ContactProblem:
         loads: Sequence[Loading | None] = (),
         weights: npt.ArrayLike | None = None,
     ) -> Array:
-        """Derivatives of a history's results by what it has been computed from.
+        """Derivatives of the results of a history of states with respect to parameters.
 
             states = [problem.undeformed]
             for place in path:
@@ -404,22 +404,22 @@ class ContactProblem:
             forces_by = problem.sensitivity(states, outputs, [shear_modulus, friction])
 
         They are those of the discrete solution as long as no contact node changes its status, by
-        the tangents at the ends of all increments and of their `substates`. One per parameter is
-        carried along the history; or, if the outputs are weighted, all at once back along it.
+        the tangents at the ends of all increments and of their `substates`: in one pass forwards
+        for all parameters, or, if the outputs are weighted, in one backwards (adjoint).
 
         Args:
-            states: the first one is fixed, each of the others is the end of a step from the one
-                before.
-            outputs: of each state: a functional of u; a vector (n,) of weights of all unknowns; or
-                a component of a pair's total force, ("force", pair, axis), or translation,
-                ("translation", pair, axis).
-            parameters: a scalar `fem.Constant` of residual, conditions and functionals, the same in
-                all steps; ("friction", pair), the coefficient of Coulomb's law; or something with
-                its rates in all states, the first one included: (constant, rates), ("motion", pair,
-                rates (states, dim)) of translations, and of forces in free components, and (vector,
-                rates (states,)) of nodal loads. Between states rates change as shares do.
-            loads: as steps have had them, of a residual; none by default.
-            weights: (states - 1, outputs) of the outputs.
+            states: the first is fixed, each other one is the end of a step from the one before.
+            outputs: of each state: a functional of u (a form); a vector (n,) of weights of all
+                unknowns; or a component of a pair's total force, ("force", pair, axis), or of its
+                translation, ("translation", pair, axis).
+            parameters: each a scalar `fem.Constant` of residual, conditions or functionals, the
+                same in all steps; ("friction", pair), Coulomb's coefficient; or a quantity that
+                varies, with its derivative by the parameter in every state, the first included:
+                (constant, rates), ("motion", pair, rates (states, dim)) of translations or, where
+                these are free, forces, (vector, rates (states,)) of nodal loads. Between states
+                rates are linear in the share.
+            loads: the `load` of each step, for a residual; none by default.
+            weights: (states - 1, outputs), of each output of each state but the first.
 
         Returns:
             Derivatives (states - 1, outputs, parameters); of the weighted sum (parameters,).
@@ -528,16 +528,16 @@ def solve_contact(
     callback: Callback | None = None,
     remedies: Remedies = REMEDIES,
 ) -> list[ContactState]:
-    """Displacements and contact forces at the end of each increment.
+    """Solves contact at small displacements: a `ContactState` at the end of each increment.
 
     Args:
         K: stiffness (n, n), all rows and columns free; it may be unsymmetric.
-        loads: load vector (n,) at the end of each increment.
-        reduction: supports (or condensation) that keep the contact nodes' displacements, or
-            prescribe some that are tangential.
+        loads: total load vector (n,) at the end of each increment; a single one needs no list.
+        reduction: supports (or condensation); contact nodes stay, and have no prescribed
+            displacement but tangential ones.
         pairs: contact pairs; a node belongs to one of them.
-        space: trial space of the displacements.
-        max_iterations: linear systems of one iteration.
+        space: trial space of the displacements, or of the hybrid element.
+        max_iterations: the most linear systems solved in one attempt at an increment.
         solver: of the linear systems, as in `solve`.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; an exception that it raises ends the computation.

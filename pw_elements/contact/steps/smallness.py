@@ -27,7 +27,7 @@ _CELLS_AT_ONCE = 4_000
 
 # Cosine from which on a push counts as outwards
 _OUTWARDS = 0.1
-# Pushed beyond its far side, a body is strained by one: by less it is not looked at
+# A body pushed beyond its far side has a strain of about one; below this that is not looked for
 _CRUSHING_STRAIN = 0.5
 # Round-off of places, over the largest
 _NEAR = 1e-9

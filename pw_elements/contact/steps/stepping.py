@@ -70,9 +70,9 @@ from pw_elements.spaces import Assembled
 # Smallest part of an increment
 _SMALLEST = 1 / 16
 
-# What is tried where the iteration fails: springs at the points, and smaller increments; and what
-# either may take, over the first attempt, which counts as so many linear systems at least where
-# these are of no more unknowns
+# What is tried if the iteration fails: springs at the points, and smaller increments. Either may
+# solve MULTIPLE times as many linear systems as the first attempt, which counts as at least _USUAL
+# of them up to _FEW unknowns, and less beyond
 Remedy: TypeAlias = Literal["springs", "cutback"]
 REMEDIES: tuple[Remedy, ...] = ("springs", "cutback")
 MULTIPLE = 3.0
@@ -237,7 +237,7 @@ Callback: TypeAlias = Callable[[Progress], object]
 
 
 class Reporter:
-    """Tells of one increment: on all processes, which make it together."""
+    """Logs one increment and calls the user's callback; all processes make and use it together."""
 
     def __init__(self, comm: MPI.Comm, increment: int, callback: Callback | None) -> None:
         self._comm, self._increment, self._callback = comm, increment, callback
