@@ -203,8 +203,7 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
                 dim = _checked_dimension(gmsh.model)
                 names = _group_names(gmsh.model)
         dim, names = comm.bcast((dim, names))
-        read = model_to_mesh(gmsh.model, comm, 0, gdim=dim)
-    mesh, cell_tags, facet_tags = read[0], read[1], read[2]
+        mesh, cell_tags, facet_tags = model_to_mesh(gmsh.model, comm, 0, gdim=dim)[:3]
     if facet_tags is None:  # DOLFINx 0.10 and later, of models without groups of facets
         none = np.empty(0, dtype=np.int32)
         facet_tags = meshtags(mesh, mesh.topology.dim - 1, none, none)
@@ -349,17 +348,11 @@ def _from_abaqus(path: Path, comm: MPI.Comm) -> TaggedMesh:
     return TaggedMesh(mesh, found[0], found[1], names)
 
 
-class _Deck(NamedTuple):
-    """Cells of a file in DOLFINx' order, and tags of them and of their facets, 0 being none."""
+def _deck(path: Path) -> tuple[tuple[str, int], Array, Indices, dict[str, Indices], Names]:
+    """Cell and degree, nodes (k, dim), cells (n, nodes of each) in DOLFINx' order, tags, names.
 
-    kind: tuple[str, int]  # cell and degree
-    x: Array  # (nodes, dim)
-    cells: Indices  # (n, nodes of each)
-    tags: dict[str, Indices]  # of "cells" (n, 1), of "facets" (n, facets of each)
-    names: Names
-
-
-def _deck(path: Path) -> _Deck:
+    Tags are of "cells" (n, 1) and of "facets" (n, facets of each), 0 being none.
+    """
     model = Model(path)
     placed = {"", *model.instances.values()} if model.instances else {k[0] for k in model.nodes}
     elements = {key: element for key, element in model.elements.items() if key[0] in placed}
@@ -437,7 +430,7 @@ def _deck(path: Path) -> _Deck:
     facet_tags, of_facets = _numbered(sets["facets"], len(facets))
     tags = {"cells": cell_tags[:, None], "facets": facet_tags[which]}
     names = {"cells": of_cells, "facets": of_facets}
-    return _Deck((cell, degree), np.ascontiguousarray(x[:, :dim]), cells, tags, names)
+    return (cell, degree), np.ascontiguousarray(x[:, :dim]), cells, tags, names
 
 
 def _numbered(sets: dict[str, Indices], count: int) -> tuple[Indices, dict[str, tuple[int, ...]]]:

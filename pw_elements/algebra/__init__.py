@@ -12,11 +12,4 @@ from pw_elements.algebra.eigen import (
 from pw_elements.algebra.linear import factorise, free_pressure, reactions, solve, symmetric_part
 from pw_elements.algebra.nonlinear import PetrovGalerkinProblem, System
 from pw_elements.algebra.problem_checks import check_load, check_problem, is_finite
-from pw_elements.algebra.reduction import (
-    Reduction,
-    equilibrated,
-    masked,
-    prescribed,
-    scaled,
-    supported,
-)
+from pw_elements.algebra.reduction import Reduction, equilibrated, masked, prescribed, supported

@@ -322,11 +322,6 @@ class Reduction:
                 arguments.petsc_vector("the load", f, "the reduction", sizes)
 
 
-def scaled(reduction: Reduction, share: float) -> Reduction:
-    """The reduction with a share of the prescribed values."""
-    return reduction if share == 1 else replace(reduction, offset=share * reduction.offset)
-
-
 def masked(reduction: Reduction) -> Reduction:
     """The reduction that keeps all unknowns and sets prescribed ones to zero."""
     if reduction.supports is None:

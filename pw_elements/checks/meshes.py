@@ -49,12 +49,12 @@ class DegenerateMesh(ValueError):
     """Cells that are flat or inverted, or cells and boundaries that do not make a body."""
 
 
-def listed(points: Array, most: int = 6) -> str:
+def listed(points: Array) -> str:
     """Positions (m, dim) as words, in order of their coordinates, round-off left out."""
     points = np.round(points, 12) + 0.0
     points = points[np.lexsort(np.round(points, 9).T[::-1])]
-    words = ["(" + ", ".join(f"{c:.4g}" for c in point) + ")" for point in points[:most]]
-    more = f" and {len(points) - most} more" if len(points) > most else ""
+    words = ["(" + ", ".join(f"{c:.4g}" for c in point) + ")" for point in points[:6]]
+    more = f" and {len(points) - 6} more" if len(points) > 6 else ""
     return ", ".join(words) + more
 
 
@@ -162,11 +162,7 @@ class _Surface:
         side, self._cell = np.nonzero(cells.exterior)
         of_side = np.array(basix.topology(cells.element.cell_type)[cells.dim - 1])
         local = np.take_along_axis(cells.vertices[self._cell], of_side[side], axis=1)
-        numbers = (
-            mesh.geometry.index_map()
-            .local_to_global(local.ravel().astype(np.int32))
-            .reshape(local.shape)
-        )
+        number = mesh.geometry.index_map().local_to_global(local.ravel().astype(np.int32))
         corner = mesh.geometry.x[local, : cells.dim]
         self._turn = np.linalg.qr(_TURN[: cells.dim, : cells.dim])[0]
         self._centre = cells.middle[np.unique(self._cell)]
@@ -180,7 +176,8 @@ class _Surface:
             np.flatnonzero((high >= first).all(axis=1) & (low <= last).all(axis=1))
             for first, last in self._comm.allgather((first - slack, last + slack))
         ]
-        self.corner, self.vertex = self._exchanged(corner), self._exchanged(numbers)
+        self.corner = self._exchanged(corner)
+        self.vertex = self._exchanged(number.reshape(local.shape))
         self.area = self._exchanged(cells.area[:, side, self._cell].T)
         self._owner = self._exchanged(np.full(len(corner), self._comm.rank))
         self._middle = self.corner.mean(axis=1)

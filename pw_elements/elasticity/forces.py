@@ -27,7 +27,7 @@ from scipy.spatial import cKDTree
 from ufl.core.expr import Expr
 
 from pw_elements.algebra import is_finite
-from pw_elements.arrays import Array, Local, Mask
+from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.elasticity.body import Body, Scalar, boundary_measure
 from pw_elements.spaces import (
@@ -43,8 +43,6 @@ from pw_elements.spaces import (
     scalar_space,
     some_nodes_of,
 )
-
-Indices = npt.NDArray[np.intp]
 
 # Shares of a mid-side node's Galerkin force that stay with it and go to either vertex
 _STAYS = 3 / 4
@@ -178,7 +176,7 @@ class SurfaceNodes:
     tributary_area: Array
     edges: Indices
     rim: Mask
-    node: npt.NDArray[np.int64]
+    node: Indices
     facets: Indices
 
     @classmethod
@@ -374,7 +372,7 @@ def facets_in_cells(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Loc
     return cells, closure[local]
 
 
-def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> Local:
+def facets_between(space: fem.FunctionSpace, nodes: Indices) -> Local:
     """Local numbers of exterior facets of owned cells with all nodes among global ones (m,)."""
     index_map, topology = space.dofmap.index_map, space.mesh.topology
     local = index_map.global_to_local(nodes)
@@ -385,9 +383,7 @@ def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> Lo
     return np.asarray(facets[among[facet_nodes(space, facets)].all(axis=1)])
 
 
-def _areas(
-    spaces: Spaces, where: Part, depth: Scalar
-) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+def _areas(spaces: Spaces, where: Part, depth: Scalar) -> tuple[Array, Array, Indices]:
     """Positions (m, dim), integrals (m,) of test functions, and numbers of a surface's nodes."""
     space, mesh = spaces.trial, spaces.mesh
     weights = depth * ufl.TestFunction(spaces.test) * boundary_measure(mesh, where)
@@ -400,7 +396,7 @@ def _areas(
 
 def _in_order(
     space: fem.FunctionSpace, nodes: Local, values: Array
-) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+) -> tuple[Array, Array, Indices]:
     """Positions (m, 3) of all processes' nodes, owners' values there, and global numbers."""
     index_map = space.dofmap.index_map
     nodes = nodes[nodes < index_map.size_local]
@@ -411,7 +407,7 @@ def _in_order(
     return position[order], rest[0][order], rest[1][order]
 
 
-def _facets(space: fem.FunctionSpace, where: Part, node: npt.NDArray[np.int64]) -> Indices:
+def _facets(space: fem.FunctionSpace, where: Part, node: Indices) -> Indices:
     """Facets (f, k) of all processes as places of their nodes among `node` (m,)."""
     facets = facet_nodes(space, exterior_facets(space.mesh, where))
     numbers = space.dofmap.index_map.local_to_global(facets.ravel()).reshape(facets.shape)

@@ -441,13 +441,11 @@ class _Foreign:
         ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ATOL)
 
 
-def solve_by(
-    ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec, options: Options | None = None
-) -> None:
+def solve_by(ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec, options: Options) -> None:
     """Solves by a method, PETSc's or another's, whose own errors are raised."""
-    with said_clearly(options or {}):
+    with said_clearly(options):
         ksp.solve(right, solution)
-    refuse_unused(ksp, options or {})
+    refuse_unused(ksp, options)
     if ksp.getType() == "python" and (failed := ksp.getPythonContext().failed):
         raise failed
 

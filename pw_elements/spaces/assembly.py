@@ -166,7 +166,8 @@ def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
                 f"the form has several measures of {kind.replace('_', ' ')}s, of which DOLFINx "
                 "takes one: assemble a form of each and add the results"
             )
-    ruled = with_cell_rules(without_states(form))
+    plain = _with(form, lambda part: {k: v for k, v in part.metadata().items() if k != STATE})
+    ruled = with_cell_rules(plain)
     try:
         with doing(mesh.comm, "compiling a form"):
             return fem.form(ruled)
@@ -193,10 +194,6 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
 def with_cell_rules(form: ufl.Form) -> ufl.Form:
     """The form, with points on sub-cells in integrals over tetrahedra whose functions need them."""
     return _with(form, _ruled)
-
-
-def without_states(form: ufl.Form) -> ufl.Form:
-    return _with(form, lambda part: {k: v for k, v in part.metadata().items() if k != STATE})
 
 
 def with_degrees(form: ufl.Form) -> ufl.Form:

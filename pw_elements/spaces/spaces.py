@@ -4,7 +4,7 @@ Displacements are u = N a, Eq. (3), virtual displacements v = W c, Eq. (7).
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -19,14 +19,6 @@ from dolfinx.mesh import Mesh, MeshTags
 from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.spaces.elements import macro_element, quadratic_element
 from pw_elements.spaces.hybrid import SubSpace, is_hybrid, is_split, mixed_element
-
-
-class HasUnknowns(Protocol):
-    """A state, such as `ContactState`."""
-
-    @property
-    def unknowns(self) -> PETSc.Vec:
-        """Vector (n,) of all unknowns."""
 
 
 class NumberingError(RuntimeError):
@@ -201,7 +193,8 @@ def as_function(
 
 @same_everywhere
 def split(
-    space: fem.FunctionSpace, values: PETSc.Vec | HasUnknowns
+    space: fem.FunctionSpace,
+    values: PETSc.Vec | Any,  # noqa: ANN401
 ) -> tuple[fem.Function, fem.Function]:
     """Displacement and pressure, as functions, from a vector or a state of a hybrid body.
 

@@ -16,6 +16,7 @@ from pw_elements.contact.interface.mortar import (
 )
 from pw_elements.contact.interface.operators import (
     DEFORMABLE,
+    OUTWARDS,
     RIGID,
     ROUND_OFF,
     Interface,

@@ -41,7 +41,7 @@ _TANGENTIAL = 1e-8
 # Largest difference of a normal's length from one
 _UNIT = 1e-6
 # Cosine from which on a push counts as outwards
-_OUTWARDS = 0.1
+OUTWARDS = 0.1
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class Interface:
 
     def _check_sides(self) -> None:
         pushed = np.sum(self.normals(None) * self._outward, axis=1)
-        wrong = pushed > _OUTWARDS * np.linalg.norm(self._outward, axis=1)
+        wrong = pushed > OUTWARDS * np.linalg.norm(self._outward, axis=1)
         known = np.any(self._outward != 0, axis=1) & np.isfinite(self.gaps(None))
         for k in range(self.pairs):
             right = self.gathered(~wrong[known & (self.pair == k)])

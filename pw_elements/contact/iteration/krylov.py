@@ -571,15 +571,13 @@ class KrylovTangent:
         points, stated = self._points, self._points.own >= 0
         wrong = np.where(stated, known.array_r[points.own] - self._context.of_motion(x), 0.0)
         step = np.einsum("nab,nb->na", fixed, wrong) / points.scale[:, None]
-        local = x.array
-        local[points.own[stated]] += step[stated]
+        x.array[points.own[stated]] += step[stated]
 
     def _sum(self, K: PETSc.Mat, supports: Supports, translation: int) -> Array:
         points = self._points
         ones, row = K.createVecs()
         some = (points.moved == translation) & (points.own >= 0)
-        local = ones.array
-        local[points.own[some]] = points.flexible[some]
+        ones.array[points.own[some]] = points.flexible[some]
         K.multTranspose(ones, row)
         return np.asarray(row.array_r * supports.free)
 

@@ -10,7 +10,6 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.algebra import Reduction, scaled
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import (
@@ -117,7 +116,10 @@ class LinearEquilibrium:
         cls, system: ContactSystem, K: PETSc.Mat, load: PETSc.Vec, stated: float = 1.0
     ) -> "LinearEquilibrium":
         """With a free stiffness (n, n), a load (n,), and a share of what supports prescribe."""
-        reduction: Reduction = scaled(system.reduction, stated).under(K, load)
+        reduction = system.reduction
+        if stated != 1:
+            reduction = replace(reduction, offset=stated * reduction.offset)
+        reduction = reduction.under(K, load)
         reduced = reduction.load(K, load)
         largest = K.norm(PETSc.NormType.INFINITY)
         return cls(system.stiffness, reduced, reduction.right, reduction.offset, largest)

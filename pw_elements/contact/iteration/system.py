@@ -105,9 +105,7 @@ def local_rows(matrix: PETSc.Mat, more: int) -> sp.csr_matrix:
     return rows
 
 
-def with_points(
-    rows: sp.csr_matrix, points: PointRows, border: sp.csr_matrix
-) -> tuple[npt.NDArray, npt.NDArray, Array]:
+def with_points(rows: sp.csr_matrix, points: PointRows, border: sp.csr_matrix) -> _Csr:
     """CSR of this process' `rows`, those of the points being replaced by zeros, a border below."""
     replaced = np.zeros(rows.shape[0], dtype=bool)
     replaced[points.row] = True
@@ -237,8 +235,7 @@ class ContactSystem:
         self.levers = levers or Levers.straight(*interface.position.shape)
         self.comm: MPI.Comm = interface.comm
         self.solved = 0
-        matrix_free = is_matrix_free(solver)
-        self.stiffness = supported(reduction, K) if matrix_free else reduction.matrix(K)
+        self.stiffness = supported(reduction, K) if is_matrix_free(solver) else reduction.matrix(K)
         self._magnitudes = interface.motion.copy()
         rows = interface.motion.getValuesCSR()
         self._magnitudes.setValuesCSR(*rows[:2], np.abs(rows[2]))

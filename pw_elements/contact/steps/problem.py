@@ -146,7 +146,10 @@ def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
     )
     if not alike:
         raise ValueError(f"{what} belongs to other contact nodes than this problem's")
-    _check_finite(state, what)
+    for pair in state.pairs:
+        names = ("force_normal", "force_tangential", "displacement", "translation", "rotation")
+        if not all(np.isfinite(getattr(pair, name)).all() for name in names):
+            raise ValueError(f"{what} has forces or displacements that are not finite")
 
 
 def _each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
@@ -168,13 +171,6 @@ def _of_pairs(what: str, given: Any, pairs: int) -> list:  # noqa: ANN401
 def _check_function(name: str, given: object, remedy: str) -> None:
     if not (given is None or arguments.is_function(given)):
         raise TypeError(f"{name} is {arguments.described(given)}: {remedy}")
-
-
-def _check_finite(state: ContactState, what: str) -> None:
-    for pair in state.pairs:
-        names = ("force_normal", "force_tangential", "displacement", "translation", "rotation")
-        if not all(np.isfinite(getattr(pair, name)).all() for name in names):
-            raise ValueError(f"{what} has forces or displacements that are not finite")
 
 
 def _check_motions(

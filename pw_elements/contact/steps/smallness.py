@@ -16,7 +16,7 @@ from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective, listed
-from pw_elements.contact.interface import RIGID, Interface, flat_facets
+from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, flat_facets
 from pw_elements.contact.iteration import OPEN, Increment, Iterate, Reference
 from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
 from pw_elements.progress import told
@@ -25,8 +25,6 @@ from pw_elements.spaces import as_function
 # Cells at a time
 _CELLS_AT_ONCE = 4_000
 
-# Cosine from which on a push counts as outwards
-_OUTWARDS = 0.1
 # A body pushed beyond its far side has a strain of about one; below this that is not looked for
 _CRUSHING_STRAIN = 0.5
 # Round-off of places, over the largest
@@ -125,7 +123,7 @@ class SmallnessCheck:
         cosine = self._cosines(contact.frame[:, 0])
         for k in np.flatnonzero(self._rigid):
             mine = closed & (interface.pair == k)
-            self._refuse(k, mine & (cosine > _OUTWARDS), "pushes the body outwards at")
+            self._refuse(k, mine & (cosine > OUTWARDS), "pushes the body outwards at")
             if strain > _CRUSHING_STRAIN:
                 through = mine & self._through(now)
                 self._refuse(k, through, "is through the whole thickness of the body at")
@@ -178,7 +176,7 @@ class SmallnessCheck:
                 gap, normal = surface.gap(place), surface.normal(place)
                 depth = -(gap + np.sum(normal * before, axis=1))
                 pushed[mine] = normal
-                outwards = self._cosines(pushed)[mine] > _OUTWARDS
+                outwards = self._cosines(pushed)[mine] > OUTWARDS
                 wrong[mine] |= outwards & (depth > _SWALLOWED * size)
                 if share.min() >= 1:
                     break

@@ -310,7 +310,7 @@ class Stepping:
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not iterative}
         self._first = 0  # linear systems of an increment's first attempt
         self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K))
-        self._whole, self.space = space, self.interface.field.space
+        self.space = self.interface.field.space
         self._watch = SmallnessCheck(self.interface, self.space)
         self._system: tuple[ContactSystem, RigidMotions] | None = None
         self._soft: ContactSystem | None = None  # with springs
