@@ -1,4 +1,4 @@
-"""The longer series of sections V10, V12 to V15, Q and W: finer meshes, more time.
+"""The longer series of sections V10 to V17, Q and W: finer meshes, more time.
 
     ./run python3 -m study.verification.longer             computes all, some 10 minutes; the record
     ./run python3 -m study.verification.longer V13/cube-pw-16    only these
@@ -20,11 +20,21 @@ from study.core.provenance import versions
 from study.core.store import Results, save, write_json
 from study.engineering import w_engineering
 from study.rivals import q_compare, q_friction
-from study.verification import v10_space, v12_impact, v13_fluxes, v14_rubber, v15_rubber
+from study.verification import (
+    v10_space,
+    v11_two_bodies,
+    v12_impact,
+    v13_fluxes,
+    v14_rubber,
+    v15_rubber,
+    v16_sliding,
+    v17_bodies,
+)
 from study.verification.recorded import RECORD, recorded, rows
 
-SERIES = (v10_space, v12_impact, v13_fluxes, v14_rubber, v15_rubber)
-MODULES = (*SERIES, q_compare, q_friction, w_engineering)
+VERIFICATION = (v10_space, v11_two_bodies, v12_impact, v13_fluxes)
+RUBBER = (v14_rubber, v15_rubber, v16_sliding, v17_bodies)
+MODULES = (*VERIFICATION, *RUBBER, q_compare, q_friction, w_engineering)
 CASES: dict[str, Case] = {case.key: case for module in MODULES for case in module.LONGER}
 
 

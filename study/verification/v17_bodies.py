@@ -44,6 +44,7 @@ from study.peers.die import (
 )
 from study.units import dimensionless
 from study.verification.graded_meshes import joined
+from study.verification.recorded import longer
 from study.verification.sliding_quadratic import DualQuadraticProblem
 from study.verification.v16_rubber import Rubber
 
@@ -496,13 +497,17 @@ def _result(scalars: dict[str, float], curves: dict[str, Array], dofs: int) -> R
     return Result(numbers, dimensionless(numbers), curves, dofs=dofs)
 
 
-CASES = [
-    Case(
-        "V17", f"die-{element}-{name}", die, {"element": element, "own": own, "opposite": opposite}
+def _die_case(element: str, name: str, opposite: int) -> Case:
+    return Case(
+        "V17", f"die-{element}-{name}", die, {"element": element, "own": 12, "opposite": opposite}
     )
-    for element in ("pw-T6", "galerkin-T6")
-    for name, own, opposite in (("equal", 12, 12), ("finer", 12, 18), ("coarser", 12, 6))
-]
+
+
+CASES = [_die_case("pw-T6", *of) for of in (("equal", 12), ("finer", 18), ("coarser", 6))]
+CASES.append(_die_case("galerkin-T6", "equal", 12))
+LONGER = [_die_case("galerkin-T6", *of) for of in (("finer", 18), ("coarser", 6))]
+"""Computed by `longer`."""
+CASES += longer("V17")
 CASES += [
     Case("V17", f"turned-pw-T6-{degrees}", turned, {"element": "pw-T6", "degrees": degrees})
     for degrees in (90, 170)
