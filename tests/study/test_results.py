@@ -48,7 +48,7 @@ V9: pw-lumped
 V10: patch-pw-H27 tilted-sibling-T10 sphere-pw-T10-5 punch-galerkin-T10-2
 V10: mindlin-pw-T10-8
 V11: patch-3d-pw-dual overhang-2d-p2-dual hertz-2d-pw-dual-16 cattaneo-pw-dual-8 unequal-pw-dual-16
-V11: r0094-pw-dual patch-3d-calculix-mortar
+V11: r0094-pw-dual patch-3d-calculix-mortar spheres-pw-dual-5-ratio1.37
 V12: bar-2d-sibling-16 frequency-square-hrz step-cube-sibling bar-3d-sibling-14
 V13: square-pw-32 cube-transferred-4 graded-pw-16 sourced-standard-16 sourced-trefftz-6
 V13: cube-pw-24
@@ -59,8 +59,8 @@ V15: hertz-pw-hybrid-T6-32 identity-pw-hybrid-T6 infsup-pw-hybrid-T10-2 layers-p
 V15: presses-pw-hybrid-T6-32
 V15: enclosed-pw-hybrid-H27-0.4999-4 cube-pw-hybrid-H27-0.4999-12
 V16: shear-pw-T10 steps-pw-T6-1-1 compression-pw-T6
-V16: calculix-pw-T6-cylinder-8-0.0
-V17: turned-pw-T6-90 fit-pw-hybrid-T6
+V16: calculix-pw-T6-cylinder-8-0.0 cylinder-pw-T6-16-68
+V17: turned-pw-T6-90 fit-pw-hybrid-T6 die-galerkin-T6-finer
 Q: pw-T6-4-0.375 calculix-4-0.375 seconds-pw-T6-16
 W: wear-pw-T6-4-own friction-pw-T6-4-own conductance-pw-T6-4-own impact-sibling-T6-4-none
 W: submodel-pw-T6-4-own wear-pw-T10-8-own
