@@ -42,7 +42,8 @@ def draw(results: Results) -> Figure:
             ax.plot(dofs, each, color=colour, marker=marker, label=label)
         ax.set(xscale="log", yscale="log", xlabel="unknowns", ylabel=words)
         plain_ticks(ax)
-    axes[0].legend(fontsize=7)
+    handles, labels = axes[0].get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=7)
     return fig
 
 
