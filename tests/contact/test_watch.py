@@ -186,6 +186,13 @@ def test_surfaces_may_go_where_they_like_outside(name):
     assert all(state.residuals.largest() < 1e-10 for state in states)
 
 
+def test_a_plate_from_below_may_come_as_near_to_the_far_side_as_one_from_above():
+    options = {"supports": BLOCK.clamped(at(1, 2.0)), "level": 0.0}
+    assert driven(Plane((0, 0), (0, 1)), (0, 1.999998), **options)
+    with pytest.raises(SurfacePassed, match="whole thickness"):
+        driven(Plane((0, 0), (0, 1)), (0, 2.000002), **options)
+
+
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
 def test_thickness_in_space(cell):
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (2, 2, 1)], (4, 4, 2), cell)
