@@ -1,6 +1,6 @@
-"""The longer series of sections V10 to V17, Q and W: finer meshes, more time.
+"""The longer series of sections V10 to V17, Q and W: finer meshes, more elements and rivals.
 
-    ./run python3 -m study.verification.longer             computes all, some 10 minutes; the record
+    ./run python3 -m study.verification.longer             computes all, half an hour; the record
     ./run python3 -m study.verification.longer V13/cube-pw-16    only these
     ./run python3 -m study.verification.longer --check     all again, against the record
 
