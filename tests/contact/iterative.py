@@ -38,7 +38,7 @@ class Solid(Elastic):
         return self.load((0.0, 0.0, -100.0), at(2, 1.0)) + self.load((20.0, 10.0, 0.0), at(0, 0.0))
 
 
-def nearly_sliding(solid, push=0.57):
+def nearly_sliding(solid, push=0.588):
     """K, loads, supports and pairs of a block that is pressed on a floor, pushed, pushed by less.
 
     The last nodes that stick let a singular tangent come near, on which GMRES gives up. The push

@@ -41,8 +41,10 @@ from pw_elements.spaces import SubSpace
 # Sticking nodes of a piece that hold it well enough
 _ENOUGH = 6
 
-# Residual on the way, over the one before
-_FORCING = 0.02
+# Residual on the way, over the one before: of a tangent that stays, for which less would save no
+# step of Newton's; and of one that is renewed, where rougher steps lead to other branches
+_FORCING = 0.1
+_FORCING_RENEWED = 0.02
 # The least of `Sprung.shares` is about one over this for equally stiff bodies; smaller if one is
 # softer: its forces then say less of the gaps, and the residual has to be smaller
 _SOFTER = 5.0
@@ -455,13 +457,14 @@ class KrylovTangent:
 
     def _in_forces(self, law: LinearisedLaw, right: Array) -> tuple[LinearisedLaw, float]:
         """The law, whose gaps are read as forces of springs if there are any; and the forcing."""
+        forcing = _FORCING_RENEWED if self._renewed else _FORCING
         if self._sprung is None:
-            return law, _FORCING
+            return law, forcing
         share, stated = self._sprung.shares(law), self._points.own >= 0
         right[self._points.own[stated]] *= share[stated]
         E, C, D = (share[:, :, None] * each for each in (law.E, law.C, law.D))
         least = self._comm.allreduce(share.min(initial=1.0), MPI.MIN)
-        return replace(law, E=E, C=C, D=D, c=share * law.c), _FORCING * min(1.0, _SOFTER * least)
+        return replace(law, E=E, C=C, D=D, c=share * law.c), forcing * min(1.0, _SOFTER * least)
 
     def _make_ready(self, law: LinearisedLaw) -> Array:
         """Makes the preconditioner for a law; projectors (m, dim, dim) onto what it fixes."""
