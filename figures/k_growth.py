@@ -3,28 +3,22 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.k_cost import series
 from figures.style import FULL, plain_ticks
 from study.core.store import Results
 
 SECTION = "K"
-# Task and element, by what they are called; markers and colours are those of no element
+# Task, element and sizes, by what they are called; markers and colours are those of no element
 KINDS = {
-    "rigid surface": ("contact", "pw-T10", "#0072B2", "o"),
-    "two bodies": ("bodies", "pw-T10", "#D55E00", "s"),
-    "with a pressure, ν = 1/2": ("contact", "pw-hybrid-T10", "#009E73", "^"),
-    "loose pieces": ("pieces", "pw-T10", "#444444", "D"),
+    "rigid surface": ("contact-pw-T10", (8, 11, 16, 27), "#0072B2", "o"),
+    "two bodies": ("bodies-pw-T10", (7, 10, 14, 20), "#D55E00", "s"),
+    "with a pressure, ν = 1/2": ("contact-pw-hybrid-T10", (8, 11, 16, 22), "#009E73", "^"),
+    "loose pieces": ("pieces-pw-T10", (10, 25, 50, 100), "#444444", "D"),
 }
-NEEDS = [
-    f"K/{task}-{element}-{size}-Iterative"
-    for task, element, sizes in (
-        ("contact", "pw-T10", (8, 11, 16, 27)),
-        ("bodies", "pw-T10", (7, 10, 14, 20)),
-        ("contact", "pw-hybrid-T10", (8, 11, 16, 22)),
-        ("pieces", "pw-T10", (10, 25, 50, 100)),
-    )
-    for size in sizes
-]
+KEYS = {
+    label: [f"K/{task}-{size}-Iterative" for size in sizes]
+    for label, (task, sizes, *_) in KINDS.items()
+}
+NEEDS = [key for keys in KEYS.values() for key in keys]
 
 
 def draw(results: Results) -> Figure:
@@ -35,8 +29,8 @@ def draw(results: Results) -> Figure:
         ("megabytes", 1e3, "memory per unknown / kB"),
     )
     for ax, (name, unit, words) in zip(axes, panels, strict=True):
-        for label, (task, element, colour, marker) in KINDS.items():
-            rows = series(results, task, element, "Iterative")
+        for label, (*_, colour, marker) in KINDS.items():
+            rows = [results[key].scalars for key in KEYS[label]]
             dofs = [row["dofs"] for row in rows]
             each = [unit * row[name] / row["dofs"] for row in rows]
             ax.plot(dofs, each, color=colour, marker=marker, label=label)
