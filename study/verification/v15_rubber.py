@@ -260,10 +260,6 @@ def _on_levels(
     ]
 
 
-def _layers(elements: Sequence[str]) -> list[Case]:
-    return [Case("V15", f"layers-{element}", layers, {"element": element}) for element in elements]
-
-
 CASES = [
     *_known(square, (*ONE_FIELD, *HYBRID, *HYBRID_Q9), (8, 16, 32)),
     *_known(cube, (*T10, *HYBRID_T10), (3, 6)),
@@ -271,7 +267,10 @@ CASES = [
     Case("V15", "identity-pw-hybrid-T6", identity, {"element": "pw-hybrid-T6"}),
     *_on_levels(infsup, (*HYBRID, *HYBRID_Q9), (4, 8, 16, 32)),
     *_on_levels(infsup, HYBRID_T10, (2, 4, 6)),
-    *_layers((*HYBRID, *HYBRID_Q9, *HYBRID_T10)),
+    *(
+        Case("V15", f"layers-{element}", layers, {"element": element})
+        for element in (*HYBRID, *HYBRID_Q9, *HYBRID_T10, *HYBRID_H27)
+    ),
     *_on_levels(cook, (*ONE_FIELD, *HYBRID), (4, 8, 16, 32)),
     *_on_levels(hertz, (*ONE_FIELD, *HYBRID), (8, 16, 32)),
     *_on_levels(presses, ONE_FIELD, (8, 16, 32)),
@@ -287,7 +286,6 @@ LONGER = [
     *_known(cube, HYBRID_H27, (2, 4)),
     *_known(cube, HYBRID_H27, (8, 12, 16), (0.4999,)),
     *_on_levels(infsup, HYBRID_H27, (2, 4, 6)),
-    *_layers(HYBRID_H27),
 ]
 """Computed by `longer`."""
 CASES += longer("V15")
