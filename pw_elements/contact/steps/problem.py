@@ -453,10 +453,10 @@ class ContactProblem:
         derivatives = Derivatives(*made, parts, out, by)
         if weights is None:
             return derivatives.direct()
-        weights = np.asarray(weights, dtype=float)
-        if weights.shape != (steps, len(out)):
-            raise ValueError(f"weights of the shape {weights.shape}, outputs of {steps, len(out)}")
-        return derivatives.adjoint(weights)
+        given, shape = np.asarray(weights), (steps, len(out))
+        if given.dtype.kind not in "iuf" or given.shape != shape:
+            raise ValueError(f"weights of the shape {given.shape}: {shape} numbers are needed")
+        return derivatives.adjoint(given.astype(float))
 
     @same_everywhere
     def release(self) -> None:
