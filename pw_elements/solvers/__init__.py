@@ -23,7 +23,6 @@ from pw_elements.solvers.iterative import (
     with_levels,
 )
 from pw_elements.solvers.matrices import (
-    FEW_MODES,
     Masked,
     Projection,
     Supports,

@@ -24,7 +24,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
-from pw_elements.arrays import Array, Indices
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import arguments, collective, pieces_of, same_everywhere, sizes_of
 from pw_elements.progress import told
 from pw_elements.solvers.direct import (
@@ -83,6 +83,8 @@ _GMRES: Options = {"ksp_converged_maxits": True, "ksp_gmres_cgs_refinement_type"
 # The true residual over what the method takes it for
 _DRIFT = 10
 _EPSILON = float(np.finfo(float).eps)
+# Force of one piece on another over the stiffness that is more than round-off
+_COUPLED = 1e-11
 # Stiffness of a rigid motion over that of an arbitrary one: as good as none below
 _FREE_STIFFNESS = 1e-8
 
@@ -319,6 +321,7 @@ class Krylov:
         self._matrix, self._foreign, self.tolerance = matrix, foreign, how.tolerance
         self.options, self.foreign = how.options, foreign is not None
         self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
+        self._stiffness = -1, 0.0  # its norm, at a state of the matrix
         saddle = SaddlePoint(matrix, supports) if is_hybrid(supports.space) else None
         self.saddle, self.elastic = saddle, saddle.elastic if saddle else (matrix, supports)
         self.levels = saddle.levels if saddle else Multigrid(matrix, supports)
@@ -391,8 +394,10 @@ class Krylov:
 
     def round_off(self, size: float) -> float:
         """Residual that may be nothing but round-off, of a solution with the norm `size`."""
-        stiffness = self.elastic[0].norm(PETSc.NormType.INFINITY)
-        return float(_DRIFT * _EPSILON * stiffness * size)
+        matrix = self.elastic[0]
+        if self._stiffness[0] != matrix.stateGet():
+            self._stiffness = matrix.stateGet(), matrix.norm(PETSc.NormType.INFINITY)
+        return float(_DRIFT * _EPSILON * self._stiffness[1] * size)
 
     def not_converged(self, left: float) -> NotConverged:
         dofs = self._matrix.getSize()[0]
@@ -517,19 +522,61 @@ class Pieces:
         shape = n * block, len(self.centre) * k + others
         return sp.csr_array((values[known], mode[known], pointers), shape)
 
+    def held(
+        self,
+        K: PETSc.Mat,
+        free: Mask,
+        at: Indices | None = None,
+        transposed: bool = False,
+        others: int = 0,
+    ) -> sp.csr_array:
+        """Motions (owned dofs, modes and others) where they are prescribed, and forces elsewhere.
+
+        Forces K m or K^T m count over the largest stiffness. `at` (owned dofs,) are rows of K, if
+        it has more unknowns than these displacements. `free` (owned dofs,).
+        """
+        where = np.arange(len(free)) if at is None else at
+        product = K.multTranspose if transposed else K.mult
+        free, diagonal = free.reshape(self.motion.shape[:2]), K.getDiagonal()
+        largest = np.abs(diagonal.array_r[where]).max(initial=0.0)
+        size = self.comm.allreduce(largest, MPI.MAX)
+        moved, image = K.createVecs()
+
+        def forces(of: Array) -> Array:
+            moved.array[where] = np.where(free, of, 0.0).ravel()
+            product(moved, image)
+            return image.array_r[where].reshape(free.shape)
+
+        def rows(motion: Array) -> Array:
+            each = [np.where(free, forces(of) / size, of) for of in np.moveaxis(motion, 2, 0)]
+            return np.stack(each, axis=2)
+
+        if not self._coupled(forces, size):
+            return self.matrix(rows(self.motion), others)
+        number = self.number[: len(self.motion), None, None]
+        alone = [
+            sp.csr_array(rows(np.where(number == k, self.motion, 0.0)).reshape(len(where), -1))
+            for k in range(len(self.centre))
+        ]
+        return sp.csr_array(sp.hstack([*alone, sp.csr_array((len(where), others))]))
+
+    def _coupled(self, forces: Callable[[Array], Array], size: float) -> bool:
+        """Whether pieces act on each other, by springs, say: they cannot be moved all at once."""
+        if len(self.centre) == 1:
+            return False
+        arbitrary = 1.0 + np.cos(np.arange(self.motion[:, :, 0].size)).reshape(
+            -1, self.motion.shape[1]
+        )
+        weight = 1.0 + np.cos(self.number[: len(self.motion), None])
+        apart = np.abs(forces(weight * arbitrary) - weight * forces(arbitrary)).max(initial=0.0)
+        return bool(self.comm.allreduce(apart, MPI.MAX) > _COUPLED * size)
+
 
 def free_motion(K: PETSc.Mat, supports: Supports) -> bool:
     """Whether a rigid motion of a connected piece meets neither supports nor stiffness."""
     pieces = Pieces.of(supports.space)
-    modes, size = pieces.motion, K.getDiagonal().norm(PETSc.NormType.INFINITY)
-    free = supports.free.reshape(modes.shape[:2])
-    rows = np.where(free[:, :, None], 0.0, modes)
-    motion, image = K.createVecs()
-    for k in range(modes.shape[2]):  # of all pieces at once, which K does not couple
-        motion.setArray(np.where(free, modes[:, :, k], 0.0).ravel())
-        K.mult(motion, image)
-        rows[free, k] = image.array_r.reshape(free.shape)[free] / size
-    return len(null_space(triangle(pieces.matrix(rows), pieces.comm), _FREE_STIFFNESS)) > 0
+    held = triangle(pieces.held(K, supports.free), pieces.comm)
+    return len(null_space(held, _FREE_STIFFNESS)) > 0
 
 
 def memory_of_factors(dofs: int) -> float:

@@ -29,7 +29,7 @@ _MOST_PARTS = 32
 # Rows that are factorised as dense ones at once, to save memory
 _DENSE_AT_ONCE = 20_000
 # Up to so many modes are handled as one dense block: sparse algebra would take longer
-FEW_MODES = 60
+_FEW_MODES = 60
 # Displacements and forces in a mode of unit size that are none
 _ROUND_OFF = 1e-13
 
@@ -38,46 +38,45 @@ def is_blocked(matrix: PETSc.Mat) -> bool:
     return "baij" in matrix.getType()
 
 
-def galerkin_product(K: PETSc.Mat, P: PETSc.Mat, W: PETSc.Mat | None = None) -> PETSc.Mat:
-    """P^T K P, or W^T K P; PETSc has none of matrices in blocks: parts of them are converted."""
-    if not is_blocked(K):
-        if W is not None:
-            half = K.matMult(P)
-            product = W.transposeMatMult(half)
-            destroy(half)
-            return product
+def galerkin_product(K: PETSc.Mat, P: PETSc.Mat, rows: Indices | None = None) -> PETSc.Mat:
+    """P^T K P; P may have rows for some of K's alone, whose global numbers (k,) on it are `rows`.
+
+    PETSc has no product of matrices in blocks: parts of them are converted.
+    """
+    if not is_blocked(K) and rows is None:
         product = K.ptap(P)
         made = product.copy()
         product.destroy()  # which keeps what it was made by
         return made
-    W = P if W is None else W
-    comm, first, rows = K.comm, K.getOwnershipRange()[0], K.getLocalSize()[0]
-    most = comm.tompi4py().allreduce(rows, MPI.MAX)
+    comm, own = K.comm, np.arange(*P.getOwnershipRange())
+    numbers = own if rows is None else rows
+    most = comm.tompi4py().allreduce(len(own), MPI.MAX)
     at_once = _ROWS_AT_ONCE * max(1, -(-most // (_ROWS_AT_ONCE * _MOST_PARTS)))
-    sets = [
-        PETSc.IS().createStride(last - start, start, 1, comm=comm)
-        for start, last in (each.getOwnershipRangeColumn() for each in (K, W))
-    ]
+    chosen, columns = (
+        index_set(numbers, comm),
+        index_set(np.arange(*P.getOwnershipRangeColumn()), comm),
+    )
     total = None
     for begin in range(0, most, at_once):
-        start, last = min(begin, rows), min(begin + at_once, rows)
-        mine = PETSc.IS().createStride(last - start, first + start, 1, comm=comm)
-        K_part, W_part = (
-            matrix.createSubMatrix(mine, columns)
-            for matrix, columns in zip((K, W), sets, strict=True)
-        )
+        part = slice(begin, begin + at_once)
+        of_K, of_P = index_set(numbers[part], comm), index_set(own[part], comm)
+        K_part, P_part = K.createSubMatrix(of_K, chosen), P.createSubMatrix(of_P, columns)
         plain = K_part.convert("aij", PETSc.Mat())
         destroy(K_part)
         half = plain.matMult(P)
-        some = W_part.transposeMatMult(half)
+        some = P_part.transposeMatMult(half)
         if total is None:
             total = some.copy()
             destroy(some)
         else:
             add(total, 1.0, some)
-        destroy(plain, half, W_part, mine)
-    destroy(*sets)
+        destroy(plain, half, P_part, of_K, of_P)
+    destroy(chosen, columns)
     return total
+
+
+def index_set(numbers: Indices, comm: PETSc.Comm) -> PETSc.IS:
+    return PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=comm)
 
 
 def add(
@@ -147,7 +146,7 @@ def triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Array
 
     It is a dense one where modes are few. A Gram matrix would lose what is small.
     """
-    if isinstance(rows, np.ndarray) or rows.shape[1] <= FEW_MODES:
+    if isinstance(rows, np.ndarray) or rows.shape[1] <= _FEW_MODES:
         return _dense_triangle(rows, comm)
     rows.data[np.abs(rows.data) < _ROUND_OFF] = 0.0
     rows.eliminate_zeros()
@@ -181,7 +180,7 @@ def null_space(rows: sp.csr_array | Array, tolerance: float) -> Array:
     """Orthonormal motions (k, modes) that rows of unit size take to nothing."""
     n = rows.shape[1]
     found = [np.zeros((0, n))]
-    few = n <= FEW_MODES
+    few = n <= _FEW_MODES
     for modes in [np.arange(n)] if few else together(abs(rows).T @ abs(rows)):
         own = _dense(rows if few else rows[:, modes])
         dense = np.vstack([own, np.zeros((len(modes), len(modes)))])

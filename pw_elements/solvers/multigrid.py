@@ -26,6 +26,7 @@ from pw_elements.solvers.matrices import (
     destroy,
     diagonal_blocks,
     galerkin_product,
+    index_set,
     is_blocked,
     python_matrix,
 )
@@ -104,7 +105,7 @@ class LinearLevel:
 
     def watch(self, nodes: Indices) -> None:
         if self._near is None:
-            self._near = _Near(self._K, self._P, self._space, nodes)
+            self._near = _Near(self._P, self._space, nodes)
             self._matrix = None
 
     def renew(self) -> None:
@@ -123,7 +124,7 @@ class LinearLevel:
         again = self._matrix is not None  # and has places for what is exchanged
         if self._matrix is None:
             self._matrix = galerkin_product(self._K, self._P)
-            self._exchanged = galerkin_product(near.K, near.P) if near else None
+            self._exchanged = galerkin_product(self._K, near.P, near.rows) if near else None
         if self._exchanged is not None:
             add(self._matrix, -1.0, self._exchanged, within=again)
         free = self._held.blocks_at(np.arange(len(self._vertex_node)))
@@ -136,7 +137,7 @@ class LinearLevel:
             right = block_diagonal(free, columns, comm)
             half = left.matMult(near.P)
             P = half.matMult(right)  # what linear functions move near contact
-            part = galerkin_product(near.K, P)
+            part = galerkin_product(self._K, P, near.rows)
             destroy(left, right, half, P)
             add(self._matrix, 1.0, part, last=False, within=again)
         size = self._matrix.getDiagonal().sum() / columns[1]
@@ -176,12 +177,12 @@ class _Interpolation:
 
 
 class _Near:
-    """The part of K at nodes whose interpolation may be held, and at those that they couple to.
+    """Nodes whose interpolation may be held, and those that they couple to.
 
-    Nodes (k,) are local and ascending; P has their rows of the interpolation.
+    Nodes (k,) are local and ascending; P has their rows of the interpolation, which are `rows`.
     """
 
-    def __init__(self, K: PETSc.Mat, P: PETSc.Mat, space: fem.FunctionSpace, held: Indices) -> None:
+    def __init__(self, P: PETSc.Mat, space: fem.FunctionSpace, held: Indices) -> None:
         index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
         owned = index_map.size_local
         fine, coarse = P.createVecLeft(), P.createVecRight()
@@ -200,13 +201,11 @@ class _Near:
         touched.array[around] = 1.0
         touched.scatter_reverse(la.InsertMode.add)
         self.nodes: Indices = np.flatnonzero(touched.array[:owned]).astype(np.int64)
-        numbers = (self.nodes + index_map.local_range[0]).astype(PETSc.IntType)
-        rows = PETSc.IS().createBlock(block, numbers, comm=K.comm)
-        start, last = P.getOwnershipRangeColumn()
-        columns = PETSc.IS().createStride(last - start, start, 1, comm=K.comm)
-        self.K: PETSc.Mat = K.createSubMatrix(rows, rows)
-        if is_blocked(self.K):
-            self.K.convert("aij")
+        numbers = self.nodes + index_map.local_range[0]
+        self.rows: Indices = (numbers[:, None] * block + np.arange(block)).ravel()
+        rows, columns = (
+            index_set(some, P.comm) for some in (self.rows, np.arange(*P.getOwnershipRangeColumn()))
+        )
         self.P: PETSc.Mat = P.createSubMatrix(rows, columns)
         destroy(fine, coarse, rows, columns)
 

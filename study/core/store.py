@@ -215,12 +215,13 @@ def _packed(curves: Mapping[str, np.ndarray]) -> bytes:
 class Results:
     """Read access to a folder of results, by keys such as "7.1/pw-T6".
 
-    A result is read once and remembered; make a new object to see later changes.
+    Results and their names are read once and remembered; make a new object to see later changes.
     """
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
         self._read: dict[str, Stored] = {}
+        self._names: dict[str, list[str]] = {}
 
     def __contains__(self, key: str) -> bool:
         return self._path(key).is_file()
@@ -254,8 +255,10 @@ class Results:
 
     def cases(self, section: str) -> list[str]:
         """Return the names of a section's results, sorted, readable or not."""
-        paths = (self.folder / section).glob("*.json")
-        return sorted(path.stem for path in paths if not path.name.startswith("."))
+        if section not in self._names:
+            paths = (self.folder / section).glob("*.json")
+            self._names[section] = sorted(p.stem for p in paths if not p.name.startswith("."))
+        return self._names[section]
 
     def claims(self) -> list[dict[str, Any]]:
         """Return the judged claims, as `study.judge.claims.write` left them."""

@@ -30,7 +30,7 @@ from pw_elements.contact.iteration import (
     mixed,
 )
 from pw_elements.contact.model import Free
-from pw_elements.solvers import FEW_MODES, Pieces, destroy, galerkin_product, null_space, triangle
+from pw_elements.solvers import Pieces, destroy, null_space, triangle
 
 _AXES = "xyz"
 # Part of a motion, over its largest one, that is none
@@ -144,22 +144,13 @@ class RigidMotions:
     """Rigid motions of the pieces of a supported body, of a stiffness K (n, n), and of surfaces."""
 
     def __init__(self, system: ContactSystem, K: PETSc.Mat, space: fem.FunctionSpace) -> None:
-        self._system, self._K = system, K
+        self._system, self._K, self._space = system, K, space
         pieces = Pieces.of(space)
         self.modes = RigidModes(pieces, system.free, system.interface.pairs)
-        field, at = system.interface.field, system.interface.field.owned.ravel()
-        of_owned = sp.csr_array(
-            (np.ones(len(at)), (at, np.arange(len(at)))), (field.rows[0], len(at))
-        )
-        moved = pieces.matrix(pieces.motion, len(system.free))
-        self._full = sp.csr_array(of_owned @ moved)  # (unknowns, modes)
-        column = free_columns(system.reduction.right)
-        self._prescribed = column == -1
-        kept = np.flatnonzero(column >= 0)
-        first, last = system.stiffness.getOwnershipRange()
-        ones = (np.ones(len(kept)), (column[kept] - first, kept))
-        self._reduced = sp.csr_array(ones, (last - first, len(column))) @ self._full
-        self._held, self._relative = self._hold(transposed=False), self._at_points(works=False)
+        self._at: Indices = system.interface.field.owned.ravel()
+        self._column = free_columns(system.reduction.right)[self._at]
+        self._held = triangle(self._resisted(pieces, transposed=False), system.comm)
+        self._relative = self._at_points(pieces, works=False)
         if isinstance(self._held, np.ndarray):  # of few modes
             self._relative = self._relative.toarray()
 
@@ -192,17 +183,21 @@ class RigidMotions:
         A basis of k of them, each of a single piece or surface, and the motions (m, dim, k)
         relative to surfaces in which forces at the contact points do work.
         """
-        hold, group = self._hold(transposed=True), self.modes.group
+        pieces, group = Pieces.of(self._space), self.modes.group
+        hold = triangle(self._resisted(pieces, transposed=True), self._system.comm)
         alone = [hold @ sp.diags_array((group == k).astype(float)) for k in np.unique(group)]
         free = null_space(_stacked([hold[:0], *alone]), _ZERO_STIFFNESS)
         chosen = self.modes.simplest(free)
-        works = self._at_points(works=True) @ chosen.motions.T
+        works = self._at_points(pieces, works=True) @ chosen.motions.T
         return chosen, works.reshape(*self._system.interface.position.shape, works.shape[1])
 
     def power(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
         """Work (modes,) of reduced loads and forces on free surfaces, and its parts' magnitudes."""
-        forces = load.array_r
-        parts = np.array([self._reduced.T @ forces, abs(self._reduced).T @ np.abs(forces)])
+        forces, kept = np.zeros(len(self._column)), self._column >= 0
+        forces[kept] = load.array_r[self._column[kept] - load.getOwnershipRange()[0]]
+        pieces = Pieces.of(self._space)
+        motions = pieces.matrix(pieces.motion, len(self.modes.free))
+        parts = np.array([motions.T @ forces, abs(motions).T @ np.abs(forces)])
         self._system.comm.Allreduce(MPI.IN_PLACE, parts, MPI.SUM)
         parts[:, self.modes.of_pieces :] = totals, np.abs(totals)
         return parts[0], parts[1]
@@ -220,58 +215,36 @@ class RigidMotions:
         held = _stacked([self._held, triangle(rows, self._system.comm)])
         return null_space(held, _FREE_STIFFNESS)
 
-    def _at_points(self, works: bool) -> sp.csr_array:
-        """Relative motions (m dim, modes) of the points, or those in which their forces do work."""
-        interface, modes = self._system.interface, self._matrix(self._full)
-        product = interface.force.transposeMatMult if works else interface.motion.matMult
-        moved = product(modes)
-        dim, of_pieces = interface.position.shape[1], local_rows(moved, 0)
-        destroy(modes, moved)
-        surfaces = border_columns(self.modes.free, interface.pair, dim)
-        still = sp.csr_array((len(interface.pair) * dim, self.modes.of_pieces))
-        return sp.csr_array(of_pieces - sp.hstack([still, surfaces]))
-
-    def _hold(self, transposed: bool) -> sp.csr_array | Array:
+    def _resisted(self, pieces: Pieces, transposed: bool) -> sp.csr_array:
         """Displacements in the pieces' modes at supports, and the forces that these cause.
 
-        Forces K m count over the stiffness. They are there in axisymmetry, say, where only a
-        translation along the axis is without strain. K^T m tells of which modes no state of
-        strain changes the balance of forces; where it is unsymmetric, they may be fewer.
+        There are forces in axisymmetry, say, where only a translation along the axis is without
+        strain. K^T m tells of which modes no state of strain changes the balance of forces; where
+        it is unsymmetric, they may be fewer.
         """
-        system, ends = self._system, (self._system.reduction.right, self._system.reduction.left)
-        first, last = reversed(ends) if transposed else ends
-        largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
-        held = self._full[self._prescribed]
-        if self.modes.number <= FEW_MODES:
-            forces = self._forces_by_modes(first, last, transposed)
-            return triangle(np.vstack([held.toarray(), forces / largest]), system.comm)
-        modes = self._matrix(self._reduced)
-        moved = first.matMult(modes)
-        product = galerkin_product(self._K, *((last, moved) if transposed else (moved, last)))
-        if transposed:
-            product.transpose()
-        rows = local_rows(product, 0)
-        destroy(modes, moved, product)
-        rows.data /= largest
-        return triangle(sp.csr_array(sp.vstack([held, rows])), system.comm)
+        free = self._column != -1
+        return pieces.held(self._K, free, self._at, transposed, len(self.modes.free))
 
-    def _forces_by_modes(self, first: PETSc.Mat, last: PETSc.Mat, transposed: bool) -> Array:
-        """Columns of `last`^T K `first` m, or with K^T: one at a time, for K in blocks has none."""
-        (x, moved), (force, pulled) = first.createVecs(), last.createVecs()
-        columns = []
-        for mode in self._reduced.T.tocsr():
-            x.setArray(mode.toarray())
-            first.mult(x, moved)
-            (self._K.multTranspose if transposed else self._K.mult)(moved, pulled)
-            last.multTranspose(pulled, force)
-            columns.append(force.array_r.copy())
-        return np.transpose(columns)
-
-    def _matrix(self, motions: sp.csr_array) -> PETSc.Mat:
-        comm, n = self._system.comm, self.modes.number
-        places = (x.astype(PETSc.IntType) for x in (motions.indptr, motions.indices))
-        sizes = (motions.shape[0], PETSc.DETERMINE), (n if comm.rank == 0 else 0, n)
-        return PETSc.Mat().createAIJ(sizes, csr=(*places, motions.data), comm=comm)
+    def _at_points(self, pieces: Pieces, works: bool) -> sp.csr_array:
+        """Relative motions (m dim, modes) of the points, or those in which their forces do work."""
+        system, modes = self._system, self.modes
+        interface, comm, field = system.interface, system.comm, system.interface.field
+        own = pieces.matrix(pieces.motion, len(modes.free))
+        spread = sp.csr_array(
+            (np.ones(len(self._at)), (self._at, np.arange(len(self._at)))),
+            (field.rows[0], len(self._at)),
+        )
+        full = sp.csr_array(spread @ own)  # (unknowns, modes)
+        places = (x.astype(PETSc.IntType) for x in (full.indptr, full.indices))
+        sizes = field.rows, (modes.number if comm.rank == 0 else 0, modes.number)
+        motions = PETSc.Mat().createAIJ(sizes, csr=(*places, full.data), comm=comm)
+        product = interface.force.transposeMatMult if works else interface.motion.matMult
+        moved = product(motions)
+        dim, of_pieces = interface.position.shape[1], local_rows(moved, 0)
+        destroy(motions, moved)
+        surfaces = border_columns(modes.free, interface.pair, dim)
+        still = sp.csr_array((len(interface.pair) * dim, modes.of_pieces))
+        return sp.csr_array(of_pieces - sp.hstack([still, surfaces]))
 
 
 def _stacked(parts: Sequence[sp.csr_array | Array]) -> sp.csr_array | Array:
