@@ -4,6 +4,7 @@ The body is below y = 0 (in space z = 0), smooth contact is possible up to `zone
 sides have Hertz' exact displacements. Lengths over the half width of the contact, stresses over E.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
+from dolfinx.fem import petsc
 from dolfinx.mesh import Mesh, locate_entities_boundary, meshtags
 
 from pw_elements import Spaces, assemble_vector
@@ -234,21 +236,37 @@ def newton(form: Form, w: fem.Function, supports: list[fem.DirichletBC]) -> int:
     Raises:
         NoSolution: if it does not converge.
     """
+    return iteration(form, w, supports)()
+
+
+def iteration(form: Form, w: fem.Function, supports: list[fem.DirichletBC]) -> Callable[[], int]:
+    """Return what `newton` does, for a form whose constants and other functions change."""
     residual, tangent = fem.form(form), fem.form(ufl.derivative(form, w))
-    for bc in supports:
-        bc.set(w.x.array)
     held = np.concatenate([bc.dof_indices()[0] for bc in supports])
-    for count in range(1, MOST + 1):
-        right = fem.assemble_vector(residual).array
-        right[held] = 0.0
-        matrix = fem.assemble_matrix(tangent, supports).to_scipy()
-        step = solved(matrix, right)
-        w.x.array[:] -= step
-        if not np.isfinite(step).all():
-            break
-        if np.abs(step).max() < TOLERANCE * np.abs(w.x.array).max():
-            return count
-    raise NoSolution
+    K, ksp = petsc.create_matrix(tangent), PETSc.KSP().create(w.function_space.mesh.comm)
+    ksp.setOperators(K)
+    direct(ksp)
+    x, right = K.createVecs()
+
+    def solve() -> int:
+        for bc in supports:
+            bc.set(w.x.array)
+        for count in range(1, MOST + 1):
+            right.array[:] = fem.assemble_vector(residual).array
+            right.array[held] = 0.0
+            K.zeroEntries()
+            petsc.assemble_matrix(K, tangent, bcs=supports)
+            K.assemble()
+            ksp.solve(right, x)
+            step = x.array_r
+            w.x.array[:] -= step
+            if not np.isfinite(step).all():
+                break
+            if np.abs(step).max() < TOLERANCE * np.abs(w.x.array).max():
+                return count
+        raise NoSolution
+
+    return solve
 
 
 def solved(matrix: Any, right: Array) -> Array:  # noqa: ANN401

@@ -4,7 +4,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from study.rivals.problem import Answer, NoSolution, Problem, newton
+from study.rivals.problem import Answer, NoSolution, Problem, iteration
 
 SWEEP = (0.1, 1.0, 10.0)  # first proximal step times the peak of the pressure
 GROWTH, STEPS = 4.0, 30  # of the steps from one to the next, the second parameter; at most
@@ -20,8 +20,9 @@ def solve(problem: Problem, parameter: float, degree: int = 1) -> Answer:
     law = pressure * v[y] + (problem.gap - u[y] - gap) * m
     supports = [*problem.supports(W.sub(0)), problem.nowhere_else(W.sub(1))]
     moved, count = W.sub(0).collapse()[1], 0
+    newton = iteration(problem.work(u, v) + law * problem.surface, w, supports)
     for _ in range(STEPS):
-        count += newton(problem.work(u, v) + law * problem.surface, w, supports)
+        count += newton()
         change = np.abs(w.x.array - before.x.array)[moved].max()
         if change < 1e-9 * problem.known.approach:
             return problem.answer_of(w, count, pressure)
