@@ -12,6 +12,8 @@ from collections import Counter
 import pytest
 from hypothesis import HealthCheck, settings
 
+import tests.parallel  # noqa: F401  DOLFINx is to wait longer
+
 os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
 
 CANDIDATES = 40  # for a sub-facet
