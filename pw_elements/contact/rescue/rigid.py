@@ -147,7 +147,7 @@ class RigidMotions:
         self._system, self._K, self._space = system, K, space
         pieces = Pieces.of(space)
         self.modes = RigidModes(pieces, system.free, system.interface.pairs)
-        self._at: Indices = system.interface.field.owned.ravel()
+        self._at = system.interface.field.owned.ravel()
         self._column = free_columns(system.reduction.right)[self._at]
         self._held = triangle(self._resisted(pieces, transposed=False), system.comm)
         self._relative = self._at_points(pieces, works=False)
