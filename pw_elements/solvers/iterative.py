@@ -24,7 +24,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
-from pw_elements.arrays import Array, Indices, Mask
+from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.checks import arguments, collective, pieces_of, same_everywhere, sizes_of
 from pw_elements.progress import told
 from pw_elements.solvers.direct import (
@@ -526,7 +526,7 @@ class Pieces:
         self,
         K: PETSc.Mat,
         free: Mask,
-        at: Indices | None = None,
+        at: Local | None = None,
         transposed: bool = False,
         others: int = 0,
     ) -> sp.csr_array:
@@ -535,7 +535,7 @@ class Pieces:
         Forces K m or K^T m count over the largest stiffness. `at` (owned dofs,) are rows of K, if
         it has more unknowns than these displacements. `free` (owned dofs,).
         """
-        where = np.arange(len(free)) if at is None else at
+        where = np.arange(len(free), dtype=np.int32) if at is None else at
         product = K.multTranspose if transposed else K.mult
         free, diagonal = free.reshape(self.motion.shape[:2]), K.getDiagonal()
         largest = np.abs(diagonal.array_r[where]).max(initial=0.0)
