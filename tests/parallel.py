@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import traceback
 from pathlib import Path
 
 from mpi4py import MPI
@@ -34,11 +35,8 @@ def run_on(processes, function, *args, limit=LIMIT):
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "call").write_bytes(pickle.dumps((function, args, limit)))
-        # by mpi4py an exception in one process ends them all, which would else wait for it
-        command = ["mpirun", "-n", str(processes), sys.executable, "-m", "mpi4py", "-m"]
-        run = subprocess.run(
-            [*command, "tests.parallel", name], cwd=PROJECT, capture_output=True, text=True
-        )
+        command = ["mpirun", "-n", str(processes), sys.executable, "-m", "tests.parallel", name]
+        run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True)
         said = [f"mpirun ended with {run.returncode}:\n{run.stdout}{run.stderr}"]
         said += [f"{path.stem}:\n{path.read_text()}" for path in sorted(folder.glob("*.txt"))]
         results = [folder / f"result {rank}" for rank in range(processes)]
@@ -70,7 +68,12 @@ def assert_same(serial, found, rel, where):
 def _called(folder):
     function, args, limit = pickle.loads((folder / "call").read_bytes())
     faulthandler.dump_traceback_later(limit, exit=True)  # until this process has ended
-    result = function(MPI.COMM_WORLD, *args)
+    try:
+        result = function(MPI.COMM_WORLD, *args)
+    except BaseException:  # ends all, which would else wait for this one: at its end, PETSc, too
+        traceback.print_exc()
+        sys.stderr.flush()
+        MPI.COMM_WORLD.Abort(1)
     (folder / f"result {MPI.COMM_WORLD.rank}").write_bytes(pickle.dumps(result))
 
 
