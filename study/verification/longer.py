@@ -15,7 +15,7 @@ from time import process_time
 from typing import Any
 
 from study.core.cases import Case
-from study.core.compare_versions import compare, table
+from study.core.compare_versions import COUNTS, KINDS, compare, table
 from study.core.provenance import versions
 from study.core.store import Results, save, write_json
 from study.engineering import w_engineering
@@ -89,8 +89,9 @@ def _differ(known: dict[str, dict[str, Any]], found: dict[str, dict[str, Any]]) 
             for row in (of[key] for key in found if key in of):
                 result = recorded(row["scalars"], row["dofs"])
                 save(path, row["section"], row["case"], result, row["parameters"], {})
-        differences, alone = compare(Results(both[0]), Results(both[1]))
-    print(table(differences, alone))
+        kinds = (COUNTS, *KINDS)  # of which some are of the machine that made the record
+        differences, alone = compare(Results(both[0]), Results(both[1]), kinds)
+    print(table(differences, alone, kinds))
     return int(bool(alone) or any(difference.too_large for difference in differences))
 
 
