@@ -7,8 +7,9 @@ import math
 import os
 import re
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -57,15 +58,20 @@ class Result:
 
 @dataclass(frozen=True)
 class Stored:
-    """A result as read from disk."""
+    """A result as read from disk; its curves are unpacked when they are first asked for."""
 
     section: str
     case: str
     parameters: dict[str, Any]
     scalars: dict[str, float]
     units: dict[str, str]
-    curves: dict[str, np.ndarray]
+    unpack: Callable[[], dict[str, np.ndarray]]
     provenance: dict[str, Any]
+
+    @cached_property
+    def curves(self) -> dict[str, np.ndarray]:
+        """Its arrays by name."""
+        return self.unpack()
 
     @property
     def key(self) -> str:
@@ -284,7 +290,7 @@ class Results:
             content = json.loads(path.read_bytes(), parse_constant=_refuse)
             _check(content, case)
             digest = content["provenance"].get("curves_sha256")
-            curves = _unpacked(path.with_suffix(".npz"), digest) if digest else {}
+            data = _data(path.with_suffix(".npz"), digest) if digest else b""
         except FileNotFoundError as error:
             if error.filename == str(path):
                 raise MissingResult(
@@ -299,7 +305,7 @@ class Results:
             content["parameters"],
             _floats(content["scalars"]),
             content["units"],
-            curves,
+            partial(_unpacked, data),
             content["provenance"],
         )
 
@@ -336,9 +342,15 @@ def _floats(numbers: Mapping[str, float]) -> dict[str, float]:
     return {name: float(value) for name, value in numbers.items()}
 
 
-def _unpacked(path: Path, digest: str) -> dict[str, np.ndarray]:
+def _data(path: Path, digest: str) -> bytes:
     data = path.read_bytes()
     if hashlib.sha256(data).hexdigest() != digest:
         raise ValueError(f"{path.name} is not of the same run")
+    return data
+
+
+def _unpacked(data: bytes) -> dict[str, np.ndarray]:
+    if not data:
+        return {}
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         return dict(arrays)

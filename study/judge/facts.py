@@ -9,7 +9,7 @@ are turned by it.
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -222,15 +222,16 @@ class _Mutated(Results):
         self._own, self._mutation = results, mutation
 
     def __getitem__(self, key: str) -> Stored:
-        own, other = self._own[key], self._mutation.stored(key)
+        own, other = [self._own[key]], self._mutation.stored(key)
         if other != key:
-            try:
-                taken = self._own[other]
-                scalars = own.scalars | taken.scalars
-                own = replace(own, scalars=scalars, curves=own.curves | taken.curves)
-            except MissingResult:
-                pass
-        return replace(own, scalars=self._scalars(own.scalars), curves=self._signed(own.curves))
+            with suppress(MissingResult):
+                own.append(self._own[other])
+        scalars = {name: value for one in own for name, value in one.scalars.items()}
+
+        def curves() -> dict[str, Any]:
+            return self._signed({name: curve for one in own for name, curve in one.curves.items()})
+
+        return replace(own[0], scalars=self._scalars(scalars), unpack=curves)
 
     def section(self, section: str) -> list[Any]:
         """Return what is read only if a measure wants it."""

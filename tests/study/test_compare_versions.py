@@ -75,6 +75,9 @@ def test_what_is_in_one_folder_only_is_told(stored):
         ("C/pw-T10-ball error_L2", "numbers on Gmsh's meshes"),
         ("C/pw-T10-cube error_L2", "errors"),
         ("7.2/pw-T6 force_normal", "forces"),
+        ("V12/frequency-square-hrz-fine acceleration_min", "forces"),
+        ("Q/seconds-pw-T6-16 variation", "errors"),
+        ("V14/punch-galerkin-T6-64 newton_rate", "rates of Newton's method"),
         ("V8/rod-pw-T6 omega2_1_order", "orders"),
         ("V8/rod-pw-T6 omega2_1", "all others"),
         ("V15/cube-pw-hybrid-T10-0.5-6 h1_error", "numbers on Gmsh's tetrahedra"),
@@ -97,7 +100,9 @@ def test_one_tolerance_for_a_redesign(stored, capsys):
     other = stored("other", iterations=7.0, iterations_most=3.0, x=2.0 * (1 + 1.1e-9))
     residual = stored("residual", iterations=7.0, iterations_most=3.0, residual=2e-9)
     assert main([before, same, "--tolerance", "1e-9"]) == 0
-    assert "counts of iterations: 2, largest difference 2.5e-01" in capsys.readouterr().out
+    assert (
+        "counts of iterations, and times: 2, largest difference 2.5e-01" in capsys.readouterr().out
+    )
     assert main([before, other, "--tolerance", "1e-9"]) == 1
     assert main([before, residual, "--tolerance", "1e-9"]) == 1
     assert main([before, other]) == 0  # within what versions of libraries may differ by

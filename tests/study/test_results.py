@@ -207,4 +207,4 @@ def test_claims_measure_cases(claim):
 def _selects(cases, case):
     if isinstance(cases, str):
         return re.fullmatch(cases, case.name)
-    return Stored(case.section, case.name, case.stored_parameters, {}, {}, {}, {}).has(**cases)
+    return Stored(case.section, case.name, case.stored_parameters, {}, {}, dict, {}).has(**cases)
