@@ -12,8 +12,6 @@ from collections import Counter
 import pytest
 from hypothesis import HealthCheck, settings
 
-import tests.parallel  # noqa: F401  DOLFINx is to wait longer
-
 os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
 
 CANDIDATES = 40  # for a sub-facet
@@ -56,6 +54,8 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
+    import tests.parallel  # noqa: F401  has DOLFINx wait longer; starts MPI, so not above
+
     slow = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
     common = {"deadline": None, "database": None, "suppress_health_check": slow}
     settings.register_profile("suite", max_examples=25, derandomize=True, **common)

@@ -553,9 +553,9 @@ class Pieces:
 
         if not self._coupled(forces, size):
             return self.matrix(rows(self.motion), others)
-        number = self.number[: len(self.motion), None, None]
+        number, shape = self.number[: len(free), None, None], (len(where), self.motion.shape[2])
         alone = [
-            sp.csr_array(rows(np.where(number == k, self.motion, 0.0)).reshape(len(where), -1))
+            sp.csr_array(rows(np.where(number == k, self.motion, 0.0)).reshape(shape))
             for k in range(len(self.centre))
         ]
         return sp.csr_array(sp.hstack([*alone, sp.csr_array((len(where), others))]))
@@ -564,10 +564,9 @@ class Pieces:
         """Whether pieces act on each other, by springs, say: they cannot be moved all at once."""
         if len(self.centre) == 1:
             return False
-        arbitrary = 1.0 + np.cos(np.arange(self.motion[:, :, 0].size)).reshape(
-            -1, self.motion.shape[1]
-        )
-        weight = 1.0 + np.cos(self.number[: len(self.motion), None])
+        nodes, block, _ = self.motion.shape
+        arbitrary = 1.0 + np.cos(np.arange(nodes * block)).reshape(nodes, block)
+        weight = 1.0 + np.cos(self.number[:nodes, None])
         apart = np.abs(forces(weight * arbitrary) - weight * forces(arbitrary)).max(initial=0.0)
         return bool(self.comm.allreduce(apart, MPI.MAX) > _COUPLED * size)
 

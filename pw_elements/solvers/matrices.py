@@ -52,11 +52,8 @@ def galerkin_product(K: PETSc.Mat, P: PETSc.Mat, rows: Indices | None = None) ->
     numbers = own if rows is None else rows
     most = comm.tompi4py().allreduce(len(own), MPI.MAX)
     at_once = _ROWS_AT_ONCE * max(1, -(-most // (_ROWS_AT_ONCE * _MOST_PARTS)))
-    chosen, columns = (
-        index_set(numbers, comm),
-        index_set(np.arange(*P.getOwnershipRangeColumn()), comm),
-    )
-    total = None
+    chosen, total = index_set(numbers, comm), None
+    columns = index_set(np.arange(*P.getOwnershipRangeColumn()), comm)
     for begin in range(0, most, at_once):
         part = slice(begin, begin + at_once)
         of_K, of_P = index_set(numbers[part], comm), index_set(own[part], comm)
