@@ -182,12 +182,9 @@ def _draw(script: ModuleType, name: str, results: Results) -> tuple[tuple[int, i
             size = _pixels(figure)
             stream = io.BytesIO()
             figure.savefig(stream, format="png")
-            figure.set_layout_engine("none")  # it is found, which takes as long as drawing
             write_whole(picture(results.folder, name, "png"), stream.getvalue())
             write_whole(picture(results.folder, name, "svg"), _svg(figure))
             narrow = narrowed(script.draw(results))
-            narrow.canvas.draw()
-            narrow.set_layout_engine("none")
             write_whole(picture(results.folder, name, "narrow.svg"), _svg(narrow))
             return size, list(_pixels(narrow))
         finally:
@@ -203,6 +200,8 @@ def _svg(figure: Figure) -> bytes:
     for line in figure.findobj(Line2D):
         if line.get_linestyle() == "None" and np.size(line.get_xdata()) > MANY:
             line.set_rasterized(True)
+    figure.canvas.draw()
+    figure.set_layout_engine("none")  # it stays as it is, and need not be found again
     text = io.StringIO()
     figure.savefig(text, format="svg", dpi=RASTER, metadata={"Date": None})
     return _lean(text.getvalue()).encode()
