@@ -86,6 +86,7 @@ def export(name: str, results: Results, path: Path) -> list[Path]:
     written = [path.with_name(f"{path.name}.{kind}") for kind in ("png", "pdf")]
     with style():
         figure = import_module(f"figures.{name}").draw(results)
+        _lay_out(figure)
         try:
             for file in written:
                 stream = io.BytesIO()
@@ -180,11 +181,13 @@ def _draw(script: ModuleType, name: str, results: Results) -> tuple[tuple[int, i
         figure = script.draw(results)
         try:
             size = _pixels(figure)
+            _lay_out(figure)
             stream = io.BytesIO()
             figure.savefig(stream, format="png")
             write_whole(picture(results.folder, name, "png"), stream.getvalue())
             write_whole(picture(results.folder, name, "svg"), _svg(figure))
             narrow = narrowed(script.draw(results))
+            _lay_out(narrow)
             write_whole(picture(results.folder, name, "narrow.svg"), _svg(narrow))
             return size, list(_pixels(narrow))
         finally:
@@ -196,12 +199,17 @@ def _pixels(figure: Figure) -> tuple[int, int]:
     return width, height
 
 
+def _lay_out(figure: Figure) -> None:
+    """Find the layout, and keep it: after one pass alone, titles of some figures are cut."""
+    for _ in range(2):
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+
+
 def _svg(figure: Figure) -> bytes:
     for line in figure.findobj(Line2D):
         if line.get_linestyle() == "None" and np.size(line.get_xdata()) > MANY:
             line.set_rasterized(True)
-    figure.canvas.draw()
-    figure.set_layout_engine("none")  # it stays as it is, and need not be found again
     text = io.StringIO()
     figure.savefig(text, format="svg", dpi=RASTER, metadata={"Date": None})
     return _lean(text.getvalue()).encode()
