@@ -10,12 +10,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from study.core import runner
 from study.core.cases import SECTIONS, Case, Section, load_section
 from study.core.interrupt import INTERRUPTED, end, handled, stop
 from study.core.store import Results, StudyError
+
+if TYPE_CHECKING:
+    from study.judge.claims import Claim
 
 ROOT = Path(__file__).resolve().parents[1]
 FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
@@ -130,13 +133,13 @@ def study(wanted: list[str], out: Path, jobs: int, force: bool) -> int:
         return int(bool(runner.run(_cases(wanted, sections), out, jobs, force)))
     from study.judge import claims  # single cases need neither it nor the packages it imports
 
-    claims.load_claims()  # an error in them is to be known now, not at the end
+    known = claims.load_claims()  # an error in them is to be known now, not at the end
     loaded = _load(sections)
     for section in loaded:
         runner.discard_others(section, out)
     cases = [case for section in loaded for case in section.cases]
     failed = runner.run(cases, out, jobs, force, None if wanted else BESIDE)
-    return max(conclude(out, complete=not wanted, jobs=jobs), int(bool(failed)))
+    return max(conclude(out, known, complete=not wanted, jobs=jobs), int(bool(failed)))
 
 
 def _cases(wanted: list[str], sections: list[str]) -> list[Case]:
@@ -150,10 +153,12 @@ def _cases(wanted: list[str], sections: list[str]) -> list[Case]:
 
 def report(out: Path, jobs: int = 1) -> int:
     """Judge, draw and write the report again."""
+    from study.judge import claims
+
     results = _ensure_stored(out)
     _ensure_writable(out)
     _tell_outdated(results)
-    return conclude(out, complete=False, jobs=jobs)
+    return conclude(out, claims.load_claims(), complete=False, jobs=jobs)
 
 
 def check(out: Path) -> int:
@@ -183,11 +188,12 @@ def show(out: Path) -> int:
     return 0
 
 
-def conclude(out: Path, complete: bool, jobs: int = 1) -> int:
+def conclude(out: Path, known: "list[Claim]", complete: bool, jobs: int = 1) -> int:
     """Write claims, figures and report from what is stored.
 
     Args:
         out: Folder of the results.
+        known: The claims.
         complete: Whether nothing may be missing, as after a run of all sections.
         jobs: Number of processes that draw.
 
@@ -199,7 +205,7 @@ def conclude(out: Path, complete: bool, jobs: int = 1) -> int:
     from study.report import build  # slow to import, and worker processes do not need it
 
     results = Results(out)
-    verdicts = claims.judge(claims.load_claims(), results)
+    verdicts = claims.judge(known, results)
     facts.write(out, verdicts, results)
     drawn = draw_figures(out, complete, jobs)
     incomplete = build(results, out)

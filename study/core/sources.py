@@ -6,6 +6,13 @@ from collections.abc import Iterator
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from types import CodeType
+
+# What of a code object is its code
+_SAID = (
+    *("name", "flags", "argcount", "posonlyargcount", "kwonlyargcount", "code", "exceptiontable"),
+    *("names", "varnames", "freevars", "cellvars", "consts"),
+)
 
 
 def source(module: str) -> Path | None:
@@ -52,11 +59,12 @@ def closure(module: str, without: frozenset[str] = frozenset()) -> dict[str, Pat
     """
     top = module.split(".")[0]
     found: dict[str, Path] = {}
-    waiting = [module]
+    waiting, seen = [module], set(without)
     while waiting:
         name = waiting.pop()
-        if name in found or name in without or name.split(".")[0] != top:
+        if name in seen or name.split(".")[0] != top:
             continue
+        seen.add(name)
         path = source(name)
         if path is not None:
             found[name] = path
@@ -72,21 +80,19 @@ def code_digest(path: Path) -> str:
 
 @cache
 def _code_digest(source: bytes) -> str:
-    tree = ast.parse(source)
-    for node in ast.walk(tree):
-        for block, statements in ast.iter_fields(node):
-            if isinstance(statements, list):
-                setattr(node, block, [one for one in statements if not _is_text(one)])
-    return hashlib.sha256(ast.dump(tree, annotate_fields=False).encode()).hexdigest()
+    code = compile(source, "", "exec", dont_inherit=True, optimize=2)
+    return hashlib.sha256(repr(_said(code)).encode()).hexdigest()
 
 
-def _is_text(node: object) -> bool:
-    """Whether this is a text as a statement: a docstring, or the like of an attribute."""
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )
+def _said(constant: object) -> object:
+    """Return what Python makes of code, all but the numbers of lines."""
+    if isinstance(constant, frozenset):  # whose order changes from process to process
+        return sorted(map(repr, constant))
+    if isinstance(constant, tuple):
+        return [_said(one) for one in constant]
+    if not isinstance(constant, CodeType):
+        return constant
+    return [_said(getattr(constant, f"co_{name}")) for name in _SAID]
 
 
 @cache

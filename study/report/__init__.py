@@ -92,9 +92,9 @@ def render(results: Results, templates: Path = HERE) -> Rendered:
         templates: Folder of the texts.
     """
     try:
-        first = _Paper(results, templates, {}, strict=False)
-        first.parts()
-        paper = _Paper(results, templates, first.known, strict=not first.incomplete)
+        paper = _Paper(results, templates)
+        paper.parts()  # now it is known where figures, tables and sections are
+        paper.strict = not paper.incomplete
         parts = paper.parts()
         cases = [case for section in SECTIONS for case in results.section(section)]
         origin = provenance(cases)
@@ -119,21 +119,17 @@ class _Paper(Texts):
     Args:
         results: What is reported.
         templates: Folder of the texts.
-        known: Places of figures, tables and sections, for what is referred to before it comes.
-        strict: Whether all that is referred to is known.
     """
 
-    def __init__(
-        self, results: Results, templates: Path, known: dict[str, Place], strict: bool
-    ) -> None:
-        super().__init__(
-            results, [templates, Path(__file__).parent], "chapter.html", {**known}, strict
-        )
+    def __init__(self, results: Results, templates: Path) -> None:
+        folders = [templates, Path(__file__).parent]
+        super().__init__(results, folders, "chapter.html", {}, strict=False)
         self._sections: list[str] = []  # whose texts the part has that is being made
         self.environment.globals["sheet"] = False
 
     def parts(self) -> list[Part]:
         """Return the parts; one that lacks results says so in the place of its text."""
+        self.numbers, self.incomplete = {}, []
         made: list[Part] = []
         chapter = section = 0
         for name, kind, title in PARTS:

@@ -78,8 +78,9 @@ def _sizes(case: Stored) -> list[tuple[float, ...]]:
             sizes += [1 / side for side in value]
         elif value is not None and not isinstance(value, str):  # the name of a kind of meshes
             sizes += value if isinstance(value, list) else [value]
-        elif name in case.curves and case.curves[name].ndim == 1:
-            sizes += case.curves[name].tolist()
+    if not sizes:  # a series of meshes
+        curves = (case.curves[name] for name in MESHES if name in case.curves)
+        sizes += [size for curve in curves if curve.ndim == 1 for size in curve.tolist()]
     return [tuple(size) if isinstance(size, list) else (size,) for size in sizes]
 
 
