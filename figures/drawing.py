@@ -201,8 +201,10 @@ def _pixels(figure: Figure) -> tuple[int, int]:
 
 def _lay_out(figure: Figure) -> None:
     """Find the layout, and keep it: after one pass alone, titles of some figures are cut."""
+    engine = figure.get_layout_engine()
+    assert engine is not None, "the style has one"
     for _ in range(2):
-        figure.draw_without_rendering()
+        engine.execute(figure)
     figure.set_layout_engine("none")
 
 
@@ -235,7 +237,7 @@ def _bare(svg: str) -> str:
     ElementTree.register_namespace("", SVG)
     ElementTree.register_namespace("xlink", XLINK)
     root = ElementTree.fromstring(svg)
-    used = set(re.findall(r"(?:href=\"|url\()#([\w.-]+)", svg))
+    used = dict.fromkeys(re.findall(r"(?:href=\"|url\()#([\w.-]+)", svg))
     styles = {one.get("id"): one.get("style") for one in root.iter() if one.get("id") in used}
     for parent in list(root.iter()):
         if parent.get("id") not in used:
