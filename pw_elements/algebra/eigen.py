@@ -43,8 +43,8 @@ T = TypeVar("T")
 
 _EIGENVALUE_TOLERANCE = 1e-12
 _MAX_ITERATIONS = 500
-# Eigenvalues that have to converge beyond those asked for: further copies of a multiple one come
-# from round-off alone, and late. A free body has six rigid modes.
+# Eigenvalues that have to converge beyond several asked for, or one of a body that may be free, and
+# has six rigid modes then: further copies of a multiple one come from round-off alone, and late
 _SPARE_EIGENVALUES = 6
 # The shift below zero, in eigenvalues of the lowest mode of a compact body: so near to zero that
 # each copy of a multiple rigid mode outgrows the elastic ones within a few steps
@@ -319,7 +319,8 @@ def _largest(
     kind = SLEPc.EPS.ProblemType
     eigensolver.setProblemType(kind.GHEP if asked.symmetrised else kind.GNHEP)
     eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
-    eigensolver.setDimensions(nev=min(count + _SPARE_EIGENVALUES, A.getSize()[0]))
+    spare = _SPARE_EIGENVALUES if shifted or count > 1 else 0
+    eigensolver.setDimensions(nev=min(count + spare, A.getSize()[0]))
     eigensolver.setTolerances(_EIGENVALUE_TOLERANCE, _MAX_ITERATIONS)
     begun, comm = perf_counter(), A.comm.tompi4py()
     eigensolver.getST().setKSP(inverse.ksp)

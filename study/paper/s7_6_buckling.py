@@ -1,5 +1,6 @@
 """7.6 Buckling load of a simply supported beam (Figs 24 and 25, Table 2)."""
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Literal
 
@@ -197,8 +198,13 @@ def mesh_scan(pattern: Pattern) -> Result:
     for divisions in [(nx, ny) for nx in SCAN_X for ny in SCAN_Y]:
         mesh += [divisions] * len(supports)
         face += [[end == "face", middle == "face"] for end, middle in supports]
+        known: dict[str, _Scanned] = {}
         for element, form in SCAN_ELEMENTS:
-            scanned = _Scanned(half_beam_body(element, divisions, pattern), element, form)
+            if unsymmetric := known.get(element.replace("sym", "")):
+                scanned = unsymmetric.symmetrised()
+            else:
+                scanned = _Scanned(half_beam_body(element, divisions, pattern), form)
+            known[element] = scanned
             dofs += scanned.K.getSize()[0]
             stresses[f"{element}-{form}"] += [scanned.stresses(*where) for where in supports]
     curves = {"mesh": np.array(mesh), "face": np.array(face)}
@@ -209,35 +215,45 @@ def mesh_scan(pattern: Pattern) -> Result:
 class _Scanned:
     """One mesh and element of the scan: what its supports share is made once."""
 
-    def __init__(self, body: Body, element: str, form: Form) -> None:
-        self.body, self.symmetrised = body, is_symmetrised(element)
-        self.K = self._model("face", "face").stiffness()
-        self.load = self._model("face", "face").load_vector(SYMMETRIC)  # that of both modes
-        self.displacement = fem.Function(body.spaces.trial)
-        stress = body.stress(self.displacement)
-        self.initial_stress = fem.form(body.initial_stress(stress, form))
-        self.symmetric: dict[Where, float] = {}  # the other support is no part of that model
+    def __init__(self, body: Body, form: Form) -> None:
+        self._body, self._symmetrised = body, False
+        model = self._model("face", "face")
+        self.K, self._load = model.stiffness(), model.load_vector(SYMMETRIC)  # that of both modes
+        self._displacement = fem.Function(body.spaces.trial)
+        stress = body.stress(self._displacement)
+        self._initial_stress = fem.form(body.initial_stress(stress, form))
+        self._supports: dict[tuple[Where, Where, int], Reduction] = {}
+        self._of_mode_1: dict[Where, float] = {}  # the other support is no part of that model
+
+    def symmetrised(self) -> "_Scanned":
+        """The same with the symmetric parts of the matrices."""
+        twin = copy(self)
+        twin._symmetrised, twin.K, twin._of_mode_1 = True, symmetric_part(self.K), {}
+        return twin
 
     def stresses(self, end: Where, middle: Where) -> list[float]:
         """Critical stresses of modes 1 and 2."""
-        if end not in self.symmetric:
-            self.symmetric[end] = self._stress_or_nan(end, middle, SYMMETRIC)
-        return [self.symmetric[end], self._stress_or_nan(end, middle, ANTISYMMETRIC)]
+        if end not in self._of_mode_1:
+            self._of_mode_1[end] = self._stress_or_nan(end, middle, SYMMETRIC)
+        return [self._of_mode_1[end], self._stress_or_nan(end, middle, ANTISYMMETRIC)]
 
     def _stress_or_nan(self, end: Where, middle: Where, mode: int) -> float:
         """NaN where the symmetrised stiffness of a coarse mesh is indefinite."""
-        supports = self._model(end, middle).supports(mode)
-        solve(self.K, self.load, supports).copy(self.displacement.x.petsc_vec)
-        K_sigma = petsc.assemble_matrix(self.initial_stress)
+        model = end, middle, mode
+        if model not in self._supports:
+            self._supports[model] = self._model(end, middle).supports(mode)
+        supports = self._supports[model]
+        solve(self.K, self._load, supports).copy(self._displacement.x.petsc_vec)
+        K_sigma = petsc.assemble_matrix(self._initial_stress)
         K_sigma.assemble()
         try:
-            found = buckling(self.K, K_sigma, supports, symmetrised=self.symmetrised)
+            found = buckling(self.K, K_sigma, supports, symmetrised=self._symmetrised)
         except NoModes:
             return float("nan")
         return float(found.factors[0])
 
     def _model(self, end: Where, middle: Where) -> HalfBeam:
-        return HalfBeam(self.body, "point", end, middle, self.symmetrised)
+        return HalfBeam(self._body, "point", end, middle, self._symmetrised)
 
 
 def _end_face(x: np.ndarray) -> np.ndarray:
