@@ -30,12 +30,14 @@ class Computed(NamedTuple):
 
     Attributes:
         cases: How many results there are.
+        recorded: How many of them are tracked results of the longer series.
         unknowns: The fewest and the most of a mesh.
         meshes: Sizes that the parameters name, from coarse to fine.
         degrees: Of quadrature, where the section's own code sets them.
     """
 
     cases: int
+    recorded: int
     unknowns: tuple[int, int]
     meshes: list[str]
     degrees: list[int]
@@ -49,6 +51,7 @@ def computed(results: Results, section: str) -> Computed:
     meshes = sorted(sizes, key=np.prod)
     return Computed(
         len(cases),
+        sum(case.parameters.get("problem") == "recorded" for case in cases),
         (min(unknowns), max(unknowns)),
         [" × ".join(f"{n:.3g}" for n in size) for size in meshes],
         sorted(_degrees(SECTIONS[section])),

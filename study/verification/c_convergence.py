@@ -28,6 +28,7 @@ from study.verification.c_mesh_families import (
     on_square,
     order,
 )
+from study.verification.recorded import longer, parted
 
 TITLE = "Orders of convergence"
 
@@ -238,3 +239,11 @@ CASES += [
     for element in setting.elements
 ]
 CASES += c_eigenvalue_orders.CASES
+CASES, LONGER = parted(
+    CASES,
+    *("*-ball", "*-modes-cube", "onecut-*", "*-Q[89]-*ring", "*-Q[89]-incompressible*"),
+    *("composite-T6-*ring", "composite-T6-incompressible*", "*-T6-plane-strain"),
+    *("*-Q[89]-plane-strain", "*-T6-axisymmetric", "*-Q[89]-axisymmetric"),
+)
+"""Computed by `longer`."""
+CASES += longer("C")

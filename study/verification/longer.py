@@ -1,4 +1,4 @@
-"""The longer series of sections V10 to V17, Q and W: finer meshes, more elements and rivals.
+"""The longer series of sections C, V2 to W: finer meshes, more elements, rivals and variants.
 
     ./run python3 -m study.verification.longer             computes all, half an hour; the record
     ./run python3 -m study.verification.longer V13/cube-pw-16    only these
@@ -21,6 +21,12 @@ from study.core.store import Results, save, write_json
 from study.engineering import w_engineering
 from study.rivals import q_compare, q_friction
 from study.verification import (
+    c_convergence,
+    v2_hertz,
+    v4_spence,
+    v5_cattaneo,
+    v6_greco,
+    v8_vibration,
     v10_space,
     v11_two_bodies,
     v12_impact,
@@ -32,9 +38,10 @@ from study.verification import (
 )
 from study.verification.recorded import RECORD, recorded, rows
 
-VERIFICATION = (v10_space, v11_two_bodies, v12_impact, v13_fluxes)
+LINEAR = (c_convergence, v8_vibration, v12_impact, v13_fluxes)
+CONTACT = (v2_hertz, v4_spence, v5_cattaneo, v6_greco, v10_space, v11_two_bodies)
 RUBBER = (v14_rubber, v15_rubber, v16_sliding, v17_bodies)
-MODULES = (*VERIFICATION, *RUBBER, q_compare, q_friction, w_engineering)
+MODULES = (*LINEAR, *CONTACT, *RUBBER, q_compare, q_friction, w_engineering)
 CASES: dict[str, Case] = {case.key: case for module in MODULES for case in module.LONGER}
 
 
@@ -70,6 +77,7 @@ def _row(case: Case) -> dict[str, Any]:
         "case": case.name,
         "parameters": case.stored_parameters,
         "scalars": {name: float(f"{value:.12g}") for name, value in result.scalars.items()},
+        "units": {name: unit for name, unit in result.units.items() if unit != "1"},
         "dofs": result.dofs,
         "seconds": round(process_time() - start, 1),
     }
@@ -87,7 +95,7 @@ def _differ(known: dict[str, dict[str, Any]], found: dict[str, dict[str, Any]]) 
         both = Path(folder, "record"), Path(folder, "now")
         for path, of in zip(both, (known, found), strict=True):
             for row in (of[key] for key in found if key in of):
-                result = recorded(row["scalars"], row["dofs"])
+                result = recorded(row["scalars"], row["units"], row["dofs"])
                 save(path, row["section"], row["case"], result, row["parameters"], {})
         kinds = (COUNTS, *KINDS)  # of which some are of the machine that made the record
         differences, alone = compare(Results(both[0]), Results(both[1]), kinds)

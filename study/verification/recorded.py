@@ -1,31 +1,39 @@
 """Results that take too long for each run of the study: `longer` computes and checks them."""
 
 import json
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from study.core.cases import Case
 from study.core.store import Result
-from study.units import units_of
 
 RECORD = Path(__file__).with_name("longer.json")
 
 
-def recorded(measured: dict[str, float], dofs: int) -> Result:
+def recorded(measured: dict[str, float], units: dict[str, str], dofs: int) -> Result:
     """A case of the record.
 
     Args:
-        measured: its scalars, without units but for CPU time.
+        measured: its scalars.
+        units: those other than 1.
         dofs: its size.
     """
-    units = units_of(measured, {"cpu_seconds": "s", "*": "1"})
-    return Result(dict(measured), units, {}, dofs=dofs)
+    return Result(dict(measured), dict.fromkeys(measured, "1") | units, {}, dofs=dofs)
 
 
 def rows() -> list[dict[str, Any]]:
-    """All of the record: section, case, parameters, scalars, dofs, seconds."""
+    """All of the record: section, case, parameters, scalars, units, dofs, seconds."""
     found: list[dict[str, Any]] = json.loads(RECORD.read_text(encoding="utf-8"))["rows"]
     return found
+
+
+def parted(cases: Sequence[Case], *patterns: str) -> tuple[list[Case], list[Case]]:
+    """Cases without and with a name like one of the patterns, which are as in a shell."""
+    found = {case.key for case in cases for like in patterns if fnmatchcase(case.name, like)}
+    parts = [[case for case in cases if (case.key in found) is late] for late in (False, True)]
+    return parts[0], parts[1]
 
 
 def longer(section: str) -> list[Case]:
@@ -35,7 +43,7 @@ def longer(section: str) -> list[Case]:
             section,
             row["case"],
             recorded,
-            {"measured": row["scalars"], "dofs": row["dofs"]},
+            {"measured": row["scalars"], "units": row["units"], "dofs": row["dofs"]},
             {name: value for name, value in row["parameters"].items() if name != "problem"},
         )
         for row in rows()

@@ -49,7 +49,7 @@ from study.verification.c_mesh_families import (
     on_strip,
     order,
 )
-from study.verification.recorded import longer
+from study.verification.recorded import longer, parted
 
 TITLE = "Impact and the symmetric sibling"
 
@@ -372,7 +372,8 @@ CASES += [
     )
     for scheme in ("hrz", "sibling", "sibling-pwmass")
 ]
-LONGER = [
+CASES, LONGER = parted(CASES, "*-3d-sibling-pwmass-*", "frequency-cube-sibling-pwmass")
+LONGER += [
     *(_bar(scheme, 2, n) for scheme in ("hrz", "sibling") for n in (32, 64)),
     *(_bar(scheme, 3, n) for scheme in ("hrz", "sibling") for n in (10, 14, 20)),
     *(_bar(scheme, d, n, LATE) for scheme in ("hrz", "sibling") for d, n in ((2, 16), (3, 5))),

@@ -227,11 +227,10 @@ def _smooth(cell: str, sizes: tuple[int, ...]) -> list[Case]:
     ]
 
 
-CASES = [*_cases("T6", (4, 8, 16)), *_cases("T10", (2,))]
-CASES += [*_smooth("T6", (4, 8, 16, 32)), *_smooth("T10", (2,))]
+CASES = [*_cases("T6", (4, 8, 16)), *_smooth("T6", (4, 8, 16))]
 CASES += [Case("V14", "linear-pw-T6-8", linear, {"element": "pw-T6", "elements": 8})]
-LONGER = [*_cases("T6", (32, 64)), *_cases("T10", (4, 8))]
+LONGER = [*_cases("T6", (32, 64)), *_cases("T10", (2, 4, 8))]
 LONGER += [Case("V14", "punch-pw-T6-96", punch, {"element": "pw-T6", "elements": 96})]
-LONGER += [*_smooth("T6", (64,)), *_smooth("T10", (4, 8))]
+LONGER += [*_smooth("T6", (32, 64)), *_smooth("T10", (2, 4, 8))]
 """Computed by `longer`."""
 CASES += longer("V14")

@@ -41,7 +41,7 @@ from study.verification.c_manufactured import plane, plane_pressure, solid, soli
 from study.verification.c_mesh_families import cell_size
 from study.verification.half_space import Elastic, HertzLine
 from study.verification.indentation import INNER, Indenter, indented
-from study.verification.recorded import longer
+from study.verification.recorded import longer, parted
 from study.verification.v15_contact import PLACE, RADIUS, ZONE, presses, pushed, sphere
 from study.verification.v15_layers import layers
 from study.verification.v15_meshes import unit_mesh
@@ -282,7 +282,12 @@ CASES = [
     *_on_levels(seal, HYBRID, (8,)),
     *_on_levels(seal, HYBRID[1:], (12,)),
 ]
-LONGER = [
+CASES, LONGER = parted(
+    CASES,
+    *("square-*-Q9-*", "cube-*", "enclosed-*", "infsup-*-Q9-*", "infsup-*-T10-*", "layers-*-T10"),
+    *("layers-*-H27", "presses-*-64", "sphere-*-H27-3", "sphere-*-hybrid-T10-6"),
+)
+LONGER += [
     *_known(cube, HYBRID_H27, (2, 4)),
     *_known(cube, HYBRID_H27, (8, 12, 16), (0.4999,)),
     *_on_levels(infsup, HYBRID_H27, (2, 4, 6)),

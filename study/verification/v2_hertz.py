@@ -20,6 +20,7 @@ from study.core.store import Result
 from study.units import N_MM, units_of
 from study.verification.half_space import Elastic, HertzLine, HertzSphere
 from study.verification.indentation import ELEMENTS, OUTER, Indenter, series
+from study.verification.recorded import longer, parted
 
 TITLE = "Hertz contact"
 
@@ -93,3 +94,6 @@ CASES += [
     for suffix, size in (("held", {"far_field": False}), ("outer10", {"outer": 10.0}))
 ]
 CASES.append(Case("V2", "line-pw-T6-circle", cylinder, {"element": "pw-T6", "true_circle": True}))
+CASES, LONGER = parted(CASES, "*-pw-T6-*", "*-pw-Q8")
+"""Computed by `longer`."""
+CASES += longer("V2")

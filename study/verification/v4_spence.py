@@ -23,6 +23,7 @@ from study.units import NONE
 from study.verification.friction import SPENCE
 from study.verification.half_space import Elastic
 from study.verification.mesh_lines import growing
+from study.verification.recorded import longer, parted
 
 TITLE = "Stick radius below a flat punch with friction"
 
@@ -179,3 +180,6 @@ CASES += [
     _case("pw-T6", _OTHERS[0], 64),
     _case("pw-T6", (0.25, FIRST[1]), 64, "-stress", state="plane stress"),
 ]
+CASES, LONGER = parted(CASES, "galerkin-T6-*-128", "composite-*-64", "*-Q[89]-*-64")
+"""Computed by `longer`."""
+CASES += longer("V4")

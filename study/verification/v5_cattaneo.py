@@ -24,6 +24,7 @@ from study.verification.friction import Cattaneo
 from study.verification.graded_meshes import with_counterpart
 from study.verification.half_space import Elastic
 from study.verification.mesh_lines import growing
+from study.verification.recorded import longer, parted
 
 TITLE = "Partial slip: Cattaneo and Mindlin"
 
@@ -220,3 +221,6 @@ CASES += [
     Case("V5", f"pw-T6-20-{name}", partial_slip, {"element": "pw-T6", "zone_elements": 20} | other)
     for name, other in VARIANTS.items()
 ]
+CASES, LONGER = parted(CASES, "composite-*-40", "*-Q[89]-40")
+"""Computed by `longer`."""
+CASES += longer("V5")

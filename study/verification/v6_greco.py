@@ -20,6 +20,7 @@ from study.core.store import Result
 from study.discretisation import discretise
 from study.units import SI
 from study.verification.friction import GRECO_PLACES
+from study.verification.recorded import longer, parted
 
 TITLE = "GRECO plate with open, slipping and sticking zones"
 
@@ -101,3 +102,6 @@ CASES += [
     Case("V6", f"{element}-{n}", plate, {"element": element, "squares": n})
     for element, n in FINEST.items()
 ]
+CASES, LONGER = parted(CASES, "galerkin-Q8-128", "composite-*-64", "*-Q[89]-64")
+"""Computed by `longer`."""
+CASES += longer("V6")

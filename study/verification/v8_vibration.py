@@ -39,6 +39,7 @@ from study.discretisation import (
 )
 from study.paper.s7_6_exact import Strip
 from study.units import dimensionless
+from study.verification.recorded import longer, parted
 from study.verification.v8_exact import Rod, rectangle_eigenvalues
 
 TITLE = "Vibration with known answers"
@@ -375,4 +376,6 @@ def _cases() -> list[Case]:
     return cases
 
 
-CASES = _cases()
+CASES, LONGER = parted(_cases(), "quadrature-*")
+"""Computed by `longer`."""
+CASES += longer("V8")

@@ -1,4 +1,4 @@
-"""The longer series of sections V10 to V17, Q and W and their record."""
+"""The longer series and their record."""
 
 import json
 
