@@ -7,7 +7,6 @@ joint), or the mean of both elements on a fine mesh, so that none is favoured: t
 there is half of their difference.
 """
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -176,7 +175,4 @@ LONGER = _cases("T10", {}) + [
 ]
 """Computed by `study.verification.longer`: space, and what is much finer."""
 CASES = _cases("T6", _recorded())
-CASES += [
-    replace(case, implied=case.implied | {"problem": case.name.split("-")[0]})
-    for case in longer("W")
-]
+CASES += longer("W")

@@ -51,7 +51,7 @@ def computed(results: Results, section: str) -> Computed:
     meshes = sorted(sizes, key=np.prod)
     return Computed(
         len(cases),
-        sum(case.parameters.get("problem") == "recorded" for case in cases),
+        sum("measured" in case.parameters for case in cases),
         (min(unknowns), max(unknowns)),
         [" × ".join(f"{n:.3g}" for n in size) for size in meshes],
         sorted(_degrees(SECTIONS[section])),

@@ -37,14 +37,14 @@ def parted(cases: Sequence[Case], *patterns: str) -> tuple[list[Case], list[Case
 
 
 def longer(section: str) -> list[Case]:
-    """The recorded cases of a section, with the parameters of what has been computed."""
+    """The recorded cases of a section, with problem and parameters of what has been computed."""
     return [
         Case(
             section,
             row["case"],
             recorded,
             {"measured": row["scalars"], "units": row["units"], "dofs": row["dofs"]},
-            {name: value for name, value in row["parameters"].items() if name != "problem"},
+            row["parameters"],
         )
         for row in rows()
         if row["section"] == section

@@ -8,6 +8,8 @@ from study.core.store import MissingResult, Results, Stored
 
 T6 = ("galerkin-T6", "pw-T6")
 
+_OF_A_RECORD = ("measured", "units", "dofs")  # what a tracked result has besides
+
 # Parameters and their values, see `Stored.has`, or a regular expression for the cases' names
 Selection = Mapping[str, Any] | str
 
@@ -30,7 +32,8 @@ def matching(results: Results, section: str, cases: Selection) -> list[Stored]:
 
 def like(results: Results, stored: Stored, **others: object) -> Stored:
     """The result of the same section whose parameters differ in these alone."""
-    (found,) = matching(results, stored.section, {**stored.parameters, **others})[:1]
+    same = {name: value for name, value in stored.parameters.items() if name not in _OF_A_RECORD}
+    (found,) = matching(results, stored.section, {**same, **others})[:1]
     return found
 
 
