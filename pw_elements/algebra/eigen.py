@@ -319,8 +319,9 @@ def _largest(
     kind = SLEPc.EPS.ProblemType
     eigensolver.setProblemType(kind.GHEP if asked.symmetrised else kind.GNHEP)
     eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
-    spare = _SPARE_EIGENVALUES if shifted or count > 1 else 0
-    eigensolver.setDimensions(nev=min(count + spare, A.getSize()[0]))
+    several, size = count + _SPARE_EIGENVALUES, A.getSize()[0]
+    wanted = several if shifted or count > 1 else count
+    eigensolver.setDimensions(nev=min(wanted, size), ncv=min(max(2 * several, several + 15), size))
     eigensolver.setTolerances(_EIGENVALUE_TOLERANCE, _MAX_ITERATIONS)
     begun, comm = perf_counter(), A.comm.tompi4py()
     eigensolver.getST().setKSP(inverse.ksp)

@@ -74,7 +74,7 @@ def closure(module: str, without: frozenset[str] = frozenset()) -> dict[str, Pat
 
 
 def code_digest(path: Path) -> str:
-    """Return a digest of a source's code: without comments, docstrings and layout."""
+    """Return a digest of a source's code: without comments, docstrings, assertions and layout."""
     return _code_digest(path.read_bytes())
 
 

@@ -32,20 +32,20 @@ I: factors-galerkin-T6 dip-galerkin-T6
 7.4: galerkin-Q8
 7.5: pw-T6 galerkin-Q8-SI
 7.6: galerkin-Q8 exact
-C: pwsym-T6-modes-square galerkin-T6-nu-plane-strain galerkin-Q8-plane-stress
+C: pwsym-T6-modes-square galerkin-T6-nu-plane-strain galerkin-Q8-plane-stress pw-T10-ball
 P: block-even beam-16x4-mode2 block-native buckling-CPE6 two-triangles
 T: composite-mass order-pw-T10 point-load statics-2d statics-3d
 V1: pw-Q8-straight
-V2: line-pw-T6 sphere-pw-T6
+V2: line-pw-T6 sphere-pw-T6 line-pw-Q8
 V3: bonded-exact bonded-composite-T6-graded
-V4: pw-T6-nu0.25-20.0deg-64
-V5: pw-T6-40
-V6: pw-T6-64
+V4: pw-T6-nu0.25-20.0deg-64 pw-Q8-nu0.25-20.0deg-64
+V5: pw-T6-40 pw-Q8-40
+V6: pw-T6-64 pw-Q8-64
 V7: pw-T6-limit composite-T6-mu0.0-16x4
 V8: cylinder-galerkin-Q8 free-plane-stress-galerkin-Q8 quadrature-galerkin-T6 rod-pw-T6
 V8: square-pw-T6 strip-pw-T6 tube-pw-T6
 V9: pw-lumped
-V10: patch-pw-H27 tilted-sibling-T10 sphere-pw-T10-5 punch-galerkin-T10-2
+V10: patch-pw-T10 tilted-sibling-T10 sphere-pw-T10-5 punch-galerkin-T10-2
 V10: mindlin-pw-T10-8
 V11: patch-3d-pw-dual overhang-2d-p2-dual hertz-2d-pw-dual-16 cattaneo-pw-dual-8 unequal-pw-dual-16
 V11: r0094-pw-dual patch-3d-calculix-mortar spheres-pw-dual-5-ratio1.37
@@ -54,10 +54,10 @@ V13: square-pw-32 cube-transferred-4 graded-pw-16 sourced-standard-16 sourced-tr
 V13: cube-pw-24
 V14: punch-pw-T6-16 smooth-pw-T6-4 linear-pw-T6-8 punch-pw-T10-8
 K: contact-pw-T10-8-Iterative contact-C3D10-8-CalculiX
-V15: square-pw-hybrid-T6-0.5-8 cube-pw-hybrid-T10-0.4999-3 cook-pw-hybrid-T6-32
-V15: hertz-pw-hybrid-T6-32 identity-pw-hybrid-T6 infsup-pw-hybrid-T10-2 layers-pw-hybrid-Q9
+V15: square-pw-hybrid-T6-0.5-8 cook-pw-hybrid-T6-32
+V15: hertz-pw-hybrid-T6-32 identity-pw-hybrid-T6 infsup-pw-hybrid-T6-8 layers-pw-hybrid-Q9
 V15: presses-pw-hybrid-T6-32
-V15: enclosed-pw-hybrid-H27-0.4999-4 cube-pw-hybrid-H27-0.4999-12
+V15: cube-pw-hybrid-H27-0.4999-12
 V16: shear-pw-T10 steps-pw-T6-1-1 compression-pw-T6
 V16: calculix-pw-T6-cylinder-8-0.0 cylinder-pw-T6-16-68
 V17: turned-pw-T6-90 fit-pw-hybrid-T6 die-galerkin-T6-finer
@@ -70,9 +70,8 @@ LONG = [
     f"{section}/{name}"
     for section, name in listed("""
 V10: mindlin-pw-T10-2
-V11: spheres-pw-dual-3
-V14: punch-pw-T10-2
-V15: pushed-pw-hybrid-T6-30 seal-pw-hybrid-T6-8 sphere-pw-hybrid-H27-3
+V11: spheres-pw-dual-5
+V15: pushed-pw-hybrid-T6-30 seal-pw-hybrid-T6-8 sphere-pw-hybrid-T10-3
 V16: sphere-galerkin-T10-6 wheel-pw-hybrid-T6-4 bush-pw-T6
 V16: cylinder-pw-T6-8 energy-pw-T6-4 hertz-pw-T6-4
 V17: rings-pw-T6 die-pw-T6-coarser calculix-pw-T6-die-8-6 ironed-pw-T6
