@@ -327,32 +327,39 @@ class Krylov:
         self.levels = saddle.levels if saddle else Multigrid(matrix, supports)
         self.multigrid: Multigrid | SaddlePoint = saddle or self.levels
         self.operator = self.multigrid.operator
-        self.ksp = self._method_for(self.operator)
+        self.ksp = self._method_for(self.operator, "gmres")
         # the levels take over the prefix
         self.multigrid.set_up(self.ksp.getPC())
         self.ksp.getPC().setFromOptions()
         how_inside = " in a block triangle" if saddle else ""
         self._method = f"{self.ksp.getType().upper()} with p-multigrid{how_inside}"
 
-    def preconditioned(self, operator: PETSc.Mat, preconditioner: object) -> PETSc.KSP:
-        """The same method with another matrix, and a preconditioner in Python."""
-        ksp = self._method_for(operator)
-        ksp.getPC().setType("python")
-        ksp.getPC().setPythonContext(preconditioner)
+    def briefly(self, operator: PETSc.Mat, preconditioner: object | None) -> PETSc.KSP:
+        """For a few iterations with another matrix, and a preconditioner in Python or the levels.
+
+        It keeps what the preconditioner makes of each vector, or would have to apply it once more.
+        """
+        ksp = self._method_for(operator, "fgmres")
+        if preconditioner is None:
+            ksp.setPC(self.ksp.getPC())
+            ksp.setOperators(operator, self.operator)
+        else:
+            ksp.getPC().setType("python")
+            ksp.getPC().setPythonContext(preconditioner)
         return ksp
 
     def release(self) -> None:
         destroy(self.ksp, self.operator)
         self.multigrid.release()
 
-    def _method_for(self, operator: PETSc.Mat) -> PETSc.KSP:
+    def _method_for(self, operator: PETSc.Mat, kind: str) -> PETSc.KSP:
         ksp = PETSc.KSP().create(operator.comm)
         ksp.setOperators(operator)
         if self._foreign is not None:
             ksp.setType("python")
             ksp.setPythonContext(_Foreign(self._foreign))
             return ksp
-        ksp.setType("gmres")
+        ksp.setType(kind)
         ksp.setGMRESRestart(_KEPT_VECTORS)
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
         ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)

@@ -380,8 +380,15 @@ def _watched(digits: list[float]) -> Any:  # noqa: ANN401
 
     class Watched(pw.Iterative):
         def prepare(self, *stated: Any, **named: Any) -> Any:  # noqa: ANN401
-            krylov = super().prepare(*stated, **named)
-            krylov.ksp.setMonitor(first)
+            krylov: Any = super().prepare(*stated, **named)
+            method = krylov.briefly
+
+            def briefly(*of: Any) -> Any:  # noqa: ANN401
+                ksp = method(*of)
+                ksp.setMonitor(first)
+                return ksp
+
+            krylov.briefly = briefly
             return krylov
 
     return Watched()

@@ -104,6 +104,24 @@ def test_displacements_are_those_of_the_direct_solver(name):
     assert 5 < report.krylov_iterations < 80
 
 
+def test_a_brief_solution_takes_one_cycle_an_iteration():
+    case = Case("pw-T10")
+    prepared = Iterative().prepare(case.K, supports=case.supports.supports)
+    prepared.set_up()
+    levels, applied = prepared.ksp.getPC(), []
+
+    class Counted:
+        def apply(self, _, x, y):
+            applied.append(1)
+            levels.apply(x, y)
+
+    ksp = prepared.briefly(prepared.operator, Counted())
+    a, every = prepared.solve(case.f), case.f.duplicate()
+    ksp.solve(case.f, every)
+    assert len(applied) == ksp.getIterationNumber() > 5
+    assert difference(every, a) < 1e-10
+
+
 @pytest.mark.parametrize("name", ["pw-T10", "pw-H27", "galerkin-H27", "pw-T6", "galerkin-Q8"])
 def test_the_coarse_level_is_the_stiffness_of_linear_elements(name):
     """P^T K P against a matrix that is assembled from linear functions on both sides."""

@@ -3,6 +3,8 @@
 import json
 import os
 import re
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -111,6 +113,18 @@ def test_figures_are_drawn_again_only_after_a_change_of_their_own(out, script):
     assert not draw_all(out, complete=True)
     assert draw_all(out, complete=False)
     assert "toy_two" not in names(out)
+
+
+def test_names_in_drawings_are_those_of_other_processes():
+    uses = "".join(f'<use href="#p{name}"/>' for name in "abcdefgh")
+    code = f"from figures.drawing import _bare; print(_bare('<svg>{uses}</svg>'))"
+
+    def drawn(seed):
+        settings = os.environ | {"PYTHONHASHSEED": seed}
+        command = [sys.executable, "-c", code]
+        return subprocess.run(command, env=settings, capture_output=True, check=True).stdout
+
+    assert drawn("1") == drawn("2")
 
 
 def test_figure_is_indexed_and_drawn_each_time_the_same_with_what_is_shown_and_no_more(out, script):

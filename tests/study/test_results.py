@@ -172,6 +172,10 @@ def test_measures_select_by_parameters_or_by_names(results):
     (named,) = matching(results, "7.1", "pw-T6")
     assert named.case in [one.case for one in found]
     assert like(results, named, element="galerkin-T6").case == "galerkin-T6"
+    (recorded,) = matching(
+        results, "C", {"element": "pw-T10", "problem": "statics", "setting": "ball"}
+    )
+    assert like(results, recorded, element="galerkin-T10").case == "galerkin-T10-ball"
     by_name = largest(results, "7.1", "pw-T6.*", "sum")
     assert largest(results, "7.1", {"element": "pw-T6"}, "sum") == by_name == pytest.approx(6)
 

@@ -363,11 +363,8 @@ class KrylovTangent:
         if points.translations:
             sums = [self._sum(stiffness, supports, j) for j in range(points.translations)]
             self._border = Bordered(inner, sums, self._comm, K.createVecRight())
-        if outer := self._border or (None if saddle else self._sprung):
-            self._ksp = krylov.preconditioned(self._operator, outer)
-        else:
-            self._ksp = krylov.ksp
-            self._ksp.setOperators(self._operator, krylov.operator)
+        outer = self._border or (None if saddle else self._sprung)
+        self._ksp = krylov.briefly(self._operator, outer)
         # supports that hold all pieces need no help of contact
         elastic, held = krylov.elastic
         loose = free_motion(elastic, held)
@@ -473,8 +470,7 @@ class KrylovTangent:
         if self._saddle and self._saddle.free_pressure(self._operator):
             self._enclosed = True
             raise SingularSystem("the pressure is known up to a constant")
-        if self._ksp is not self._krylov.ksp:
-            self._krylov.ksp.setUp()
+        self._krylov.ksp.getPC().setUp()
         if self._border is not None:
             self._border.update([self._column(j, law.D) for j in range(self._points.translations)])
         if self._pace is None:
