@@ -43,8 +43,9 @@ T = TypeVar("T")
 
 _EIGENVALUE_TOLERANCE = 1e-12
 _MAX_ITERATIONS = 500
-# Eigenvalues that have to converge beyond several asked for, or one of a body that may be free, and
-# has six rigid modes then: further copies of a multiple one come from round-off alone, and late
+# Eigenvalues that have to converge beyond those asked for, unless that is one buckling factor:
+# further copies of a multiple one come from round-off alone, and late. A free body has six rigid
+# modes. The space is for all of them in any case, or a load that pulls does not converge
 _SPARE_EIGENVALUES = 6
 # The shift below zero, in eigenvalues of the lowest mode of a compact body: so near to zero that
 # each copy of a multiple rigid mode outgrows the elastic ones within a few steps

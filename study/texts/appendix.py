@@ -51,9 +51,9 @@ def computed(results: Results, section: str) -> Computed:
     meshes = sorted(sizes, key=np.prod)
     return Computed(
         len(cases),
-        sum("measured" in case.parameters for case in cases),
+        sum({"measured", "units"} <= case.parameters.keys() for case in cases),
         (min(unknowns), max(unknowns)),
-        [" × ".join(f"{n:.3g}" for n in size) for size in meshes],
+        [" × ".join(f"{n:.3g}" if n < 1000 else f"{n:.0f}" for n in size) for size in meshes],
         sorted(_degrees(SECTIONS[section])),
     )
 

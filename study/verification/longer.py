@@ -1,6 +1,6 @@
-"""The longer series of sections C, V2 to W: finer meshes, more elements, rivals and variants.
+"""The longer series: finer meshes, more elements, rivals and variants.
 
-    ./run python3 -m study.verification.longer             computes all, half an hour; the record
+    ./run python3 -m study.verification.longer             computes all, forty minutes; the record
     ./run python3 -m study.verification.longer V13/cube-pw-16    only these
     ./run python3 -m study.verification.longer --check     all again, against the record
 

@@ -31,9 +31,11 @@ def rows() -> list[dict[str, Any]]:
 
 def parted(cases: Sequence[Case], *patterns: str) -> tuple[list[Case], list[Case]]:
     """Cases without and with a name like one of the patterns, which are as in a shell."""
-    found = {case.key for case in cases for like in patterns if fnmatchcase(case.name, like)}
-    parts = [[case for case in cases if (case.key in found) is late] for late in (False, True)]
-    return parts[0], parts[1]
+
+    def late(case: Case) -> bool:
+        return any(fnmatchcase(case.name, like) for like in patterns)
+
+    return [case for case in cases if not late(case)], [case for case in cases if late(case)]
 
 
 def longer(section: str) -> list[Case]:

@@ -27,7 +27,8 @@ def test_unknowns_are_the_fewest_and_the_most_and_mesh_sizes_are_listed_once(one
     one({"divisions": [80, 40]}, dofs=40)
     one({"dofs": 900, "divisions": [20, 10]})  # a recorded case keeps them among its parameters
     assert one({"divisions": [20, 10]}, dofs=120)[:4] == (3, 0, (40, 900), ["20 × 10", "80 × 40"])
-    assert one({"measured": {}}, dofs=120)[:2] == (4, 1)
+    assert one({"measured": {}, "units": {}}, dofs=120)[:2] == (4, 1)
+    assert one({"measured": {}}, dofs=120)[:2] == (5, 1)  # of the record of cost
 
 
 @pytest.mark.parametrize(

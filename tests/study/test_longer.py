@@ -1,4 +1,4 @@
-"""The longer series and their record."""
+"""The longer series and its record."""
 
 import json
 
