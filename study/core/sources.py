@@ -6,13 +6,6 @@ from collections.abc import Iterator
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from types import CodeType
-
-# What of a code object is its code
-_SAID = (
-    *("name", "flags", "argcount", "posonlyargcount", "kwonlyargcount", "code", "exceptiontable"),
-    *("names", "varnames", "freevars", "cellvars", "consts"),
-)
 
 
 def source(module: str) -> Path | None:
@@ -74,25 +67,31 @@ def closure(module: str, without: frozenset[str] = frozenset()) -> dict[str, Pat
 
 
 def code_digest(path: Path) -> str:
-    """Return a digest of a source's code: without comments, docstrings, assertions and layout."""
+    """Return a digest of a source's code: without comments, docstrings and layout."""
     return _code_digest(path.read_bytes())
 
 
 @cache
 def _code_digest(source: bytes) -> str:
-    code = compile(source, "", "exec", dont_inherit=True, optimize=2)
-    return hashlib.sha256(repr(_said(code)).encode()).hexdigest()
+    return hashlib.sha256(repr(_said(ast.parse(source))).encode()).hexdigest()
 
 
-def _said(constant: object) -> object:
-    """Return what Python makes of code, all but the numbers of lines."""
-    if isinstance(constant, frozenset):  # whose order changes from process to process
-        return sorted(map(repr, constant))
-    if isinstance(constant, tuple):
-        return [_said(one) for one in constant]
-    if not isinstance(constant, CodeType):
-        return constant
-    return [_said(getattr(constant, f"co_{name}")) for name in _SAID]
+def _said(node: object) -> object:
+    """Return a tree without places and texts; compiled code would keep the lines of classes."""
+    if isinstance(node, list):
+        return [_said(one) for one in node if not _is_text(one)]
+    if not isinstance(node, ast.AST):
+        return node
+    return [type(node).__name__, *[_said(getattr(node, name, None)) for name in node._fields]]
+
+
+def _is_text(node: object) -> bool:
+    """Whether this is a text as a statement: a docstring, or the like of an attribute."""
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
 
 
 @cache

@@ -71,6 +71,7 @@ def test_fingerprint_is_the_same_in_another_process(toy):
 @pytest.mark.parametrize("name", ["one.py", "common.py", "__init__.py"])
 def test_change_of_a_source_that_the_section_uses_invalidates_and_a_comment_does_not(toy, name):
     case, path = load_section("1").cases[0], toy / name
+    add(path, "class Own:\n    pass\n")
     before = fingerprint(case)
     path.write_text(f'"""About the module."""\n\n# a comment\n{path.read_text()}# another\n')
     assert fingerprint(case) == before
