@@ -326,6 +326,9 @@ def masked(reduction: Reduction) -> Reduction:
     """The reduction that keeps all unknowns and sets prescribed ones to zero."""
     if reduction.supports is None:
         raise ValueError(NO_SUPPORTS)
+    unknowns, free = reduction.right.getSize()
+    if free == unknowns:  # it is that one: contact alone holds the body
+        return reduction
     kept = selection(reduction.supports.free, reduction.offset, renumbered=False)
     return replace(reduction, left=kept, right=kept)
 

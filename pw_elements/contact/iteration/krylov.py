@@ -433,7 +433,7 @@ class KrylovTangent:
         fixed = self._make_ready(law)
         if self._sprung is None:
             self._land(known, x, fixed)
-        start, rest = x.copy(), known.duplicate()
+        start, rest = x.copy() if self._renewed else x, known.duplicate()
         left = self._left(known, rest)
         if self._left_before:
             forcing = min(forcing, 0.9 * (left / self._left_before) ** 2)
@@ -449,6 +449,7 @@ class KrylovTangent:
             assert found is not None, "these levels are new"
         left, stalled = found
         self._final = bool(left <= self._exact * self._largest() or stalled)
+        self._forget_vectors()
         collect_garbage(known)
         return Solved(np.array(x.array_r), exact=stalled, final=self._final)
 
@@ -516,6 +517,13 @@ class KrylovTangent:
         else:
             self._wasted = max(0.0, self._wasted + spent - self._pace * digits)
         return left, stalled
+
+    def _forget_vectors(self) -> None:
+        preconditioner, none = self._ksp.getPC(), PETSc.PC().create(self._operator.comm)
+        self._ksp.setPC(none)  # levels would be reset with the method
+        self._ksp.reset()
+        self._ksp.setPC(preconditioner)
+        destroy(none)
 
     def release(self) -> None:
         if self._sprung is not None:

@@ -148,7 +148,6 @@ class RigidMotions:
         pieces = Pieces.of(space)
         self.modes = RigidModes(pieces, system.free, system.interface.pairs)
         self._at = system.interface.field.owned.ravel()
-        self._column = free_columns(system.reduction.right)[self._at]
         self._held = triangle(self._resisted(pieces, transposed=False), system.comm)
         self._relative = self._at_points(pieces, works=False)
         if isinstance(self._held, np.ndarray):  # of few modes
@@ -193,8 +192,9 @@ class RigidMotions:
 
     def power(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
         """Work (modes,) of reduced loads and forces on free surfaces, and its parts' magnitudes."""
-        forces, kept = np.zeros(len(self._column)), self._column >= 0
-        forces[kept] = load.array_r[self._column[kept] - load.getOwnershipRange()[0]]
+        column = self._columns()
+        forces, kept = np.zeros(len(column)), column >= 0
+        forces[kept] = load.array_r[column[kept] - load.getOwnershipRange()[0]]
         pieces = Pieces.of(self._space)
         motions = pieces.matrix(pieces.motion, len(self.modes.free))
         parts = np.array([motions.T @ forces, abs(motions).T @ np.abs(forces)])
@@ -215,6 +215,9 @@ class RigidMotions:
         held = _stacked([self._held, triangle(rows, self._system.comm)])
         return null_space(held, _FREE_STIFFNESS)
 
+    def _columns(self) -> Indices:
+        return free_columns(self._system.reduction.right)[self._at]
+
     def _resisted(self, pieces: Pieces, transposed: bool) -> sp.csr_array:
         """Displacements in the pieces' modes at supports, and the forces that these cause.
 
@@ -222,7 +225,7 @@ class RigidMotions:
         strain. K^T m tells of which modes no state of strain changes the balance of forces; where
         it is unsymmetric, they may be fewer.
         """
-        free = self._column != -1
+        free = self._columns() != -1
         return pieces.held(self._K, free, self._at, transposed, len(self.modes.free))
 
     def _at_points(self, pieces: Pieces, works: bool) -> sp.csr_array:
