@@ -9,14 +9,13 @@ import numpy as np
 from dolfinx.mesh import Mesh
 
 from pw_elements import Material, prescribe
-from pw_elements.contact import ContactPair, Motion, Parabola, solve_contact
-from pw_elements.contact.model import ContactState
+from pw_elements.contact import ContactPair, ContactProblem, Motion, Parabola
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
 from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
-from study.discretisation import Discretisation, discretise
+from study.discretisation import discretise
 from study.paper.bands import DATA, DIAGONALS
 from study.units import UNSTATED
 
@@ -55,20 +54,23 @@ def punch(
     build = partial(_mesh, (divisions[0], divisions[1]), width, height, pattern)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
     body = discretise(element, build, material, StressState.PLANE_STRESS)
-    solve = partial(_solve, body, friction, height, radius)
+    base = [prescribe(body.space, i, _base) for i in range(2)]
+    pair = ContactPair(_top(height), Parabola((0.0, height), radius), friction)
+    problem = ContactProblem(body.K, body.supports(base), pair, body.space)
 
     steps = np.arange(1, increments + 1) / increments
-    indentation = [Motion((0.0, -DEPTH * s)) for s in steps]
-    states = solve(indentation)
+    states = [problem.undeformed]
+    for s in steps:
+        states.append(problem.step(states[-1], motions=Motion((0.0, -DEPTH * s))))
     force = -states[-1].pairs[0].force[1]
     if tangential_share:
-        pushed = tangential_share * force
-        down = -DEPTH if depth_held else None
-        push = [Motion((None, down), (pushed * s, 0.0 if depth_held else -force)) for s in steps]
-        states = solve([*indentation, *push])
+        depth, normal = (-DEPTH, 0.0) if depth_held else (None, -force)
+        for s in steps:
+            push = Motion((None, depth), (tangential_share * force * s, normal))
+            states.append(problem.step(states[-1], motions=push))
     return contact_result(
         body,
-        states,
+        states[1:],
         body.K.createVecLeft(),
         _top(height),
         force / (2 * radius),
@@ -76,15 +78,6 @@ def punch(
         force_indentation=force,
         translation=states[-1].pairs[0].translation[0],
     )
-
-
-def _solve(
-    body: Discretisation, friction: float, height: float, radius: float, motions: list[Motion]
-) -> list[ContactState]:
-    base = [prescribe(body.space, i, _base) for i in range(2)]
-    pair = ContactPair(_top(height), Parabola((0.0, height), radius), friction, motions)
-    nothing = [body.K.createVecLeft()] * len(motions)
-    return solve_contact(body.K, nothing, body.supports(base), [pair], body.space)
 
 
 def _mesh(
