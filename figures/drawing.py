@@ -31,7 +31,7 @@ FRAME = {"__main__", "drawing", "style", "symbols"}
 FRAME |= {"beam", "column", "contact", "convergence", "narrow", "rivals"}
 
 RASTER = 200  # dots per inch of what is an image within a drawing
-KINDS = ("png", "svg", "narrow.svg")  # a telephone's screen takes the last
+KINDS = ("svg", "narrow.svg")  # a telephone's screen takes the last
 COLOURS = 128  # of such an image: lines and flat faces need few
 
 SVG, XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
@@ -182,9 +182,6 @@ def _draw(script: ModuleType, name: str, results: Results) -> tuple[tuple[int, i
         try:
             size = _pixels(figure)
             _lay_out(figure)
-            stream = io.BytesIO()
-            figure.savefig(stream, format="png")
-            write_whole(picture(results.folder, name, "png"), stream.getvalue())
             write_whole(picture(results.folder, name, "svg"), _svg(figure))
             narrow = narrowed(script.draw(results))
             _lay_out(narrow)
