@@ -11,7 +11,7 @@ WIDTH = 3.7
 """In inches: what a screen of 390 pixels shows without shrinking."""
 LOW, TALL = 0.6, 0.8  # of a panel's width: what its height lies between if it shows curves
 CROWD = 4  # from so many panels in a row on, two stay side by side
-ENTRIES = 2  # columns of a legend below the panels
+ENTRIES = 2  # columns of a legend below the panels, if they fit
 
 
 def narrowed(figure: Figure) -> Figure:
@@ -64,5 +64,9 @@ def _narrow_legend(figure: Figure, legend: Legend) -> None:
     handles: list[Artist] = [handle for handle in legend.legend_handles if handle]
     labels = [text.get_text() for text in legend.get_texts()]
     place = "upper" if getattr(legend, "_outside_loc", None) == "upper" else "lower"
-    legend.remove()
-    figure.legend(handles, labels, loc=f"outside {place} center", ncols=ENTRIES, fontsize=7.5)
+    for columns in (ENTRIES, 1):
+        legend.remove()
+        where = f"outside {place} center"
+        legend = figure.legend(handles, labels, loc=where, ncols=columns, fontsize=7.5)
+        if legend.get_window_extent().width <= figure.bbox.width:
+            break

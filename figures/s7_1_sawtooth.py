@@ -18,8 +18,8 @@ def draw(results: Results) -> Figure:
         curves = results.curves(f"7.1/{element}-row")
         ax.plot(curves["x"], curves["reaction"], **LOOK[element])
     ax.axhline(0.5, color="black", linewidth=0.8, linestyle=":", label="pressure × node distance")
-    ax.set(xlabel="$x$ / side of a square", ylabel="nodal force / load on a square", ylim=(0, 0.8))
-    ax.legend(ncols=3, loc="lower center")
+    ax.set(xlabel="$x$ / side of a square", ylabel="force / load on a square", ylim=(0, 0.8))
+    fig.legend(loc="outside lower center", ncols=3)
     return fig
 
 

@@ -8,9 +8,10 @@ from figures.style import FULL, LOOK
 from study.core.store import Results
 
 SECTION = "V10"
-SHOWN = ("galerkin-T10", "sibling-T10", "pw-T10", "pw-H27")
+SHOWN = ("galerkin-T10", "sibling-T10", "pw-T10")
 SPHERE, PUNCH, MINDLIN = "sphere-{}-5", "punch-{}-4", "mindlin-{}-3"
-NEEDS = [f"V10/{name.format(e)}" for name in (SPHERE, PUNCH, MINDLIN) for e in SHOWN]
+OF = {SPHERE: (*SHOWN, "pw-H27"), PUNCH: SHOWN, MINDLIN: SHOWN}
+NEEDS = [f"V10/{name.format(element)}" for name in OF for element in OF[name]]
 
 
 def draw(results: Results) -> Figure:
@@ -20,7 +21,7 @@ def draw(results: Results) -> Figure:
     for ax, (name, quantity, title) in zip(
         axes, (*panels, (MINDLIN, "shear", "(c) partial slip, shear")), strict=True
     ):
-        for element in SHOWN:
+        for element in OF[name]:
             curves = results.curves("V10/" + name.format(element))
             r = np.hypot(*curves["x"][:, :2].T)
             look = LOOK[element] | {"linestyle": "none", "markersize": 2.5, "zorder": 2}

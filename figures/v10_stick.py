@@ -10,14 +10,14 @@ from study.vocabulary import ELEMENTS, NO_WEIGHT, OPEN, OWN, SLIP, STATUS, STICK
 
 SECTION = "V10"
 SHOWN = ("galerkin-T10", "sibling-T10", "pw-T10")
-CASE = "V10/mindlin-{}-4"
+CASE = "V10/mindlin-{}-3"
 NEEDS = [CASE.format(element) for element in SHOWN]
 COLOURS = {STICK: "#0072B2", SLIP: "#E8A33D", OPEN: "#777777"}
 
 
 def draw(results: Results) -> Figure:
     """One panel for each element, half of the contact each."""
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 1.9), sharex=True, sharey=True)
+    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.2), sharex=True, sharey=True)
     angle = np.linspace(0, np.pi, 201)
     for ax, element in zip(axes, SHOWN, strict=True):
         curves = results.curves(CASE.format(element))
@@ -41,7 +41,7 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "What the nodes do in one half of the contact of two equal spheres in partial slip, four "
+        "What the nodes do in one half of the contact of two equal spheres in partial slip, three "
         "elements over the radius a (dotted), ν = 0; the solid line is the border of Mindlin's "
         f"stick zone. A traction is the {OWN.meaning}, with {NO_WEIGHT} (crosses). Above, the "
         "stick radius over the exact one. It is where the friction that is left, (μ p − |t|)², "
@@ -53,7 +53,7 @@ def caption(results: Results) -> str:
 def alt(results: Results) -> str:
     """The figure in words."""
     return (
-        "Three half discs of nodes. In each, the nodes that stick fill the exact half circle and "
-        "reach up to half an element beyond it; those around them slip. In the standard element's "
-        "some of the corners inside the half circle slip or are open."
+        "Three half discs of nodes. In each, the nodes that stick fill the exact half circle to "
+        "within half an element; those around them slip. In the standard element's some of the "
+        "corners inside the half circle slip or are open."
     )

@@ -9,7 +9,7 @@ from study.core.store import Results
 from study.vocabulary import OWN, WAYS
 
 SECTION = "V11"
-PROBLEMS = {"hertz-2d-{}-4": "cylinders, 4 edges", "spheres-{}-5": "spheres, 5 edges"}
+PROBLEMS = {"hertz-2d-{}-4": "cylinders, 4 edges", "spheres-{}-3": "spheres, 3 edges"}
 NEEDS = [f"V11/{problem.format(way)}" for problem in PROBLEMS for way in WAYS]
 
 
@@ -35,15 +35,15 @@ def draw(results: Results) -> Figure:
 
 def caption(results: Results) -> str:
     """What the figure shows."""
-    r = {way: results.curves(f"V11/spheres-{way}-5")["pressure"] for way in WAYS}
+    r = {way: results.curves(f"V11/spheres-{way}-3")["pressure"] for way in WAYS}
     out = sum(int(np.sum((p < -0.3) | (p > 1.5))) for p in r.values())
     return (
         "Pressures at the slave's nodes over Hertz's peak pressure p₀ and half width (radius) a; "
-        "E₂/E₁ = 3, no friction, four edges over the half width of two cylinders and five over the "
-        f"radius of two spheres. Lines are exact. {out} nodes lie outside the panels. With both of "
-        f"the new weights' ways and node to segment, the pressure is the {OWN.meaning}; node to "
-        "segment has none at corners of the spheres' tetrahedra. With the others it is the "
-        "multiplier."
+        "E₂/E₁ = 3, no friction, four edges over the half width of two cylinders and three over "
+        f"the radius of two spheres. Lines are exact. {out} nodes lie outside the panels. With "
+        "both of the new weights' ways and node to segment, the pressure is the "
+        f"{OWN.meaning}; node to segment has none at corners of the spheres' tetrahedra. With the "
+        "others it is the multiplier."
     )
 
 

@@ -15,8 +15,9 @@ SERIES = {
     "sibling": ("symmetric sibling", "sibling-T10", "-"),
     "pw": ("new, unsymmetric (unstable)", "pw-T10", "-"),
 }
-BAR, CUBE = "V12/bar-3d-{}-7", "V12/frequency-cube-{}"
-NEEDS = [name.format(scheme) for name in (BAR, CUBE) for scheme in SERIES]
+BAR, CUBE = "V12/bar-3d-{}-5", "V12/frequency-cube-{}"
+FINER = "V12/bar-3d-pw-7"
+NEEDS = [*(name.format(scheme) for name in (BAR, CUBE) for scheme in SERIES), FINER]
 WINDOW = 0.1  # of time, over which total forces are averaged
 
 
@@ -40,7 +41,7 @@ def draw(results: Results) -> Figure:
     pressures.set(
         xlabel="share of inner nodes",
         ylabel="mean own-function pressure / exact",
-        ylim=(0.9, 1.03),
+        ylim=(0.93, 1.02),
     )
     pressures.legend(loc="lower right", fontsize=6.5)
     total.set(xlabel="time", ylabel="total force / exact", ylim=(-0.1, 1.3))
@@ -55,13 +56,15 @@ def draw(results: Results) -> Figure:
 
 def caption(results: Results) -> str:
     """What the figure shows."""
+    worst = results.scalar(FINER, "pressure_max")
     return (
-        "A bar of unstructured tetrahedra, seven over its width, hits a rigid wall; the wave "
+        "A bar of unstructured tetrahedra, five over its width, hits a rigid wall; the wave "
         "returns at time 8. (a) Pressures at the inner nodes of its face, means over 1 < t < 7, in "
         f"ascending order: {OWN.meaning}, with {NO_WEIGHT}, so that the standard element's curves "
-        "end early; the unstable one leaves the panel. (b) Total force, averaged over intervals "
-        "of 0.1. (c) Error of the lowest ω² of a cube between smooth walls with the same lumped "
-        "masses. Thin black lines are exact."
+        "end early. The unstable one's motion has hardly grown by then; with seven tetrahedra over "
+        f"the width its pressures reach {worst:.2f} times the exact one. (b) Total force, averaged "
+        "over intervals of 0.1. (c) Error of the lowest ω² of a cube between smooth walls with "
+        "the same lumped masses. Thin black lines are exact."
     )
 
 

@@ -11,8 +11,7 @@ from study.core.store import Results
 SECTION = "V15"
 SHOWN = ("galerkin-hybrid-T6", "pw-hybrid-T6")
 CASE = "V15/seal-{}-8"
-FINE = "V15/seal-pw-hybrid-T6-12"
-NEEDS = [*(CASE.format(element) for element in SHOWN), FINE]
+NEEDS = [CASE.format(element) for element in SHOWN]
 # A 6-node triangle's four
 _PARTS = [[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]]
 
@@ -20,7 +19,7 @@ _PARTS = [[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]]
 def draw(results: Results) -> Figure:
     """Panels: the deformed cord and its pressure, nodal forces, force over squeeze."""
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.7), width_ratios=(1.25, 1, 1))
-    curves = results.curves(FINE)
+    curves = results.curves(NEEDS[1])
     x, y = curves["deformed"].T
     parts = curves["cells"][:, _PARTS].reshape(-1, 3)
     colours = axes[0].tripcolor(
@@ -55,9 +54,9 @@ def caption(results: Results) -> str:
     return (
         "An O-ring of incompressible neo-Hookean rubber (mean radius 8 times the cord's) squeezed "
         "by a quarter of its cord between two smooth plates, at large strains. (a) The deformed "
-        "cord and the pressure in it over the shear modulus μ (new hybrid T6, cells of 1/12 of the "
-        "cord's radius). (b) Nodal forces of the upper plate (cells of 1/8). (c) The force over E, "
-        "the cord's diameter d and its length, and Lindley's formula for long cords."
+        "cord and the pressure in it over the shear modulus μ (new hybrid T6, cells of 1/8 of the "
+        "cord's radius). (b) Nodal forces of the upper plate. (c) The force over E, the cord's "
+        "diameter d and its length, and Lindley's formula for long cords."
     )
 
 

@@ -13,10 +13,10 @@ SECTION = "V4"
 ELEMENTS = ("galerkin-T6", "pw-T6")
 LEFT = [f"V4/{element}-nu0.25-20.0deg-32" for element in ELEMENTS]
 RIGHT = [
-    "V4/pw-T6-nu0.25-20.0deg-128",
-    "V4/pw-T6-nu0.20-20.0deg-128",
-    "V4/pw-T6-nu0.30-16.7deg-128",
-    "V4/pw-T6-nu0.00-31.0deg-128",
+    "V4/pw-T6-nu0.25-20.0deg-64",
+    "V4/pw-T6-nu0.20-20.0deg-64",
+    "V4/pw-T6-nu0.30-16.7deg-64",
+    "V4/pw-T6-nu0.00-31.0deg-64",
 ]
 NEEDS = LEFT + RIGHT
 HOLLOW = {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.6}  # the new one on the other
@@ -65,7 +65,7 @@ def caption(results: Results) -> str:
         f"One half of a flat punch of half width b. (a) {OWN.name.capitalize()} stresses, "
         "ν = 0.25, friction angle 20°, 32 elements below the half; strip: contact zones of the new "
         "triangle; the singularity at the edge is cut off. (b) Shear over the largest possible "
-        "one, new triangle, 128 elements; black ticks: stick radii by a boundary-element program "
+        "one, new triangle, 64 elements; black ticks: stick radii by a boundary-element program "
         "of this study, to ± 0.003. Computed stick radii (by that program) in "
         f"the order of the legend: {radii}."
     )

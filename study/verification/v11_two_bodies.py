@@ -620,10 +620,10 @@ CASES += [
     for edges in (8, 16)
 ]
 CASES += [_case("r0094-{}", r0094, way) for way in WAYS]
-CASES += [_case("spheres-{}-5", spheres, way, edges=5) for way in WAYS]
+CASES += [_case("spheres-{}-3", spheres, way, edges=3) for way in WAYS]
 # the finer and the coarser mesh of others exchanged
 CASES += [_case("hertz-2d-{}-8-ratio2.0", hertz, way, edges=8, ratio=2.0) for way in DUAL]
-LONGER = [_case("spheres-{}-3", spheres, way, edges=3) for way in DUAL]
+LONGER = [_case("spheres-{}-5", spheres, way, edges=5) for way in WAYS]
 LONGER += [_case("spheres-{}-3.55-ratio1.41", spheres, way, edges=3.55, ratio=1.41) for way in DUAL]
 LONGER += [
     _case("spheres-{}-5-ratio1.37", spheres, way, edges=5, ratio=1.37)

@@ -372,7 +372,7 @@ CASES += [
     )
     for scheme in ("hrz", "sibling", "sibling-pwmass")
 ]
-CASES, LONGER = parted(CASES, "*-3d-sibling-pwmass-*", "frequency-cube-sibling-pwmass")
+CASES, LONGER = parted(CASES, "*-3d-*-7", "*-3d-sibling-pwmass-*", "frequency-cube-sibling-pwmass")
 LONGER += [
     *(_bar(scheme, 2, n) for scheme in ("hrz", "sibling") for n in (32, 64)),
     *(_bar(scheme, 3, n) for scheme in ("hrz", "sibling") for n in (10, 14, 20)),

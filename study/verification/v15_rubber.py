@@ -285,7 +285,8 @@ CASES = [
 CASES, LONGER = parted(
     CASES,
     *("square-*-Q9-*", "cube-*", "enclosed-*", "infsup-*-Q9-*", "infsup-*-T10-*", "layers-*-T10"),
-    *("layers-*-H27", "presses-*-64", "sphere-*-H27-3", "sphere-*-hybrid-T10-6"),
+    *("layers-*-H27", "presses-*-64", "pushed-*", "seal-*-12", "sphere-*-H27-3"),
+    "sphere-*-hybrid-T10-6",
 )
 LONGER += [
     *_known(cube, HYBRID_H27, (2, 4)),

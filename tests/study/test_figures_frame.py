@@ -156,14 +156,16 @@ def test_figure_is_indexed_and_drawn_each_time_the_same_with_what_is_shown_and_n
     assert used == set(re.findall(r'id="([^"]+)"', svg))
 
 
-WIDE = ("figsize=(COLUMN, 2.0))", "ncols=2, figsize=(2 * COLUMN, 2.0), sharey=True)")
+WIDE = ("figsize=(COLUMN, 2.0))", "ncols=2, figsize=(2 * COLUMN, 2.6), sharey=True)")
 
 
 def test_wide_figure_has_a_narrow_twin_with_its_panels_below_each_other(out, script):
     script("toy_wide", *WIDE)
     path = out.parent / "scripts" / "toy_wide.py"
     text = path.read_text().replace("figure, ax =", "figure, (ax, other) =")
-    path.write_text(text.replace("ax.legend()", "other.set(xlabel='place')"))
+    entries = "2 * ax.lines[:1], [20 * 'm', 20 * 'n']"
+    legend = f"figure.legend({entries}, loc='outside lower center', ncols=2)"
+    path.write_text(text.replace("ax.legend()", f"other.set(xlabel='place'); {legend}"))
     assert draw_all(out, complete=False)
     (entry,) = json.loads((out / "figures" / "index.json").read_text())
     assert entry["width"] == 672
@@ -175,6 +177,9 @@ def test_wide_figure_has_a_narrow_twin_with_its_panels_below_each_other(out, scr
     )
     assert wide.count(">0.0<") == 3  # both panels' x, one y
     assert narrow.count(">0.0<") == 4
+    left = re.findall(r'x="([-.\d]+)" y="[-.\d]+">(?:m{20}|n{20})<', narrow)
+    assert len(left) == 2
+    assert left[0] == left[1]  # too wide to be beside each other
 
 
 def test_figures_without_their_results_are_skipped_with_a_line(out, script, capsys):

@@ -70,8 +70,8 @@ LONG = [
     f"{section}/{name}"
     for section, name in listed("""
 V10: mindlin-pw-T10-2
-V11: spheres-pw-dual-5
-V15: pushed-pw-hybrid-T6-30 seal-pw-hybrid-T6-8 sphere-pw-hybrid-T10-3
+V11: spheres-pw-dual-3
+V15: seal-pw-hybrid-T6-8 sphere-pw-hybrid-T10-3
 V16: sphere-galerkin-T10-6 wheel-pw-hybrid-T6-4 bush-pw-T6
 V16: cylinder-pw-T6-8 energy-pw-T6-4 hertz-pw-T6-4
 V17: rings-pw-T6 die-pw-T6-coarser calculix-pw-T6-die-8-6 ironed-pw-T6
