@@ -244,6 +244,7 @@ CASES, LONGER = parted(
     *("*-ball", "*-modes-cube", "onecut-*", "*-Q[89]-*ring", "*-Q[89]-incompressible*"),
     *("composite-T6-*ring", "composite-T6-incompressible*", "*-T6-plane-strain"),
     *("*-Q[89]-plane-strain", "*-T6-axisymmetric", "*-Q[89]-axisymmetric"),
+    *("composite-T6-modes-cylinder", "*-Q[89]-modes-cylinder", "*-modes-square-same"),
 )
 """Computed by `longer`."""
 CASES += longer("C")

@@ -33,7 +33,7 @@ from pw_elements.meshes import triangles
 from study.core.cases import Case
 from study.core.store import Result
 from study.units import dimensionless
-from study.verification.recorded import longer
+from study.verification.recorded import longer, parted
 from study.verification.v13_graded import (
     Conduction,
     Graded,
@@ -251,7 +251,8 @@ CASES = [
     ),
     *(_trefftz("graded", 10, f"-ratio{ratio:.0f}", ratio=ratio) for ratio in (10.0, 400.0)),
 ]
-LONGER = [
+CASES, LONGER = parted(CASES, "graded-[ost]*-64", "sourced-[ost]*-64")
+LONGER += [
     *_cases(square, "T6", (64, 128)),
     *_cases(cube, "T10", (8, 16, 24)),
     *_cases(graded, "T6", (128, 256, 512), ("own", "pw")),

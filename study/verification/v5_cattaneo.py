@@ -221,6 +221,6 @@ CASES += [
     Case("V5", f"pw-T6-20-{name}", partial_slip, {"element": "pw-T6", "zone_elements": 20} | other)
     for name, other in VARIANTS.items()
 ]
-CASES, LONGER = parted(CASES, "composite-*-40", "*-Q[89]-40")
+CASES, LONGER = parted(CASES, "composite-*-[24]0", "*-Q[89]-[24]0")
 """Computed by `longer`."""
 CASES += longer("V5")

@@ -376,6 +376,8 @@ def _cases() -> list[Case]:
     return cases
 
 
-CASES, LONGER = parted(_cases(), "quadrature-*")
+CASES, LONGER = parted(
+    _cases(), "quadrature-*", "*-pw-Q8-lumped", "[rst]*-pw-Q9", "[rst]*-composite-T6"
+)
 """Computed by `longer`."""
 CASES += longer("V8")
