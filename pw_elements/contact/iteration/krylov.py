@@ -433,6 +433,7 @@ class KrylovTangent:
         fixed = self._make_ready(law)
         if self._sprung is None:
             self._land(known, x, fixed)
+        # needed again only where levels may be old
         start, rest = x.copy() if self._renewed else x, known.duplicate()
         left = self._left(known, rest)
         if self._left_before:
