@@ -327,7 +327,7 @@ def masked(reduction: Reduction) -> Reduction:
     if reduction.supports is None:
         raise ValueError(NO_SUPPORTS)
     unknowns, free = reduction.right.getSize()
-    if free == unknowns:  # it is that one: contact alone holds the body
+    if free == unknowns:  # nothing is prescribed: contact alone holds the body
         return reduction
     kept = selection(reduction.supports.free, reduction.offset, renumbered=False)
     return replace(reduction, left=kept, right=kept)

@@ -9,6 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -98,6 +99,7 @@ def test_figure_is_written_where_the_caller_is(tmp_path):
     written = [tmp_path / "drawn" / name for name in ("fig04.png", "fig04.pdf")]
     assert process.stdout.splitlines() == [str(path) for path in written]
     assert all(path.stat().st_size > 1000 for path in written)
+    assert plt.imread(written[0]).shape[1] == 480  # 2.4 inches
     assert (tmp_path / "mine" / "7.1" / "pw-T6.json").exists()
 
 
