@@ -8,6 +8,7 @@ import argparse
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -33,8 +34,15 @@ def main(arguments: list[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(prog="./run figure", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="as fig05, tab01")
-    parser.add_argument("--results", type=FROM.joinpath, default=ROOT / "results", metavar="DIR")
-    parser.add_argument("--out", type=FROM.joinpath, metavar="DIR", help="RESULTS/figures if none")
+    parser.add_argument(
+        "--results",
+        type=FROM.joinpath,
+        metavar="DIR",
+        help="default: the project's results; if those cannot be written, OUT/results",
+    )
+    parser.add_argument(
+        "--out", type=FROM.joinpath, metavar="DIR", help="default: figures, among the results"
+    )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
     options = parser.parse_args(arguments)
     shown = {name: what for name, (_, what) in named().items()}
@@ -45,7 +53,10 @@ def main(arguments: list[str] | None = None) -> int:
     if unknown := [name for name in options.names if name not in shown]:
         _say(f"there is no figure {unknown[0]}, but these:\n{table.rstrip()}")
         return 2
-    results = options.results.absolute()
+    results = _results_folder(options.results, options.out)
+    if results is None:
+        _say(f"{ROOT / 'results'} cannot be written: name another folder by --results or --out")
+        return 2
     found = {name: named()[name][0] for name in options.names}
     if not _computed(list(dict.fromkeys(found.values())), results, options.jobs):
         return 1
@@ -108,6 +119,19 @@ def draw_all(folder: Path, complete: bool, jobs: int = 1) -> bool:
         _say(f"{error.filename} cannot be written: {error.strerror}")
         return False
     return not (failed or (complete and wanting))
+
+
+def _results_folder(stated: Path | None, out: Path | None) -> Path | None:
+    """Return the folder of the results, absolute; None if there is none that can be written."""
+    if stated is not None:
+        return stated.absolute()
+    results = ROOT / "results"
+    try:
+        results.mkdir(exist_ok=True)
+        with tempfile.TemporaryFile(dir=results):
+            return results
+    except OSError:
+        return (out / "results").absolute() if out else None
 
 
 def _computed(names: list[str], results: Path, jobs: int) -> bool:

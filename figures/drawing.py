@@ -25,7 +25,14 @@ import figures
 from figures.narrow import narrowed
 from figures.style import MANY, style
 from study.core.sources import closure
-from study.core.store import Results, Stored, StudyError, write_json, write_whole
+from study.core.store import (
+    Results,
+    Stored,
+    StudyError,
+    TrackedResults,
+    write_json,
+    write_whole,
+)
 
 FRAME = {"__main__", "drawing", "style", "symbols"}
 FRAME |= {"beam", "column", "contact", "convergence", "narrow", "rivals"}
@@ -71,7 +78,7 @@ def needs() -> dict[str, list[str]]:
 
 def draw(name: str, folder: Path) -> Drawn:
     """Draw one figure into `<folder>/figures`, with a note of what it was drawn from."""
-    return _attempt(name, _Reading(folder))
+    return _attempt(name, _Inputs(folder))
 
 
 def export(name: str, results: Results, path: Path) -> list[Path]:
@@ -109,7 +116,9 @@ def up_to_date(name: str, results: Results) -> Entry | None:
         note = json.loads(_note(results.folder, name).read_bytes())
         entry, digest = note["entry"], note["digest"]
         files = [picture(results.folder, name, kind) for kind in KINDS]
-        same = digest == _digest(name, results.folder, note["keys"], note["sections"])
+        digests = {key: _file_digest(results.folder, key) for key in note["keys"]}
+        names = {section: results.cases(section) for section in note["sections"]}
+        same = digest == _digest(name, digests, names)
         return entry if same and all(path.is_file() for path in files) else None
     except (OSError, ValueError, TypeError, KeyError):
         return None
@@ -126,28 +135,37 @@ def natural(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
 
 
-class _Reading(Results):
-    """Results, with a record of what was asked of them."""
+class _Inputs(TrackedResults):
+    """Results of which each file is digested just before it is read for the first time.
+
+    Other processes store results while a figure is drawn. What they store after it was read must
+    not pass for what the figure shows.
+    """
 
     def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
-        self.keys: set[str] = set()
-        self.sections: set[str] = set()
+        super().__init__(Results(folder))
+        self.digests: dict[str, str] = {}
+        self.names: dict[str, list[str]] = {}
 
     def __contains__(self, key: str) -> bool:
-        self.keys.add(key)
+        self._digest(key)
         return super().__contains__(key)
 
     def __getitem__(self, key: str) -> Stored:
-        self.keys.add(key)
+        self._digest(key)
         return super().__getitem__(key)
 
     def cases(self, section: str) -> list[str]:
-        self.sections.add(section)
-        return super().cases(section)
+        if section not in self.names:
+            self.names[section] = super().cases(section)
+        return self.names[section]
+
+    def _digest(self, key: str) -> None:
+        if key not in self.digests:
+            self.digests[key] = _file_digest(self.folder, key)
 
 
-def _attempt(name: str, results: _Reading) -> Drawn:
+def _attempt(name: str, results: _Inputs) -> Drawn:
     try:
         script = import_module(f"figures.{name}")
         missing = [key for key in script.NEEDS if key not in results]
@@ -164,8 +182,8 @@ def _attempt(name: str, results: _Reading) -> Drawn:
             "height": size[1],
             "narrow": narrow,
         }
-        keys, sections = sorted(results.keys), sorted(results.sections)
-        digest = _digest(name, results.folder, keys, sections)
+        digest = _digest(name, results.digests, results.names)
+        keys, sections = sorted(results.digests), sorted(results.names)
         note = {"entry": entry, "digest": digest, "keys": keys, "sections": sections}
         write_json(_note(results.folder, name), note)
     except StudyError as error:
@@ -286,16 +304,26 @@ def _smaller(image: re.Match[str]) -> str:
     return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"
 
 
-def _digest(name: str, folder: Path, keys: list[str], sections: list[str]) -> str:
-    """Digest of all that a figure depends on: results, sources, Matplotlib."""
+def _digest(name: str, digests: dict[str, str], names: dict[str, list[str]]) -> str:
+    """Digest of all that a figure depends on: sources, Matplotlib and results.
+
+    Args:
+        name: Its script.
+        digests: Of the files of results that it reads, by their keys.
+        names: Of all cases of the sections that it lists.
+    """
     digest = hashlib.sha256(_sources())
-    paths = [Path(part, f"{name}.py") for part in figures.__path__]
-    paths += [folder / f"{key}.json" for key in keys]
-    for path in paths:
+    for path in (Path(part, f"{name}.py") for part in figures.__path__):
         digest.update(path.name.encode() + (path.read_bytes() if path.is_file() else b"missing"))
-    for section in sections:
-        digest.update(" ".join(Results(folder).cases(section)).encode())
+    digest.update(json.dumps([sorted(digests.items()), sorted(names.items())]).encode())
     return digest.hexdigest()
+
+
+def _file_digest(folder: Path, key: str) -> str:
+    try:
+        return hashlib.sha256((folder / f"{key}.json").read_bytes()).hexdigest()
+    except OSError:
+        return "missing"
 
 
 @cache

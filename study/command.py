@@ -6,8 +6,9 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
@@ -15,10 +16,10 @@ from typing import TYPE_CHECKING, TextIO
 from study.core import runner
 from study.core.cases import SECTIONS, Case, Section, load_section
 from study.core.interrupt import INTERRUPTED, end, handled, stop
-from study.core.store import Results, StudyError
+from study.core.store import Results, StudyError, TrackedResults
 
 if TYPE_CHECKING:
-    from study.judge.claims import Claim
+    from study.judge.claims import Claim, Verdict
 
 ROOT = Path(__file__).resolve().parents[1]
 FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
@@ -31,11 +32,16 @@ USAGE = """\
   study                   all sections, then claims, figures and report
   study 7.1 7.6           these sections only; the rest is taken from stored results
   study 7.1/pw-T6 3/weights    these cases only, without claims, figures and report
+  study --all             also what is otherwise read from tracked records: finer meshes, more
+                          elements and variants (40 CPU minutes more), and times and memory of
+                          section K (40 minutes more, one row at a time); results of CalculiX stay
+                          recorded
   study list              sections and cases, and whether a stored result holds
   study check             judge the claims by the stored results
   study report            claims, figures and report again from stored results
 
 check and report take stored results as they are, and say on stderr which are outdated or missing.
+Sections and cases that are named print the verdicts that depend on them; the other commands all.
 
 exit status: 0; 1 if a case failed or a verdict differs from the pinned one; 2 for bad usage or
 no room; 130 after Ctrl-C; 141 if nobody reads any more what it says
@@ -60,6 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("what", nargs="*", help="sections, cases, or one of list, check, report")
     parser.add_argument("--force", action="store_true", help="compute also what is stored")
+    parser.add_argument("--all", action="store_true", help="compute also what is recorded")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes")
     results = ROOT / "results" if FROM.is_absolute() else Path("results")
     parser.add_argument("--out", type=_folder, default=results, metavar="DIR")
@@ -116,11 +123,24 @@ def _command(options: argparse.Namespace) -> int:
         case ["report"]:
             return report(options.out, options.jobs)
         case wanted:
-            return study(wanted, options.out, options.jobs, options.force)
+            return study(wanted, options.out, options.jobs, options.force, options.all)
 
 
-def study(wanted: list[str], out: Path, jobs: int, force: bool) -> int:
-    """Compute the sections, or all if none is given, and conclude; or nothing but single cases."""
+def study(
+    wanted: list[str], out: Path, jobs: int, force: bool = False, recompute: bool = False
+) -> int:
+    """Compute the sections, or all if none is given, and conclude; or nothing but single cases.
+
+    Args:
+        wanted: Sections, or keys of cases.
+        out: Folder of the results.
+        jobs: Number of processes.
+        force: Compute also what is stored and holds.
+        recompute: Compute also what is otherwise read from tracked records.
+
+    Returns:
+        The exit status.
+    """
     for command in {"list", "check", "report"} & set(wanted):
         raise StudyError(f"{command} stands alone, without sections")
     sections = list(dict.fromkeys(one.partition("/")[0] for one in wanted)) or list(SECTIONS)
@@ -130,7 +150,10 @@ def study(wanted: list[str], out: Path, jobs: int, force: bool) -> int:
         raise StudyError(f"--jobs needs at least 1 process, not {jobs}")
     _ensure_writable(out)
     if any("/" in one for one in wanted):
-        return int(bool(runner.run(_cases(wanted, sections), out, jobs, force)))
+        cases = _cases(wanted, sections)
+        if recompute:
+            cases = _recomputed(cases, out)
+        return int(bool(runner.run(cases, out, jobs, force)))
     from study.judge import claims  # single cases need neither it nor the packages it imports
 
     known = claims.load_claims()  # an error in them is to be known now, not at the end
@@ -138,8 +161,23 @@ def study(wanted: list[str], out: Path, jobs: int, force: bool) -> int:
     for section in loaded:
         runner.discard_others(section, out)
     cases = [case for section in loaded for case in section.cases]
+    if recompute:
+        cases = _recomputed(cases, out)
     failed = runner.run(cases, out, jobs, force, None if wanted else BESIDE)
-    return max(conclude(out, known, complete=not wanted, jobs=jobs), int(bool(failed)))
+    return max(conclude(out, known, complete=not wanted, jobs=jobs, of=wanted), int(bool(failed)))
+
+
+def _recomputed(cases: list[Case], out: Path) -> list[Case]:
+    """Replace recorded cases by those that compute them; measure the cost of section K anew."""
+    from study.cost import k_cost, measure
+
+    costs = {case.key: case for case in cases if case.section == "K"}
+    if costs:
+        print("study: measuring times and memory of section K, one row at a time", file=sys.stderr)
+        record = out / "cost.json"
+        measure.write_record(record, {case.name for case in costs.values()})
+        costs = {case.key: case for case in k_cost.cases(record)}
+    return [costs.get(case.key) or case.recomputed or case for case in cases]
 
 
 def _cases(wanted: list[str], sections: list[str]) -> list[Case]:
@@ -188,37 +226,51 @@ def show(out: Path) -> int:
     return 0
 
 
-def conclude(out: Path, known: "list[Claim]", complete: bool, jobs: int = 1) -> int:
-    """Write claims, figures and report from what is stored.
+def conclude(
+    out: Path, known: "list[Claim]", complete: bool, jobs: int = 1, of: Sequence[str] = ()
+) -> int:
+    """Write claims, figures and report from what is stored, and print verdicts.
 
     Args:
         out: Folder of the results.
         known: The claims.
         complete: Whether nothing may be missing, as after a run of all sections.
         jobs: Number of processes that draw.
+        of: Sections: verdicts that depend on their results are printed; without any, all verdicts.
 
     Returns:
-        1 if a verdict differs from the pinned one, a figure cannot be drawn, or something is
-        missing that may not; else 0.
+        1 if a printed verdict differs from the pinned one, a figure cannot be drawn, or something
+        is missing that may not; else 0.
     """
     from study.judge import claims, facts
     from study.report import build  # slow to import, and worker processes do not need it
 
     results = Results(out)
-    verdicts = claims.judge(known, results)
+    judged = [_judge(claim, results) for claim in known]
+    verdicts = [verdict for verdict, _ in judged]
     facts.write(out, verdicts, results)
     drawn = draw_figures(out, complete, jobs)
     incomplete = build(results, out)
+    printed = [verdict for verdict, read in judged if not of or read & {*of}]
     differing = [
         verdict
-        for verdict in verdicts
+        for verdict in printed
         if verdict.differs and (complete or verdict.verdict != "not judged")
     ]
-    print(claims.table(differing) + claims.summary(verdicts))
+    print(claims.table(differing) + claims.summary(printed))
     for part in incomplete if complete else ():
         print(f"report: incomplete, {part}", file=sys.stderr)
     print(f"report: {out / 'report.html'} and {out / 'report.pdf'}")
     return int(bool(differing) or not drawn or (complete and bool(incomplete)))
+
+
+def _judge(claim: "Claim", results: Results) -> "tuple[Verdict, set[str]]":
+    """Judge a claim; return the sections whose results it depends on, too."""
+    from study.judge import claims
+
+    tracked = TrackedResults(results)
+    (verdict,) = claims.judge([claim], tracked)
+    return verdict, tracked.sections
 
 
 def draw_figures(out: Path, complete: bool, jobs: int = 1) -> bool:
@@ -229,7 +281,17 @@ def draw_figures(out: Path, complete: bool, jobs: int = 1) -> bool:
 
 def _load(sections: list[str]) -> list[Section]:
     with _quiet_imports():
-        return [load_section(section) for section in sections]
+        return [_with_recomputed(load_section(section)) for section in sections]
+
+
+def _with_recomputed(section: Section) -> Section:
+    """Give recorded cases of the longer series the cases that compute them."""
+    if not any(case.record for case in section.cases):
+        return section
+    from study.verification.longer import CASES  # which imports many sections
+
+    cases = [replace(case, recomputed=CASES.get(case.key)) for case in section.cases]
+    return replace(section, cases=cases)
 
 
 @contextmanager

@@ -64,6 +64,9 @@ class Case:
         parameters: Keyword arguments, of types that JSON has.
         implied: What else is stored as a parameter, because the name or an argument implies it:
             the element of a named quantity, the material of a named setting.
+        record: Tracked file from which the result is read, relative to the project's folder; empty
+            if the result is computed.
+        recomputed: Case of the same key that computes a recorded result; None if there is none.
     """
 
     section: str
@@ -71,6 +74,8 @@ class Case:
     run: Callable[..., Result]
     parameters: dict[str, Any] = field(default_factory=dict)
     implied: dict[str, Any] = field(default_factory=dict)
+    record: str = ""
+    recomputed: "Case | None" = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"\w[\w.+-]*", self.name):

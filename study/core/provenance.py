@@ -26,8 +26,18 @@ def versions() -> dict[str, str]:
     return {name: _version(*package) for name, package in PACKAGES.items()}
 
 
-def provenance(seconds: float, dofs: int, processes: int, fingerprint: str) -> dict[str, Any]:
-    """Return what is stored beside a result's numbers."""
+def provenance(
+    seconds: float, dofs: int, processes: int, fingerprint: str, record: str = ""
+) -> dict[str, Any]:
+    """Return what is stored beside a result's numbers.
+
+    Args:
+        seconds: Wall time of the computation.
+        dofs: Degrees of freedom of the discrete problem.
+        processes: Number of MPI processes that took part.
+        fingerprint: Digest of all that the result depends on.
+        record: Tracked file from which the result was read; empty if it was computed.
+    """
     commit, dirty = _commit()
     return {
         "commit": commit,
@@ -38,6 +48,7 @@ def provenance(seconds: float, dofs: int, processes: int, fingerprint: str) -> d
         "dofs": dofs,
         "processes": processes,
         "fingerprint": fingerprint,
+        "record": record or None,
     }
 
 

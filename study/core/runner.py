@@ -62,17 +62,23 @@ class Beside:
 def states(cases: list[Case], results: Results) -> dict[str, Validity]:
     """Tell, by keys, whether cases have a stored result, and whether it still holds."""
     marks = fingerprints(cases)
-    return {key: _state(key, mark, results) for key, mark in marks.items()}
+    recomputed = _fingerprints_of_recomputed(cases)
+    return {key: _state(key, {mark, recomputed.get(key)}, results) for key, mark in marks.items()}
 
 
-def _state(key: str, mark: str, results: Results) -> Validity:
+def _fingerprints_of_recomputed(cases: list[Case]) -> dict[str, str]:
+    """Return, by keys, fingerprints of recorded results that `--all` has computed."""
+    return fingerprints([case.recomputed for case in cases if case.recomputed])
+
+
+def _state(key: str, marks: set[str | None], results: Results) -> Validity:
     if key not in results:
         return "missing"
     try:
         stored = results[key]
     except CorruptResult:
         return "corrupt"
-    return "stored" if stored.provenance.get("fingerprint") == mark else "outdated"
+    return "stored" if stored.provenance.get("fingerprint") in marks else "outdated"
 
 
 def discard_others(section: Section, out: Path) -> None:
@@ -103,9 +109,10 @@ def run(
     sweep(out)
     results = Results(out)
     marks = fingerprints(cases)
+    recomputed = _fingerprints_of_recomputed(cases)
     todo, holds = [], set()
     for case in cases:
-        before = _state(case.key, marks[case.key], results)
+        before = _state(case.key, {marks[case.key], recomputed.get(case.key)}, results)
         if before == "corrupt":
             _say(f"{case.key}: its stored result cannot be read and is computed again")
         if before == "stored":
@@ -113,7 +120,10 @@ def run(
         if before != "stored" or force:
             todo.append((case, marks[case.key]))
     reused = f"{len(cases) - len(todo)} of {len(cases)} results are reused"
-    _say(f"{reused}; {len(todo)} to be computed" if todo else reused)
+    recorded = sum(bool(case.record) for case, _ in todo)
+    parts = [f"{len(todo) - recorded} to be computed"] if len(todo) > recorded else []
+    parts += [f"{recorded} to be read from tracked records"] if recorded else []
+    _say("; ".join([reused, *parts]))
     progress = _Progress([case for case, _ in todo])
     seconds = expected(results)
     order = list(progress.open)
@@ -146,7 +156,7 @@ def compute(case: Case, mark: str, out: Path) -> Done:
         start = time.perf_counter()
         result = _result(case)
         seconds = time.perf_counter() - start
-        origin = provenance(seconds, result.dofs, result.processes, mark)
+        origin = provenance(seconds, result.dofs, result.processes, mark, case.record)
         save(out, case.section, case.name, result, case.stored_parameters, origin)
     except Exception as error:
         return Done(error=one_line(error))
@@ -170,11 +180,14 @@ class _Progress:
         sections = [case.section for case in cases]
         self.open = {section: sections.count(section) for section in dict.fromkeys(sections)}
         self.seconds: dict[str, list[float]] = {section: [] for section in self.open}
+        self.recorded: Counter[str] = Counter()
         self.lost: dict[str, Counter[str]] = {section: Counter() for section in self.open}
 
     def ended(self, case: Case, done: Done | None) -> None:
         self.open[case.section] -= 1
-        if done and not done.error:
+        if done and not done.error and case.record:
+            self.recorded[case.section] += 1
+        elif done and not done.error:
             self.seconds[case.section].append(done.seconds)
         else:  # a case whose process was killed has not failed
             self.lost[case.section]["failed" if done else "unfinished"] += 1
@@ -183,8 +196,11 @@ class _Progress:
             del self.open[section]
             seconds = self.seconds[section]
             lost = "".join(f", {count} {how}" for how, count in self.lost[section].items())
-            computed = f"{len(seconds)} computed in {sum(seconds):.1f} s{lost}"
-            _say(f"{section:4} {title(section)}: {computed}")
+            recorded = self.recorded[section]
+            computed = f"{len(seconds)} computed in {sum(seconds):.1f} s"
+            parts = [computed] if seconds or not recorded else []
+            parts += [f"{recorded} read from tracked records"] if recorded else []
+            _say(f"{section:4} {title(section)}: {', '.join(parts)}{lost}")
 
 
 def _say(line: str) -> None:

@@ -78,6 +78,11 @@ class Stored:
         """Section and case, as in "7.1/pw-T6"."""
         return f"{self.section}/{self.case}"
 
+    @property
+    def record(self) -> str:
+        """Tracked file from which the result was read; empty if it was computed."""
+        return str(self.provenance.get("record") or "")
+
     def has(self, /, **parameters: object) -> bool:
         """Tell whether its parameters have these values; a list means any value of it.
 
@@ -248,8 +253,18 @@ class Results:
         return scalars[name]
 
     def curves(self, key: str) -> dict[str, np.ndarray]:
-        """Return the curves of a result."""
-        return self[key].curves
+        """Return the curves of a result.
+
+        Raises:
+            StudyError: If the result was read from a tracked record, which has scalars only.
+        """
+        stored = self[key]
+        if stored.record:
+            raise StudyError(
+                f"{key} has no curves: it is read from {stored.record}, which has scalars only; "
+                "show a scalar of the result, or a case that is computed"
+            )
+        return stored.curves
 
     def section(self, section: str) -> list[Stored]:
         """Return all results of a section, sorted by case."""
@@ -308,6 +323,42 @@ class Results:
             partial(_unpacked, data),
             content["provenance"],
         )
+
+
+class TrackedResults(Results):
+    """Results that note what is read of them.
+
+    Args:
+        source: The results; they stay as they are.
+
+    Attributes:
+        keys: Keys of the results that were read, or whose presence was asked for.
+        listed: Sections whose cases were listed.
+    """
+
+    def __init__(self, source: Results) -> None:
+        super().__init__(source.folder)
+        self._source = source
+        self.keys: set[str] = set()
+        self.listed: set[str] = set()
+
+    def __contains__(self, key: str) -> bool:
+        self.keys.add(key)
+        return key in self._source
+
+    def __getitem__(self, key: str) -> Stored:
+        self.keys.add(key)
+        return self._source[key]
+
+    def cases(self, section: str) -> list[str]:
+        """Return the names of a section's results, sorted, readable or not."""
+        self.listed.add(section)
+        return self._source.cases(section)
+
+    @property
+    def sections(self) -> set[str]:
+        """Sections of all that was read."""
+        return self.listed | {key.partition("/")[0] for key in self.keys}
 
 
 def _remedy(key: str) -> str:

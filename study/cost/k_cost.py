@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 from study.core.cases import Case
@@ -12,6 +13,7 @@ from study.cost.measure import EXACT_DIGITS, FORCING, RECORD, Row
 from study.units import units_of
 
 TITLE = "Cost"
+RECORD_NAME = RECORD.relative_to(Path(__file__).parents[2]).as_posix()
 
 KINDS = {"*seconds": "s", "megabytes": "MB", "*": "1"}
 
@@ -54,19 +56,29 @@ def recorded_of_calculix(
     return recorded(task, peer_element, cells, method, processes, machine, measured)
 
 
-def _cases() -> list[Case]:
-    record: dict[str, Any] = json.loads(RECORD.read_text(encoding="utf-8"))
+def cases(path: Path = RECORD) -> list[Case]:
+    """Return a case for each row of a record that `study.cost.measure` has written."""
+    record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     known = {Row(**entry["row"]): entry["measured"] for entry in record["rows"]}
     machines = {Row(**entry["row"]): entry["machine"] for entry in record["rows"]}
-    cases = []
+    made = []
     for row, measured in known.items():
         run: Callable[..., Result] = recorded
         stated = {**asdict(row), "machine": machines[row]}
         if row.method == "CalculiX":
             run, stated["peer_element"] = recorded_of_calculix, stated.pop("element")
         measured = measured | _over_bare(row, measured, known)
-        cases.append(Case("K", row.name, run, {**stated, "measured": measured}))
-    return cases
+        tracked = path == RECORD or row.method == "CalculiX"
+        made.append(
+            Case(
+                "K",
+                row.name,
+                run,
+                {**stated, "measured": measured},
+                record=RECORD_NAME if tracked else "",
+            )
+        )
+    return made
 
 
 def _over_bare(
@@ -84,4 +96,4 @@ def _over_bare(
     return {"over_bare": whole / parts, "over_solutions": whole / solutions}
 
 
-CASES = _cases()
+CASES = cases()

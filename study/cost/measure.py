@@ -34,6 +34,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from study.core.store import write_json
+
 RECORD = Path(__file__).with_name("record.json")
 REPEATS = 3
 # Seconds above which one run is enough
@@ -146,16 +148,21 @@ def main() -> None:
     if given.one:
         _one(Row(**json.loads(given.one)))
         return
-    known = {}
-    if RECORD.is_file():
-        known = {Row(**row["row"]).name: row for row in json.loads(RECORD.read_text())["rows"]}
+    write_record(
+        RECORD, {row.name for row in rows() if given.only is None or row.task in given.only}
+    )
+
+
+def write_record(path: Path, names: set[str]) -> None:
+    """Measure rows by their names, and write them among those of the tracked record."""
+    content = json.loads(RECORD.read_text()) if RECORD.is_file() else {"rows": []}
+    known = {Row(**row["row"]).name: row for row in content["rows"]}
     for row in rows():
-        if given.only is None or row.task in given.only:
+        if row.name in names:
             where = machine()
             known[row.name] = {"row": asdict(row), "machine": where, "measured": _median(row)}
-            print(row.name, known[row.name]["measured"], flush=True)
-            content = {"rows": list(known.values())}
-            RECORD.write_text(json.dumps(content, indent=1) + "\n")
+            print(row.name, known[row.name]["measured"], file=sys.stderr, flush=True)
+            write_json(path, {"rows": list(known.values())})
 
 
 def machine() -> str:

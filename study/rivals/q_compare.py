@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
-from dolfinx.fem import IntegralType
+from dolfinx.mesh import Mesh
 
 from pw_elements import assemble_vector, test_space
 from study.core.cases import Case
@@ -220,16 +220,29 @@ def sampled(problem: Problem, pressure: Form) -> tuple[Array, Array]:
         lower = np.arange(len(thirds)) < parts
         points = np.column_stack([s[lower[:, None] == lower], t[lower[:, None] == lower]])
         points = points[points.sum(axis=1) < 1]
-    mesh.topology.create_connectivity(dim, dim + 1)
-    entities = fem.compute_integration_domains(
-        IntegralType.exterior_facet, mesh.topology, problem.facets, dim
-    )
+    entities = _cells_and_local_facets(mesh, problem.facets)
+    if not hasattr(fem.Expression, "argument_space"):  # DOLFINx 0.9 takes them in one row
+        entities = entities.ravel()
     values = [
-        fem.Expression(form, points).eval(mesh, np.asarray(entities).ravel()).ravel()
+        fem.Expression(form, points).eval(mesh, entities).ravel()
         for form in (problem.distance, pressure)
     ]
     order = np.argsort(values[0], kind="stable")
     return values[0][order], values[1][order]
+
+
+def _cells_and_local_facets(mesh: Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Return the cell of each exterior facet and the facet's number there, (n, 2)."""
+    topology, dim = mesh.topology, mesh.topology.dim
+    topology.create_connectivity(dim - 1, dim)
+    topology.create_connectivity(dim, dim - 1)
+    cell_of, facets_of = topology.connectivity(dim - 1, dim), topology.connectivity(dim, dim - 1)
+    pairs = [
+        (cell, int(np.flatnonzero(facets_of.links(cell) == facet)[0]))
+        for facet in facets
+        for cell in cell_of.links(facet)
+    ]
+    return np.array(pairs, dtype=np.int32)
 
 
 def _errors(r: Array, pressure: Array) -> dict[str, float]:

@@ -30,7 +30,7 @@ class Computed(NamedTuple):
 
     Attributes:
         cases: How many results there are.
-        recorded: How many of them are tracked results of the longer series.
+        recorded: How many of them are read from tracked records.
         unknowns: The fewest and the most of a mesh.
         meshes: Sizes that the parameters name, from coarse to fine.
         degrees: Of quadrature, where the section's own code sets them.
@@ -51,7 +51,7 @@ def computed(results: Results, section: str) -> Computed:
     meshes = sorted(sizes, key=np.prod)
     return Computed(
         len(cases),
-        sum({"measured", "units"} <= case.parameters.keys() for case in cases),
+        sum(bool(case.record) for case in cases),
         (min(unknowns), max(unknowns)),
         [" × ".join(f"{n:.3g}" if n < 1000 else f"{n:.0f}" for n in size) for size in meshes],
         sorted(_degrees(SECTIONS[section])),

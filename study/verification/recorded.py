@@ -10,6 +10,7 @@ from study.core.cases import Case
 from study.core.store import Result
 
 RECORD = Path(__file__).with_name("longer.json")
+RECORD_NAME = RECORD.relative_to(Path(__file__).parents[2]).as_posix()
 
 
 def recorded(measured: dict[str, float], units: dict[str, str], dofs: int) -> Result:
@@ -47,6 +48,7 @@ def longer(section: str) -> list[Case]:
             recorded,
             {"measured": row["scalars"], "units": row["units"], "dofs": row["dofs"]},
             row["parameters"],
+            record=RECORD_NAME,
         )
         for row in rows()
         if row["section"] == section

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
 from pw_elements import Material, prescribe
-from pw_elements.contact import ContactPair, Plane, solve_contact
+from pw_elements.contact import OPEN, STICK, ContactPair, Plane, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import quadrilaterals, triangles
 from study.contact_result import contact_result
@@ -36,7 +36,8 @@ def plate(element: str, squares: int) -> Result:
     """Displacements and contact forces of the loaded plate.
 
     A multiple of 16 `squares` along a side puts a node at each of the manual's places. Scalars
-    besides those of `contact_result`: `u_1` to `u_5`, horizontal displacements there.
+    besides those of `contact_result`: `u_1` to `u_5`, horizontal displacements there, and the ends
+    of zones of contact, halfway between two nodes: `open_up_to` and `sticking_from`.
     """
     body = discretise(
         element,
@@ -54,12 +55,23 @@ def plate(element: str, squares: int) -> Result:
     u = _along_base(result.curves)
     places = [u[np.argmin(np.abs(result.curves["x"] - x))] for x in GRECO_PLACES]
     named = {f"u_{i}": float(value) for i, value in enumerate(places, start=1)}
+    named |= _ends_of_zones(result.curves["x"], result.curves["status"])
     return replace(
         result,
         scalars={**result.scalars, **named},
         units={**result.units, **dict.fromkeys(named, SI.length)},
         curves={**result.curves, "u": u},
     )
+
+
+def _ends_of_zones(x: Array, status: npt.NDArray[np.integer]) -> dict[str, float]:
+    """Return where the open zone ends and the sticking zone begins, along nodes at x (m,)."""
+    last_open = int(np.flatnonzero(status == OPEN).max())
+    first_sticking = int(np.flatnonzero(status == STICK).min())
+    return {
+        "open_up_to": float(x[last_open : last_open + 2].mean()),
+        "sticking_from": float(x[first_sticking - 1 : first_sticking + 1].mean()),
+    }
 
 
 def _along_base(curves: Mapping[str, np.ndarray]) -> Array:

@@ -251,26 +251,38 @@ def test_half_a_million_unknowns_take_less_than_four_gigabytes(request):
     assert many["pushed"] == pytest.approx(few["pushed"], rel=0.03)
 
 
+def leaning_column(solver, depths):
+    """States of a column that leans by a thousandth, pressed down to the depths."""
+    mesh = triangles(MPI.COMM_SELF, (-0.5, 0.0), (0.5, 8.0), (2, 16))
+    mesh.geometry.x[:, 0] += 1e-3 * mesh.geometry.x[:, 1]
+    spaces = Spaces.petrov_galerkin(mesh)
+    u, residual = at_large_strains(spaces)
+    foot = [prescribe(spaces.trial, k, at(1, 0.0)) for k in (0, 1)]
+    pair = ContactPair(at(1, 8.0), Plane((0, 8.0), (0, -1)))
+    problem = ContactProblem.of_residual(residual, u, foot, pair, solver=solver)
+    state = problem.undeformed
+    for depth in depths:
+        state = problem.step(state, motions=Motion((0.0, -depth)))
+        yield state
+
+
 def test_a_column_buckles_by_either_solver():
-    """The straight state is refused where it is unstable; the column, which leans, bends."""
+    """Small increments follow the branch to the side to which the column leans."""
+    depths = (0.05, 0.06, 0.065, 0.07, 0.08, 0.1, 0.12)
     forces = []
     for solver in SOLVERS.values():
-        mesh = triangles(MPI.COMM_SELF, (-0.5, 0.0), (0.5, 8.0), (2, 16))
-        mesh.geometry.x[:, 0] += 1e-3 * mesh.geometry.x[:, 1]  # it leans to one side
-        spaces = Spaces.petrov_galerkin(mesh)
-        u, residual = at_large_strains(spaces)
-        foot = [prescribe(spaces.trial, k, at(1, 0.0)) for k in (0, 1)]
-        pair = ContactPair(at(1, 8.0), Plane((0, 8.0), (0, -1)))
-        problem = ContactProblem.of_residual(residual, u, foot, pair, solver=solver)
-        state, way = problem.undeformed, []
-        for depth in (0.05, 0.12):
-            state = problem.step(state, motions=Motion((0.0, -depth)))
-            way.append(-state.pairs[0].force[1])
-        assert state.substates
-        assert state.displacement.array_r[::2].max() > 0.1
-        forces.append(way)
-    assert forces[0][1] < 0.9 * 0.12 / 0.05 * forces[0][0]
+        states = list(leaning_column(solver, depths))
+        assert states[-1].displacement.array_r[::2].max() > 0.1
+        forces.append([-state.pairs[0].force[1] for state in states])
+    assert forces[0][-1] < 0.9 * depths[-1] / depths[0] * forces[0][0]
     assert np.allclose(*forces, rtol=1e-8)
+
+
+def test_an_unstable_straight_column_is_refused():
+    """One increment beyond the critical load is halved; to which side it bends is left open."""
+    *_, state = leaning_column(Direct(), (0.05, 0.12))
+    assert state.substates
+    assert np.abs(state.displacement.array_r[::2]).max() > 0.1
 
 
 def test_levels_are_made_anew_when_it_pays(monkeypatch):

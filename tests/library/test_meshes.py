@@ -11,6 +11,7 @@ import ufl
 from dolfinx.mesh import compute_midpoints
 
 from pw_elements import assemble_scalar, boundary_measure
+from pw_elements._compat import cell_nodes
 from pw_elements.meshes import from_file, from_gmsh
 from tests.parallel import same_numbers
 
@@ -211,6 +212,12 @@ Plate-1.upper, S2
     assert len(part.cells("upper")) == 1
 
 
+def coordinate_map(mesh):
+    """Return the element of the geometry, which DOLFINx 0.11 gives for each type of cell."""
+    geometry = mesh.geometry
+    return geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
+
+
 @pytest.mark.parametrize("kind", ["C3D10", "C3D10M"])
 def test_nodes_in_the_middle_of_edges_are_those_of_the_same_edges(tmp_path, kind):
     """Abaqus: 5 to 10 are between 1-2, 2-3, 3-1, 1-4, 2-4, 3-4."""
@@ -221,13 +228,13 @@ def test_nodes_in_the_middle_of_edges_are_those_of_the_same_edges(tmp_path, kind
     rows = "\n".join(f"{k}, {a}, {b}, {c}" for k, (a, b, c) in enumerate([*x, *middle], 1))
     deck = f"*NODE\n{rows}\n*ELEMENT, TYPE={kind}\n1, {', '.join(map(str, range(1, 11)))}\n"
     mesh = read(tmp_path, deck).mesh
-    nodes = mesh.geometry.x[mesh.geometry.dofmap[0]]
+    nodes = mesh.geometry.x[cell_nodes(mesh)[0]]
     for (a, b), place in zip(pairs, middle, strict=True):
         at = np.zeros(3)
         corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
         ends = [int(np.linalg.norm(nodes[:4] - x[k], axis=1).argmin()) for k in (a, b)]
         at = corners[ends].mean(axis=0)[None]
-        assert mesh.geometry.cmap.push_forward(at, nodes)[0] == pytest.approx(place)
+        assert coordinate_map(mesh).push_forward(at, nodes)[0] == pytest.approx(place)
 
 
 def test_gmshs_own_deck_has_the_volume_and_the_faces_of_an_eighth_of_a_ball(ball):

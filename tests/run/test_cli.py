@@ -5,14 +5,16 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import study.command
 import study.report
 from study.command import main
-from study.core.store import Result, Results, save
+from study.core.store import Result, Results, StudyError, save
 from tests.study.toystudy import claim, install, started
 
 ROOT = Path(__file__).parents[2]
@@ -92,6 +94,58 @@ def test_what_is_computed_again(run, toy, out, capsys):
     assert run("2", "--force") == 0  # a subset takes the rest from what is stored
     assert started(toy) == 7
     assert Results(out).claims()[0]["verdict"] == "holds"
+
+
+def test_recorded_results_are_counted_apart_and_computed_on_demand(
+    run, toy, out, monkeypatch, capsys
+):
+    """A section whose second case is read from a record, as those of the longer series."""
+    recorded = 'CASES = [case("a"), replace(case("b", 9.0), record="toy/record.json")]'
+    change(toy / "toy" / "one.py", 'CASES = [case("a"), case("b", 2.5)]', recorded)
+    change(toy / "toy" / "one.py", "import os", "import os\nfrom dataclasses import replace")
+    computed = ModuleType("study.verification.longer")
+    monkeypatch.setitem(sys.modules, "study.verification.longer", computed)
+    computed.CASES = {}
+    (section,) = study.command._load(["1"])
+    computed.CASES["1/b"] = replace(
+        section.cases[0], name="b", parameters={"value": 2.5, "log": ""}
+    )
+    computed.CASES["1/b"].parameters["log"] = str(toy / "log")
+
+    def told():
+        return [re.sub(r"\d\.\d s", "# s", line) for line in capsys.readouterr().err.splitlines()]
+
+    assert run("1") == 1  # 18 is not 5
+    assert told() == [
+        "0 of 2 results are reused; 1 to be computed; 1 to be read from tracked records",
+        "1    First toy: 1 computed in # s, 1 read from tracked records",
+    ]
+    assert Results(out)["1/b"].record == "toy/record.json"
+    assert not Results(out)["1/a"].record
+    with pytest.raises(StudyError, match=r"1/b has no curves: it is read from toy/record\.json"):
+        Results(out).curves("1/b")
+    assert len(Results(out).curves("1/a")["x"]) == 3
+    assert run("1", "--all") == 0
+    assert told() == [
+        "1 of 2 results are reused; 1 to be computed",
+        "1    First toy: 1 computed in # s",
+    ]
+    assert Results(out).scalar("1/b", "y") == 5.0
+    assert not Results(out)["1/b"].record
+    assert run("1") == 0  # what has been computed stays
+    assert told() == ["2 of 2 results are reused"]
+
+
+def test_verdicts_of_other_sections_are_not_told(run, toy, capsys):
+    other = claim(id='"other"', args='{ key = "2/only", name = "z" }', value="8.0")
+    (toy / "claims.toml").write_text(claim() + other)
+    assert run("1") == 0
+    assert capsys.readouterr().out.startswith("1 statements of the paper: 1 reproduced; 0 other")
+    assert run("2") == 1
+    assert capsys.readouterr().out.splitlines()[0].startswith("other  7  = 8 ± 1e-12")
+    assert run("1") == 0
+    assert "other" not in capsys.readouterr().out.splitlines()[0].split(";")[0]
+    assert run() == 1
 
 
 def test_result_of_a_case_that_is_no_more_is_removed(run, out):

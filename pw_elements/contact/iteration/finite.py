@@ -26,6 +26,7 @@ from basix import PolysetType
 from dolfinx import fem
 from ufl.algorithms import extract_elements
 
+from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction, System
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import RIGID, ROUND_OFF, Interface
@@ -299,7 +300,7 @@ class CellGuard:
         """Midpoints (k, dim), undeformed, of the cells that are turned, of all processes."""
         turned = self._cells[~(self._values() > 0).all(axis=1)]
         mesh = self._mesh
-        middle = mesh.geometry.x[mesh.geometry.dofmap[turned]].mean(axis=1)
+        middle = mesh.geometry.x[cell_nodes(mesh)[turned]].mean(axis=1)
         return np.concatenate(mesh.comm.allgather(middle[:, : mesh.geometry.dim]))
 
     def _values(self) -> Array:
@@ -312,7 +313,7 @@ def _points(integral: ufl.Integral) -> Array:
     metadata = integral.metadata()
     if "quadrature_points" in metadata:
         return np.array(metadata["quadrature_points"])
-    cell = basix.CellType[str(integral.ufl_domain().ufl_cell().cellname())]
+    cell = integral.ufl_domain().ufl_coordinate_element().cell_type
     halved = any(e.polyset_type is PolysetType.macroedge for e in extract_elements(integral))
     kind = PolysetType.macroedge if halved else PolysetType.standard
     degree = int(np.max(metadata["quadrature_degree"]))

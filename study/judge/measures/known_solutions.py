@@ -7,7 +7,6 @@ import numpy as np
 from study.core.store import Results, Stored
 from study.judge.measures.stored_cases import Selection, like, matching
 from study.verification.friction import GRECO_PLACES, GRECO_PROTOTYPE, GRECO_PUBLISHED
-from study.vocabulary import OPEN, STICK
 
 # Of each new element, the standard one with the same nodes
 _STANDARD = {"pw-T6": "galerkin-T6", "pw-T10": "galerkin-T10"}
@@ -42,14 +41,8 @@ def greco_change(results: Results, cases: Selection, other: str) -> float:
 
 
 def zone_end(results: Results, key: str, zone: str) -> float:
-    """Where the GRECO plate ceases to be open, or begins to stick: between two nodes, in mm."""
-    curves = results.curves(key)
-    x, status = curves["x"], curves["status"]
-    if zone == "open":
-        before = int(np.flatnonzero(status == OPEN).max())
-    else:
-        before = int(np.flatnonzero(status == STICK).min()) - 1
-    return float(1e3 * x[before : before + 2].mean())
+    """Return where the GRECO plate ceases to be open, or begins to stick, in mm."""
+    return 1e3 * results.scalar(key, {"open": "open_up_to", "stick": "sticking_from"}[zone])
 
 
 def zone_shift(results: Results, key: str, other: str, zone: str) -> float:
