@@ -34,7 +34,7 @@ def run_on(processes, function, *args, limit=LIMIT):
         pytest.skip("no mpirun")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "call").write_bytes(pickle.dumps((function, args, limit)))
+        (folder / "call").write_bytes(pickle.dumps((processes, function, args, limit)))
         command = ["mpirun", "-n", str(processes), sys.executable, "-m", "tests.parallel", name]
         run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True)
         said = [f"mpirun ended with {run.returncode}:\n{run.stdout}{run.stderr}"]
@@ -66,7 +66,9 @@ def assert_same(serial, found, rel, where):
 
 
 def _called(folder):
-    function, args, limit = pickle.loads((folder / "call").read_bytes())
+    processes, function, args, limit = pickle.loads((folder / "call").read_bytes())
+    # another MPI's mpirun starts programs of one process each
+    assert MPI.COMM_WORLD.size == processes, f"{MPI.COMM_WORLD.size} in place of {processes}"
     faulthandler.dump_traceback_later(limit, exit=True)  # until this process has ended
     try:
         result = function(MPI.COMM_WORLD, *args)

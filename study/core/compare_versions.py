@@ -78,7 +78,7 @@ KINDS: tuple[Kind, ...] = (
     Kind(
         "ends of zones",
         r" (closed_from|closed_to)$",
-        "one",
+        "case",
         1e-8,
         "places, some of which are zero but for round-off",
     ),

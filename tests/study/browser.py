@@ -5,9 +5,9 @@ Needs Python, Selenium, a Chromium and its driver, so that it runs on a system w
 
 import shutil
 import sys
-from html.parser import HTMLParser
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
+
+from tests.study.pages import find_faults
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 WIDTHS = (390, 1280)  # a telephone's and a desktop's window, in CSS pixels
@@ -79,50 +79,6 @@ def faults(browser, url, width):
     return found + [f"{entry['source']}: {entry['message']}" for entry in logged]
 
 
-class Page(HTMLParser):
-    """A page's tags with their attributes."""
-
-    def __init__(self, html):
-        super().__init__()
-        self.tags = []
-        self.feed(html)
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append((tag, dict(attributes)))
-
-    def all(self, tag):
-        return [attributes for name, attributes in self.tags if name == tag]
-
-
-def values(tags, *keys):
-    """What attributes of these names have."""
-    return {given[key] for _, given in tags for key in keys if given.get(key)}
-
-
-def dead(folder):
-    """Links between a folder's files that lead nowhere, images without words; a line for each."""
-    pages = {path: Page(path.read_text("utf-8")) for path in sorted(folder.rglob("*.html"))}
-    wrong = []
-    for page, read in pages.items():
-        name = page.relative_to(folder)
-        silent = {image.get("src") for image in read.all("img") if not image.get("alt")}
-        wrong += [f"{name}: no alternative text: {image}" for image in sorted(silent)]
-        loading = [one for one in read.tags if one[0] in ("script", "img", "link", "source")]
-        loads = values(loading, "href", "src", "srcset")
-        for target in sorted(values(read.tags, "href", "src", "srcset")):
-            parts = urlsplit(target)
-            if parts.scheme or parts.netloc:
-                if target in loads and parts.scheme != "data":
-                    wrong.append(f"{name}: {target} comes from elsewhere")
-                continue
-            path = (page.parent / unquote(parts.path)).resolve() if parts.path else page
-            anchor = unquote(parts.fragment)
-            known = values(pages[path].tags, "id", "name") if path in pages else {anchor}
-            if not path.is_file() or (anchor and anchor not in known):
-                wrong.append(f"{name}: {target}")
-    return wrong
-
-
 def searched(browser, folder, word):
     """Number of pages that the site's own search finds for a word."""
     from selenium.webdriver.support.wait import WebDriverWait
@@ -143,7 +99,7 @@ def filtered(browser, folder, query):
 
 def site(browser, folder):
     """What is wrong with a site: its pages, the links between them, and its search."""
-    told = [f"link to nowhere, {line}" for line in dead(folder)]
+    told = find_faults(folder)
     for page in sorted(folder.rglob("*.html")):
         for width in WIDTHS:
             found = faults(browser, page.resolve().as_uri(), width)

@@ -12,7 +12,7 @@ from study.core.store import MissingResult, Results, StudyError
 from study.report import build, render
 from study.texts import numbers, statements
 from study.texts.statements import names_section
-from tests.study.browser import Page
+from tests.study.pages import Page
 from tests.study.toystudy import reported
 
 # Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods

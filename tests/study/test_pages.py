@@ -1,0 +1,38 @@
+"""The check of pages without a browser sees what it is for; formulas of the guide are typeset."""
+
+import re
+from pathlib import Path
+
+import pytest
+from docutils.utils.math import latex2mathml
+
+from tests.study.pages import FAULTY, find_faults, main, unseen_faults
+
+DOCS = Path(__file__).parents[2] / "docs"
+FORMULA = re.compile(r"\$\$(.+?)\$\$|(?<![\\$\w])\$([^$]+?)\$(?!\w)", re.DOTALL)
+
+
+def test_each_kind_of_fault_is_seen(tmp_path):
+    assert unseen_faults() == []
+    for number, body in enumerate(FAULTY.values()):
+        (tmp_path / f"{number}.html").write_text(f"<title>x</title>{body}")
+    assert main([str(tmp_path)]) == 1
+    assert len(find_faults(tmp_path)) >= len(FAULTY)
+
+
+def test_a_good_page_has_no_fault(tmp_path, capsys):
+    (tmp_path / "one.html").write_text(
+        '<p id="a">x</p><a href="two.html#b">x</a><a href="#a">x</a>'
+    )
+    (tmp_path / "two.html").write_text(r'<p id="b"><code>{{ \alpha }}</code></p>')
+    assert main([str(tmp_path)]) == 0
+    assert main([str(tmp_path / "three.html")]) == 1
+    assert "there is no page" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
+def test_formulas_of_the_guide_can_be_typeset(page):
+    """By docutils, as the site does it, which knows part of LaTeX."""
+    text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text("utf-8"), flags=re.DOTALL)
+    for block, inline in FORMULA.findall(text):
+        latex2mathml.tex2mathml((block or inline).strip(), as_block=bool(block))
