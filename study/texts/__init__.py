@@ -17,10 +17,11 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
+from study.core.cases import SECTIONS
 from study.core.store import CorruptResult, MissingResult, Results, Stored, StudyError
 from study.judge.claims import GRADES, PAPER
 from study.texts import numbers
-from study.texts.appendix import computed, rational_degree
+from study.texts.appendix import computed, computed_and_recorded, rational_degree
 from study.texts.statements import (
     HOMES,
     by_fact,
@@ -133,6 +134,8 @@ class Texts:
             "graded": self.graded,
             "heads": HEADS,
             "computed": lambda section: computed(results, section),
+            "computed_and_recorded": lambda: computed_and_recorded(results),
+            "verification_range": _verification_range(),
             "has_section": lambda section: bool(results.cases(section)),
             "rational_degree": rational_degree(),
         }
@@ -300,6 +303,12 @@ def provenance(cases: list[Stored]) -> dict[str, Any]:
             sets.append(versions)
         rows.append({"key": case.key, "letter": _letter(sets.index(versions)), **origin})
     return {"cases": rows, "versions": {_letter(i): one for i, one in enumerate(sets)}}
+
+
+def _verification_range() -> str:
+    """Return the first and the last of the sections V1, V2 and so on, in words."""
+    sections = [section for section in SECTIONS if section.startswith("V")]
+    return " to ".join([*sections[:1], *sections[-1:]])
 
 
 def _letter(index: int) -> str:

@@ -58,6 +58,13 @@ def computed(results: Results, section: str) -> Computed:
     )
 
 
+def computed_and_recorded(results: Results) -> tuple[int, int]:
+    """Return how many results were computed, and how many were read from tracked records."""
+    cases = [case for section in SECTIONS for case in results.section(section)]
+    recorded = sum(bool(case.record) for case in cases)
+    return len(cases) - recorded, recorded
+
+
 def rational_degree() -> int:
     """Return the library's degree of quadrature for integrands that are no polynomials."""
     for path in package_sources("pw_elements"):

@@ -13,9 +13,9 @@ from study.texts import appendix
 def one(tmp_path):
     """A function that stores a case of V1 and returns what the section was computed with."""
 
-    def computed(parameters, dofs=None, curves=None):
+    def computed(parameters, dofs=None, curves=None, record=""):
         name = f"case-{len(list(tmp_path.rglob('*.json')))}"
-        provenance = {} if dofs is None else {"dofs": dofs}
+        provenance = {"record": record} | ({} if dofs is None else {"dofs": dofs})
         result = Result({"y": 1.0}, {"y": "1"}, curves or {})
         save(tmp_path, "V1", name, result, {"element": "pw-T6"} | parameters, provenance)
         return appendix.computed(Results(tmp_path), "V1")
@@ -27,8 +27,14 @@ def test_unknowns_are_the_fewest_and_the_most_and_mesh_sizes_are_listed_once(one
     one({"divisions": [80, 40]}, dofs=40)
     one({"dofs": 900, "divisions": [20, 10]})  # a recorded case keeps them among its parameters
     assert one({"divisions": [20, 10]}, dofs=120)[:4] == (3, 0, (40, 900), ["20 × 10", "80 × 40"])
-    assert one({"measured": {}, "units": {}}, dofs=120)[:2] == (4, 1)
-    assert one({"measured": {}}, dofs=120)[:2] == (5, 1)  # of the record of cost
+    assert one({"measured": {}}, dofs=120, record="study/cost/record.json")[:2] == (4, 1)
+
+
+def test_results_that_were_computed_and_that_were_read_are_counted(one, tmp_path):
+    one({}, dofs=1)
+    one({}, dofs=1)
+    one({}, dofs=1, record="study/cost/record.json")
+    assert appendix.computed_and_recorded(Results(tmp_path)) == (2, 1)
 
 
 @pytest.mark.parametrize(

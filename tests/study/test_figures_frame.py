@@ -115,6 +115,64 @@ def test_figures_are_drawn_again_only_after_a_change_of_their_own(out, script):
     assert "toy_two" not in names(out)
 
 
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("results.scalar('1/a', 'y')", "store('a', 3.5)"),
+        ("results.scalar('1/b', 'y') if '1/b' in results else 0.0", "store('b', 3.5)"),
+        ("sum(one.scalars['y'] for one in results.section('1'))", "store('b', 1.0)"),
+    ],
+)
+def test_results_that_arrive_while_a_figure_is_drawn_are_not_passed_over(
+    out, script, before, after
+):
+    """Others compute while a figure is drawn: what it has not read is not what it shows."""
+    store_late = (
+        "def caption(results):\n"
+        "    import numpy as np\n"
+        "    from study.core.store import Result, save\n"
+        f"    said = f'It is {{{before}:.1f}}.'\n"
+        "    def store(case, y):\n"
+        "        if f'{y}' not in said:\n"
+        "            result = Result({'y': y}, {'y': '1'}, {'x': np.linspace(0, 1, 5)})\n"
+        "            save(results.folder, '1', case, result, {'problem': 'toy'}, {})\n"
+        f"    {after}\n"
+        "    return said\n\n\n"
+        "def caption_before(results):"
+    )
+    script("toy_late", "def caption(results):", store_late)
+    for _ in range(2):  # the note of the first drawing does not hold
+        assert draw_all(out, complete=False)
+    (entry,) = json.loads((out / "figures" / "index.json").read_text())
+    assert entry["caption"] == "It is 3.5."
+
+
+def test_figures_need_no_writable_project(tmp_path, script, monkeypatch, capfd):
+    """In a clone that is read-only, results go beside the figure."""
+    (tmp_path / "results").write_text("no folder")
+    monkeypatch.setattr("figures.__main__.ROOT", tmp_path)
+    computed = []
+
+    def compute(names, results, jobs):
+        assert jobs == 1
+        computed.append((names, results))
+        store(results, "a", 2.5, x=np.linspace(0, 1, 5))
+        return True
+
+    monkeypatch.setattr("figures.__main__._computed", compute)
+    script("toy_one")
+    assert main(["toy_one"]) == 2
+    assert "results cannot be written: name another folder by --results" in capfd.readouterr().err
+    assert main(["toy_one", "--out", str(tmp_path / "drawn")]) == 0
+    assert main(["toy_one", "--results", str(tmp_path / "mine")]) == 0
+    for folder in ("drawn", "mine/figures"):
+        assert (tmp_path / folder / "toy_one.png").is_file()
+    assert computed == [
+        (["toy_one"], tmp_path / "drawn" / "results"),
+        (["toy_one"], tmp_path / "mine"),
+    ]
+
+
 def test_names_in_drawings_are_those_of_other_processes():
     uses = "".join(f'<use href="#p{name}"/>' for name in "abcdefgh")
     code = f"from figures.drawing import _bare; print(_bare('<svg>{uses}</svg>'))"
