@@ -7,16 +7,18 @@ symmetric sibling").
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import TypeVar
 
+from mpi4py import MPI
 from petsc4py import PETSc
 from slepc4py import SLEPc
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 
 from pw_elements.algebra.linear import explained, factorise, symmetric_part
 from pw_elements.algebra.problem_checks import check_problem, refuse_negative
@@ -37,7 +39,7 @@ from pw_elements.solvers import (
     unblocked,
     with_fallback,
 )
-from pw_elements.spaces import Assembled, is_hybrid
+from pw_elements.spaces import Assembled, SubSpace, is_hybrid
 
 T = TypeVar("T")
 
@@ -65,6 +67,11 @@ _ROUND_OFF = 1e-10
 _MODE_RESIDUAL = 1e-8
 # Values mu of buckling below this belong to motions without any initial stress
 _UNSTRESSED = 1e-10
+# Critical prestress over stiffness, as `BucklingModes` has it. A load at which prestresses are nearly as
+# large as the stiffness bends nothing sideways: such factors belong to the few cells about a clamp,
+# and exist when the load pulls, too. Columns as wide as high have .1, their fourth modes up to .3
+MAX_PRESTRESS = 0.6
+DOUBTFUL_PRESTRESS = 0.4
 
 # Relative residual of the largest eigenvalue; its error is of the size of the square
 _POWER_TOLERANCE = 1e-8
@@ -83,6 +90,9 @@ class BucklingModes:
 
     Args:
         factors: (n,), multiples of the prestress' load.
+        prestress: (n,), critical prestress over stiffness, where the mode moves: the sum of
+            factor |row of K_sigma| d^2 over that of |K_ii| d^2, of displacements d. It is of
+            the size of the strain at which the mode buckles: linear theory needs it small.
         shapes: n full vectors, in the trial space's numbering, largest entry 1.
         residuals: (n,), |K d + factor K_sigma d| / |K d|.
         imaginary: largest |Im| / |Re| of them: 0 where the unsymmetric pair stays real.
@@ -90,6 +100,7 @@ class BucklingModes:
     """
 
     factors: Array
+    prestress: Array
     shapes: list[PETSc.Vec]
     residuals: Array
     imaginary: float
@@ -214,11 +225,12 @@ def buckling(
             a stiffness whose diagonal adds up to less than zero, and numbers out of range.
         SingularSystem: if the supports leave the body a rigid motion.
         NotConverged: if an iterative solver does not reach its tolerance.
-        NoModes: if fewer than `count` positive factors exist, or some did not converge.
+        NoModes: if fewer than `count` positive factors exist at which the prestress is below the
+            stiffness, or some did not converge.
     """
     asked = _Asked(reduction, count, symmetrised, solver)
     asked.check(K, "the initial stress", K_sigma)
-    K = unblocked(K)
+    K, K_sigma = unblocked(K), unblocked(K_sigma)
     return asked.by_solver(lambda taken: _buckles(K, K_sigma, asked, taken))
 
 
@@ -240,7 +252,49 @@ def _buckles(
             "the load pulls where it should press"
         )
     imaginary = float(np.max(np.abs(mu.imag) / mu.real))
-    return BucklingModes(scale / mu.real, shapes, residuals, imaginary, report)
+    factors = scale / mu.real
+    prestress = factors * _prestress_over_stiffness(K, K_sigma, shapes, asked.reduction.space)
+    _check_prestress(factors, prestress, K.comm.tompi4py())
+    return BucklingModes(factors, prestress, shapes, residuals, imaginary, report)
+
+
+def _prestress_over_stiffness(
+    K: PETSc.Mat,
+    K_sigma: PETSc.Mat,
+    shapes: Sequence[PETSc.Vec],
+    space: fem.FunctionSpace | None,
+) -> Array:
+    """Return |row of K_sigma| d^2 over |K_ii| d^2 (n,), sums over the displacements d of modes."""
+    rows, _, entries = K_sigma.getValuesCSR()
+    size = np.sqrt(np.bincount(np.repeat(np.arange(len(rows) - 1), np.diff(rows)), entries**2))
+    prestress = np.pad(size, (0, len(rows) - 1 - len(size)))
+    stiffness = np.abs(K.getDiagonal().array_r)
+    own = slice(None) if space is None else SubSpace.displacements(space).owned.ravel()
+    sums = np.array(
+        [[np.sum((s.array_r**2 * size)[own]) for s in shapes] for size in (prestress, stiffness)]
+    )
+    K.comm.tompi4py().Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
+    return np.asarray(sums[0] / sums[1], dtype=float)
+
+
+def _check_prestress(factors: Array, prestress: Array, comm: MPI.Comm) -> None:
+    """Raise NoModes for prestresses beyond the stiffness; warn of those near it."""
+    too_large = prestress > MAX_PRESTRESS
+    if too_large.any():
+        raise NoModes(
+            f"only {np.sum(~too_large)} of {len(factors)} factors belong to buckling: at the factor "
+            f"{factors[too_large][0]:.4g} the prestress is {prestress[too_large][0]:.3g} times the "
+            "stiffness, and no body is elastic there. Either the load pulls where it should press "
+            "(then reverse it), or fewer modes have to be asked for"
+        )
+    if prestress.max() > DOUBTFUL_PRESTRESS:
+        worst = int(np.argmax(prestress))
+        words = (
+            f"at the buckling factor {factors[worst]:.4g} the prestress is {prestress[worst]:.2g} "
+            "times the stiffness: strains are far from small, and the factor means little. Look "
+            "at the sign of the load"
+        )
+        told(comm, logging.WARNING, words, ".eigen")
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,20 @@ def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa:
     return np.array(each, dtype=float)
 
 
+def real_array(name: str, values: Any, shape: tuple[int, ...]) -> Array:  # noqa: ANN401
+    """Return finite real numbers of a shape as floats; ValueError for anything else."""
+    try:
+        given = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        given = np.empty(0, dtype=object)
+    if given.shape != shape or given.dtype.kind not in "iuf" or not np.isfinite(given).all():
+        raise ValueError(
+            f"{name} of the shape {given.shape} and the type {given.dtype}: {shape} finite numbers "
+            "are needed, all of them real"
+        )
+    return given.astype(float)
+
+
 def field(
     whose: str, values: object, shape: tuple[int, ...], layout: str, kind: type = float
 ) -> npt.NDArray[Any]:

@@ -271,6 +271,41 @@ def test_what_has_no_derivatives_is_refused_in_words():
         problem.sensitivity(states, [("force", 0, 1)], [("friction", 0)])
 
 
+def test_parameters_that_cannot_act_and_numbers_that_are_none_are_refused():
+    case = Rubber(0, steps=1)
+    problem, states = case.solve()
+    outputs, n = case.outputs, len(case.outputs)
+    absent = fem.Constant(case.u.function_space.mesh, 2.0)
+    broken = case.u.x.petsc_vec.duplicate()
+    broken.set(np.nan)
+    for given, words in (
+        ((outputs, [absent], case.loads), "the constant of value 2.0 .* contain it"),
+        ((outputs, [(absent, np.ones(2))], case.loads), "the constant of value 2.0 .* contain it"),
+        ((outputs, [(case.shear, [1.0, 1.0j])], case.loads), "rates .* real"),
+        ((outputs, [(case.shear, [True, True])], case.loads), "rates .* real"),
+        ((outputs, [(case.shear, [1.0, np.inf])], case.loads), "rates .* finite"),
+        ((outputs, [(case.shear, ["1", "2"])], case.loads), "rates .* real"),
+        ((outputs, [(broken, np.ones(2))], case.loads), "the load .* is not finite"),
+        (([broken], [case.shear], case.loads), "the output, a vector of weights, is not"),
+        ((outputs, [case.shear], case.loads, np.full((1, n), np.nan)), "weights .* finite"),
+        ((outputs, [case.shear], case.loads, np.full((1, n), 1j)), "weights .* real"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            problem.sensitivity(states, *given)
+    with pytest.raises(TypeError, match="load of step 0 .* function of the share"):
+        problem.sensitivity(states, outputs, [case.shear], [broken])
+    # one that a functional or a condition alone has is contained
+    functional = absent * ufl.inner(case.u, case.u) * ufl.dx
+    found = problem.sensitivity(states, [functional], [absent, (case.base, [0.0, 1.0])], case.loads)
+    u = as_function(case.space, states[1].unknowns)
+    assert found[0, 0, 0] == pytest.approx(assemble_scalar(ufl.inner(u, u) * ufl.dx), rel=1e-12)
+    assert found[0, 0, 1] != 0
+    steel = Steel()
+    problem, states = steel.solve()
+    with pytest.raises(ValueError, match="`loads` are those of a residual"):
+        problem.sensitivity(states, [("force", 0, 1)], [("friction", 0)], [steel.load] * 3)
+
+
 def test_a_status_about_to_change_is_named():
     """The circle just touches a node, without any force."""
     problem = Touching().problem

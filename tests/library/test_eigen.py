@@ -1,6 +1,7 @@
 """Buckling and vibration: exact and dense eigenvalues, rigid modes, lumped mass, refusals."""
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import pytest
@@ -9,13 +10,19 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, create_rectangle
 
 from pw_elements import (
+    Body,
     Material,
     NoModes,
     Reduction,
+    Spaces,
+    as_function,
     assemble_matrix,
+    assemble_vector,
+    boundary_measure,
     buckling,
     lumped_mass,
     prescribe,
+    solve,
     vibration_modes,
 )
 from pw_elements.algebra import symmetric_part
@@ -69,6 +76,46 @@ def test_against_dense_eigenvalues():
 def test_refuses_what_cannot_buckle():
     with pytest.raises(NoModes, match="pulls"):
         buckling(*strip(GALERKIN, stress=1.0))
+
+
+def clamped_column(stress, E=1.0, width=1.0, form="G", hybrid=False):
+    """K, K_sigma and supports of a column of height 1, clamped below, loaded above."""
+    mesh = quadrilaterals(COMM, (0.0, 0.0), (width, 1.0), (4, 8))
+    spaces = Spaces.hybrid(mesh) if hybrid else Spaces.petrov_galerkin(mesh)
+    body = Body(spaces, Material(E, 0.3), "plane strain")
+    K = assemble_matrix(body.stiffness())
+    load = body.surface_load((0.0, stress), boundary_measure(mesh, at(1, 1.0)))
+    held = [prescribe(spaces.trial, k, at(1, 0.0)) for k in (0, 1)]
+    held = Reduction.dirichlet(spaces.trial, held)
+    prestress = body.stress(as_function(spaces.trial, solve(K, assemble_vector(load), held)))
+    return K, assemble_matrix(body.initial_stress(prestress, form)), held
+
+
+@pytest.mark.parametrize("E", [1.0, 2e11])
+@pytest.mark.parametrize("form", ["G", "J"])
+@pytest.mark.parametrize("hybrid", [False, True])
+def test_a_clamped_column_does_not_buckle_under_tension(E, form, hybrid):
+    with pytest.raises(NoModes, match=r"prestress is .* times the stiffness.*reverse it"):
+        buckling(*clamped_column(1.0, E, 0.5, form, hybrid))
+    modes = buckling(*clamped_column(-1.0, E, 0.5, form, hybrid), count=2)
+    # at the strain of the first one, sigma (1 - nu^2) / E, within the range of one mode's shape
+    assert 0.3 < modes.prestress[0] / (modes.factors[0] * 0.91 / E) < 1.5
+    assert (modes.prestress < 0.4).all()
+
+
+def test_prestress_is_that_of_the_part_that_buckles():
+    """A soft column under tension, and a block a million times as stiff that is not connected."""
+    K, K_sigma, held = clamped_column(1.0)
+    stiff = clamped_column(0.0, 1e6)[0]
+    pair = [
+        PETSc.Mat().createNest([[A, None], [None, B]]) for A, B in ((K, stiff), (K_sigma, 0 * K))
+    ]
+    K, K_sigma = (matrix.convert("aij") for matrix in pair)
+    offset = K.createVecRight()
+    both = [PETSc.Mat().createNest([[A, None], [None, A]]).convert("aij") for A in (held.left,)]
+    doubled = Reduction(both[0], both[0], offset)
+    with pytest.raises(NoModes, match="times the stiffness"):
+        buckling(K, K_sigma, doubled)
 
 
 def square(n=6):

@@ -176,6 +176,18 @@ class FiniteStepping:
     def prescribed(self) -> PETSc.Vec:
         return prescribed(self._whole, self._conditions)[1]
 
+    def contains(self, constant: fem.Constant) -> bool:
+        """Whether the residual or one of its Dirichlet conditions depends on a constant."""
+        values = [getattr(condition.g, "value", None) for condition in self._each_condition]
+        # DOLFINx hands on C++ objects of constants, but their values are one array
+        prescribing = any(v is not None and np.shares_memory(v, constant.value) for v in values)
+        return prescribing or any(constant is other for other in self._constants)
+
+    @property
+    def _each_condition(self) -> Sequence[fem.DirichletBC]:
+        single = isinstance(self._conditions, fem.DirichletBC)
+        return [self._conditions] if single else self._conditions
+
     def linearised(self, part: Part) -> Linearised:
         """The equations at the end of a part, where it leaves u, constants and conditions."""
         self._apply(part.load, part.share)

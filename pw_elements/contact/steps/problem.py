@@ -34,6 +34,8 @@ from pw_elements.contact.steps.sensitivity import (
     Derivatives,
     Output,
     Parameter,
+    check_constants,
+    check_loads,
     checked_outputs,
     checked_parameters,
     parts_of,
@@ -414,15 +416,16 @@ class ContactProblem:
                 (constant, rates), ("motion", pair, rates (states, dim)) of translations or, where
                 these are free, forces, (vector, rates (states,)) of nodal loads. Between states
                 rates are linear in the share.
-            loads: the `load` of each step, for a residual; none by default.
+            loads: the `load` of each step, for a residual only; none by default.
             weights: (states - 1, outputs), of each output of each state but the first.
 
         Returns:
             Derivatives (states - 1, outputs, parameters); of the weighted sum (parameters,).
 
         Raises:
-            TypeError, ValueError: for arguments that make no derivatives, a problem with
-                `history`, two bodies at large sliding, an iterative solver, states that are not
+            TypeError, ValueError: for arguments that make no derivatives, numbers that are not
+                real and finite, a constant that no form and no condition contains, loads of a
+                problem with a stiffness, a problem with `history`, two bodies at large sliding, an iterative solver, states that are not
                 ends of such steps, and contact nodes that are about to change their status.
         """
         if self._histories:
@@ -434,11 +437,11 @@ class ContactProblem:
         for state in states:
             check_belongs(state, self.undeformed, "a state")
         steps = len(states) - 1
-        if steps < 1 or len(loads) not in (0, steps):
+        if steps < 1:
             raise ValueError(
-                f"{len(states)} states and {len(loads)} loads: give the states at the start and at "
-                "the end of each step, and the load of each or none"
+                f"{len(states)} states: give the states at the start and at the end of each step"
             )
+        check_loads(loads, steps, self._finite is not None)
         self._renew()
         increments, known = self._finite or self._stepping, (self._space, self._finite is not None)
         if is_matrix_free(increments.solver) or increments.interface.mortars:
@@ -448,15 +451,15 @@ class ContactProblem:
             )
         out = checked_outputs(outputs, len(self.pairs), *known)
         by = checked_parameters(parameters, len(states), self.pairs, *known)
+        if self._finite is not None:
+            check_constants(by, out, self._finite)
+        given = None
+        if weights is not None:
+            given = arguments.real_array("weights", weights, (steps, len(out)))
         parts = list(parts_of(states, loads or [None] * steps))
         made = increments.interface, increments.linearised, self._finite
         derivatives = Derivatives(*made, parts, out, by)
-        if weights is None:
-            return derivatives.direct()
-        given, shape = np.asarray(weights), (steps, len(out))
-        if given.dtype.kind not in "iuf" or given.shape != shape:
-            raise ValueError(f"weights of the shape {given.shape}: {shape} numbers are needed")
-        return derivatives.adjoint(given.astype(float))
+        return derivatives.direct() if given is None else derivatives.adjoint(given)
 
     @same_everywhere
     def release(self) -> None:

@@ -18,7 +18,7 @@ import ufl
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
-from pw_elements.algebra import Reduction
+from pw_elements.algebra import Reduction, is_finite
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, listed
 from pw_elements.contact.interface import Interface
@@ -216,6 +216,9 @@ class Residual(Protocol):
     form: ufl.Form
     u: fem.Function
 
+    def contains(self, constant: fem.Constant) -> bool:
+        """Whether the residual or one of its Dirichlet conditions depends on a constant."""
+
     def prescribed(self) -> PETSc.Vec:
         """Prescribed displacements (n,), as conditions have them now."""
 
@@ -359,7 +362,7 @@ def checked_outputs(
             case ufl.Form():
                 raise ValueError(_NO_RESIDUAL)
             case PETSc.Vec():
-                arguments.same_sizes("weights", output.getSizes(), "the space", space)
+                _check_vector("the output, a vector of weights,", output, space)
             case _:
                 raise ValueError(
                     f"the output {output!r}: give a functional, a vector of weights, "
@@ -389,7 +392,7 @@ def checked_parameters(
             case (fem.Constant() as constant, rates):
                 shape += constant.value.shape
             case (PETSc.Vec() as load, rates):
-                arguments.same_sizes("a load", load.getSizes(), "the space", space)
+                _check_vector("the load that is a parameter", load, space)
             case ("friction", pair):
                 law = pairs[_number(pair, len(pairs), "contact pairs")].law
                 if not isinstance(law, Coulomb):
@@ -402,11 +405,50 @@ def checked_parameters(
                     f'the parameter {parameter!r}: give a constant, ("friction", pair), ("motion", '
                     "pair, rates), (constant, rates) or (vector, rates), in a list"
                 )
-        rates = np.asarray(rates, dtype=float)
-        if rates.shape != shape or not np.isfinite(rates).all():
-            raise ValueError(f"rates of the shape {rates.shape}: {shape} finite numbers are needed")
-        found.append((parameter, rates))
+        found.append((parameter, arguments.real_array("rates", rates, shape)))
     return found
+
+
+def check_constants(
+    parameters: Sequence[tuple[Parameter, Array]], outputs: Sequence[Output], residual: Residual
+) -> None:
+    """Raise ValueError for a constant on which neither the states nor the outputs depend."""
+    in_outputs = [
+        c for output in outputs if isinstance(output, ufl.Form) for c in output.constants()
+    ]
+    for parameter, _ in parameters:
+        constant = _thing(parameter)
+        if not isinstance(constant, fem.Constant) or residual.contains(constant):
+            continue
+        if not any(constant is other for other in in_outputs):
+            raise ValueError(
+                f"the constant of value {constant.value.tolist()} is no parameter: neither the "
+                "residual, nor a Dirichlet condition, nor a functional among the outputs contain "
+                "it. Give the fem.Constant that the forms were made with"
+            )
+
+
+def check_loads(loads: Sequence[Any], steps: int, of_residual: bool) -> None:
+    """Raise unless loads are none, or of a residual: a function or None for each step."""
+    if not of_residual and len(loads):
+        raise ValueError(
+            "`loads` are those of a residual; a problem with a stiffness K needs none, its states "
+            "follow from their contact forces: leave `loads` out"
+        )
+    if len(loads) not in (0, steps):
+        raise ValueError(f"{len(loads)} loads for {steps} steps: give the load of each, or none")
+    for k, load in enumerate(loads):
+        if not (load is None or arguments.is_function(load)):
+            raise TypeError(
+                f"the load of step {k} is {arguments.described(load)}: give the function of the "
+                "share (0, 1] of the increment that `step` had, or None"
+            )
+
+
+def _check_vector(name: str, vector: PETSc.Vec, space: fem.FunctionSpace) -> None:
+    arguments.petsc_vector(name, vector, "the space", space)
+    if not is_finite(vector):
+        raise ValueError(f"{name} is not finite")
 
 
 def _number(given: Any, count: int, what: str) -> int:  # noqa: ANN401
