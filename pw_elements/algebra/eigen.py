@@ -67,9 +67,9 @@ _ROUND_OFF = 1e-10
 _MODE_RESIDUAL = 1e-8
 # Values mu of buckling below this belong to motions without any initial stress
 _UNSTRESSED = 1e-10
-# Critical prestress over stiffness, as `BucklingModes` has it. A load at which prestresses are nearly as
-# large as the stiffness bends nothing sideways: such factors belong to the few cells about a clamp,
-# and exist when the load pulls, too. Columns as wide as high have .1, their fourth modes up to .3
+# Critical prestress over stiffness, as `BucklingModes` has it. At prestresses nearly as large as the
+# stiffness no body buckles: such factors belong to the few cells about a clamp, and exist when the
+# load pulls, too. Columns as wide as high have .1, their fourth modes up to .3
 MAX_PRESTRESS = 0.6
 DOUBTFUL_PRESTRESS = 0.4
 
@@ -282,7 +282,7 @@ def _check_prestress(factors: Array, prestress: Array, comm: MPI.Comm) -> None:
     too_large = prestress > MAX_PRESTRESS
     if too_large.any():
         raise NoModes(
-            f"only {np.sum(~too_large)} of {len(factors)} factors belong to buckling: at the factor "
+            f"only {np.sum(~too_large)} of {len(factors)} factors are of buckling: at the factor "
             f"{factors[too_large][0]:.4g} the prestress is {prestress[too_large][0]:.3g} times the "
             "stiffness, and no body is elastic there. Either the load pulls where it should press "
             "(then reverse it), or fewer modes have to be asked for"

@@ -425,8 +425,9 @@ class ContactProblem:
         Raises:
             TypeError, ValueError: for arguments that make no derivatives, numbers that are not
                 real and finite, a constant that no form and no condition contains, loads of a
-                problem with a stiffness, a problem with `history`, two bodies at large sliding, an iterative solver, states that are not
-                ends of such steps, and contact nodes that are about to change their status.
+                problem with a stiffness, a problem with `history`, two bodies at large sliding, an
+                iterative solver, states that are not ends of such steps, and contact nodes that are
+                about to change their status.
         """
         if self._histories:
             raise ValueError(
