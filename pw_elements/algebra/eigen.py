@@ -67,9 +67,9 @@ _ROUND_OFF = 1e-10
 _MODE_RESIDUAL = 1e-8
 # Values mu of buckling below this belong to motions without any initial stress
 _UNSTRESSED = 1e-10
-# Critical prestress over stiffness, as `BucklingModes` has it. At prestresses nearly as large as the
-# stiffness no body buckles: such factors belong to the few cells about a clamp, and exist when the
-# load pulls, too. Columns as wide as high have .1, their fourth modes up to .3
+# Critical prestress over stiffness, as `BucklingModes` has it. At prestresses nearly as large as
+# the stiffness no body buckles: such factors belong to the few cells about a clamp, and exist when
+# the load pulls, too. Columns as wide as high have .1, their fourth modes up to .3
 MAX_PRESTRESS = 0.6
 DOUBTFUL_PRESTRESS = 0.4
 

@@ -22,4 +22,5 @@ from pw_elements.elasticity.forces import (
     forces_along,
     nodal_flux,
 )
+from pw_elements.elasticity.incompressibility import REMEDY, TangentWatch
 from pw_elements.elasticity.sibling import Sibling

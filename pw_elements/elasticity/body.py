@@ -23,10 +23,15 @@ from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 from ufl.core.expr import Expr
 
-from pw_elements._compat import cell_nodes
 from pw_elements.algebra import check_problem
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, check_mesh, listed, same_everywhere
+from pw_elements.elasticity.incompressibility import (
+    REMEDY,
+    bulk_over_shear,
+    has_parallel_cells,
+    max_bulk_over_shear,
+)
 from pw_elements.progress import told
 from pw_elements.spaces import (
     STATE,
@@ -52,8 +57,6 @@ _RATIONAL_DEGREE = 8
 # Poisson's ratio above which `Body.on` adds a pressure, and above which displacements alone lock
 _HYBRID_NU = 0.48
 _LOCKING_NU = 0.49
-# Distance of a corner from where it would be in a parallelepiped, over the longest edge: round-off
-_PARALLEL = 1e-12
 _LOCKS = (
     "nu = %g in displacements alone: they lock, and pressures oscillate. At 0.4999 they are some "
     "50 times less accurate than with Spaces.hybrid(mesh), on tetrahedra some 150 times"
@@ -225,7 +228,7 @@ class Body:
             )
             largest = _largest(nu, mesh.comm)
             if largest > _LOCKING_NU:
-                told(mesh.comm, logging.WARNING, _LOCKS % largest)
+                told(mesh.comm, logging.WARNING, _LOCKS % largest + self._loss(largest))
         thickness = arguments.positive_coefficient("thickness", self.thickness, mesh.comm)
         _set(self, "thickness", thickness)
         if self.quadrature_degree is not None:
@@ -266,6 +269,16 @@ class Body:
             words = f"hybrid: nu = {largest:g}, displacements alone would lock"
             told(mesh.comm, logging.INFO, words)
         return cls(spaces, material, state)  # type: ignore[arg-type]
+
+    def _loss(self, nu: float) -> str:
+        """Return what to say if the stiffness may be singular at a ratio nu, else nothing."""
+        limit, ratio = max_bulk_over_shear(self.spaces.mesh), bulk_over_shear(nu)
+        if self.spaces.test is self.spaces.trial or ratio <= limit:
+            return ""
+        return (
+            f". The bulk modulus is {ratio:.3g} times the shear modulus, more than {limit:g}. "
+            f"With piecewise-linear weights on these cells {REMEDY}"
+        )
 
     def strain(self, u: Expr) -> Expr:
         """Small strain tensor, Eq. (5); in axisymmetry 3 x 3 with the hoop strain u_r / r.
@@ -455,7 +468,7 @@ class Body:
             return _RATIONAL_DEGREE
         if self.spaces.mesh.topology.cell_name() in ("interval", "triangle", "tetrahedron"):
             return exact_degree
-        return in_box if _parallel(self.spaces.mesh) else 5
+        return in_box if has_parallel_cells(self.spaces.mesh) else 5
 
     def _value(self, value: Scalar) -> Expr:
         """A number as a constant of the form, so that a new number compiles nothing anew."""
@@ -467,17 +480,6 @@ class Body:
         mesh = self.spaces.mesh
         vector = arguments.components(name, value, mesh.geometry.dim)
         return vector if isinstance(vector, Expr) else fem.Constant(mesh, vector)
-
-
-def _parallel(mesh: Mesh) -> bool:
-    """Whether all quadrilaterals or hexahedra, of all processes, are parallelograms or the like."""
-    x = mesh.geometry.x[cell_nodes(mesh)]
-    corners = x.shape[1]
-    bits = np.arange(corners)[:, None] >> np.arange(corners.bit_length() - 1) & 1
-    edges = x[:, 1 << np.arange(bits.shape[1])] - x[:, :1]
-    off = np.abs(x - x[:, :1] - np.einsum("vk,cki->cvi", bits, edges)).max(initial=0.0)
-    parallel = off <= _PARALLEL * np.abs(edges).max(initial=0.0)
-    return bool(mesh.comm.allreduce(parallel, MPI.LAND))
 
 
 @same_everywhere

@@ -1,5 +1,6 @@
 """Contact at large strains: closest points, derivatives, known answers, restart, refusals."""
 
+import logging
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -18,6 +19,7 @@ from pw_elements import (
     Material,
     Spaces,
     SurfaceNodes,
+    assemble_matrix,
     prescribe,
 )
 from pw_elements.contact import (
@@ -47,8 +49,10 @@ from pw_elements.contact.iteration.krylov import KrylovTangent
 from pw_elements.meshes import triangles
 from pw_elements.solvers import Multigrid
 from study.cost.measure import Row, alone
+from study.matrices import dense
 from tests.contact.cases import at, at_large_strains, neo_hookean
 from tests.library import vtx
+from tests.library.near_incompressible import distorted_mesh
 from tests.parallel import assert_same
 
 above = at(1, 0.0)
@@ -401,3 +405,70 @@ FAR = SignedDistance(lambda x: (x[:, 1] - 1) ** 2 + 1.0, lambda x: 2 * (x - [0, 
 def test_what_large_strains_have_not_is_refused(attempt, kind, words):
     with pytest.raises(kind, match=words):
         attempt(Rubber())
+
+
+class NearlyIncompressible:
+    """A linear elastic block whose bulk modulus grows, held below and touched at one node."""
+
+    def __init__(self, cell, mid_nodes, spaces=Spaces.petrov_galerkin):
+        mesh = distorted_mesh(cell, 4, 0.05, 1, mid_nodes)
+        self.spaces = spaces(mesh)
+        self.lame = fem.Constant(mesh, 1.0)
+        self.u, v = fem.Function(self.spaces.trial), ufl.TestFunction(self.spaces.test)
+        strain, trial = (lambda w: ufl.sym(ufl.grad(w))), ufl.TrialFunction(self.spaces.trial)
+        dx = ufl.dx(metadata={"quadrature_degree": 4})
+
+        def work(u):
+            return 2 * ufl.inner(strain(u), strain(v)) + self.lame * ufl.div(u) * ufl.div(v)
+
+        self.stiffness = work(trial) * dx
+        self.held = [prescribe(self.spaces.trial, k, at(1, 0.0)) for k in (0, 1)]
+        x = self.spaces.trial.tabulate_dof_coordinates()[:, :2]
+        self.node = int(np.argmin(np.linalg.norm(x - [0.5, 1.0], axis=1)))
+        pair = ContactPair(np.array([self.node]), Sphere(x[self.node] + [0.0, 1.0], 1.0))
+        self.problem = ContactProblem.of_residual(work(self.u) * dx, self.u, self.held, pair)
+        self.states = [self.problem.undeformed]
+
+    def press(self, depth, lame):
+        def load(_):
+            self.lame.value = lame
+
+        self.states.append(self.problem.step(self.states[-1], load, Motion((0.0, -depth))))
+        return self.states[-1]
+
+    def reaction(self, depth):
+        """The force at the node by NumPy."""
+        K = dense(assemble_matrix(self.stiffness))
+        known = {int(d): 0.0 for c in self.held for d in c.dof_indices()[0]}
+        known[2 * self.node + 1] = -depth
+        a, free = np.zeros(len(K)), np.setdiff1d(np.arange(len(K)), [*known])
+        a[[*known]] = [*known.values()]
+        a[free] = np.linalg.solve(K[np.ix_(free, free)], -(K @ a)[free])
+        return (K @ a)[2 * self.node + 1]
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_a_determinant_that_turns_with_the_bulk_modulus_is_no_instability(cell, caplog):
+    case, depth = NearlyIncompressible(cell, mid_nodes=True), 1e-5
+    with caplog.at_level(logging.WARNING, "pw_elements.contact"):
+        case.press(depth, 1.0)
+        assert "bulk" not in caplog.text
+        stiff = case.press(depth, 1e3)
+        case.press(depth, 1e3)
+    assert case.states[1].orientations != stiff.orientations
+    assert stiff.pairs[0].force[1] == pytest.approx(case.reaction(depth), rel=1e-3)
+    told = [r.message for r in caplog.records if "bulk stiffness" in r.message]
+    assert len(told) == 1
+    assert "1e+03 times its shear stiffness" in told[0]
+    assert "Spaces.hybrid(mesh)" in told[0]
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_straight_cells_of_the_plane_and_standard_elements_get_no_warning(cell, caplog):
+    cases = [NearlyIncompressible(cell, False), NearlyIncompressible(cell, True, Spaces.galerkin)]
+    with caplog.at_level(logging.WARNING, "pw_elements.contact"):
+        for case in cases:
+            case.press(1e-5, 1.0)
+            state = case.press(1e-5, 1e3)
+            assert state.pairs[0].force[1] == pytest.approx(case.reaction(1e-5), rel=1e-3)
+    assert "bulk" not in caplog.text

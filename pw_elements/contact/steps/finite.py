@@ -36,8 +36,10 @@ from pw_elements.contact.iteration import (
 from pw_elements.contact.model import ContactPair, ContactState, Free, Motion, NotFound
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.stepping import Callback, Reporter, Target, between, divided, joined
+from pw_elements.elasticity import REMEDY, TangentWatch
 from pw_elements.progress import doing
 from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
+from pw_elements.spaces import is_hybrid
 
 Loading: TypeAlias = Callable[[float], None]
 
@@ -79,6 +81,11 @@ class FiniteStepping:
         self._guard = CellGuard(problem.u, problem.form)
         self.history, self._update = list(history), update
         self._system: ContactSystem | None = None
+        self._watch: TangentWatch | None = None
+        (weights,) = self.form.arguments()
+        standard = weights.ufl_element() == self._whole.ufl_element()
+        if not (standard or is_hybrid(self._whole)):
+            self._watch = TangentWatch(self.form, self.u)
 
     def step(
         self, state: ContactState, load: Loading | None, moved: Sequence[Motion | None]
@@ -95,6 +102,9 @@ class FiniteStepping:
             reporter = Reporter(interface.comm, state.increment, self._callback)
             system = self._bound(end.free)
             before = system.solved, system.report
+            if self._watch is not None and not state.increment:  # others are looked at in the end
+                self._restore(state)
+                self._watch.is_beyond_limit()
 
             def part(now: ContactState, share: float) -> ContactState:
                 self._restore(now)
@@ -112,7 +122,10 @@ class FiniteStepping:
                 self._apply(load, done)
                 share, failed = failure
                 where = f"from {done:.4g} to {share:.4g} of the increment"
-                error = NotFound(f"{failed}; {where}, which cannot be halved further")
+                words = f"{failed}; {where}, which cannot be halved further"
+                if self._watch is not None and self._watch.is_beyond_limit():
+                    words += f". The body is nearly incompressible: {REMEDY}"
+                error = NotFound(words)
                 error.reached = (done, now) if parts else None
                 raise error from failed
         solved, report = system.solved - before[0], system.report.since(before[1])
@@ -149,6 +162,8 @@ class FiniteStepping:
             raise NotFound.at(f"contact nodes first at {{}} have {words}", jumped)
         known = system.tangent.solver.orientations[met:]
         signs = known or system.tangent.orientation()
+        if self._watch is not None and self._watch.is_beyond_limit():
+            signs = ()  # they turn without any instability
         before = state.orientations if known and state.free == system.free else frozenset()
         if signs and signs[-1] not in (before or signs[:1]):
             raise NotFound("the state found is unstable: its tangent's determinant has turned sign")

@@ -1,0 +1,129 @@
+"""How near to singular displacement elements with piecewise-linear weights are as nu -> 1/2.
+
+    ./run python3 -m tests.library.near_incompressible [--samples 4] [--cells tetrahedron ...]
+
+prints, over cell, distortion and Poisson's ratio, the least singular value of K in the energy norm
+of the standard element's K_G = L L^T on the same mesh, that is of L^-1 K L^-T: 1 for the standard
+element itself, 0 where K is singular; and the number of meshes on which det K is negative. The
+square or cube has its base clamped. Vertices are moved at random by up to a share of the cells'
+size (edges stay straight), or, on "curved" meshes, mid nodes are. Coarse: a few meshes of 2 to 4
+cells a side. What it found, and what the library makes of it, is told in the guide's page on
+theory ("Nearly incompressible bodies").
+"""
+
+import argparse
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+from dolfinx.mesh import CellType, Mesh, create_box, create_rectangle
+
+from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
+from pw_elements.meshes import curved
+from study.matrices import dense
+
+RATIOS = (0.45, 0.48, 0.49, 0.495, 0.499, 0.4995, 0.4999, 0.49999)
+DIVISIONS = {"triangle": 4, "quadrilateral": 4, "tetrahedron": 2, "hexahedron": 2}
+# Shares of a cell's size by which vertices are moved; of mid nodes on curved meshes
+MOVED = {False: (0.0, 0.1, 0.2), True: (0.02, 0.05)}
+
+
+class Sample(NamedTuple):
+    """K over K_G of one mesh at one Poisson's ratio."""
+
+    least: float  # singular value of L^-1 K L^-T
+    sign: int  # of det K
+    energy: float  # least eigenvalue of the symmetric part of L^-1 K L^-T
+
+
+def distorted_mesh(cell: str, n: int, moved: float, seed: int, mid_nodes: bool = False) -> Mesh:
+    """A unit square or cube of n cells a side; vertices, or mid nodes, are moved by moved / n."""
+    dim = 2 if cell in ("triangle", "quadrilateral") else 3
+    build, ends = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
+    mesh = build(MPI.COMM_SELF, ends, [n] * dim, CellType[cell])
+    rng = np.random.default_rng(seed)
+
+    def shifts(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Random shifts (n, 3) of points; none of vertices if `mid_nodes`, nor out of the base."""
+        shift = np.zeros_like(x)
+        shift[:, :dim] = rng.uniform(-1, 1, (len(x), dim)) * moved / n
+        vertex = np.isclose(x * n, np.round(x * n)).all(axis=1)
+        shift[vertex if mid_nodes else ~vertex] = 0.0
+        shift[np.isclose(x[:, dim - 1], 0.0), dim - 1] = 0.0
+        return shift
+
+    if mid_nodes:
+        return curved(mesh, lambda x: x + shifts(x))
+    mesh.geometry.x[:] += shifts(mesh.geometry.x)
+    return mesh
+
+
+def stiffnesses(spaces: Spaces, degree: int | None) -> list[npt.NDArray[np.float64]]:
+    """Matrices A, B of K = mu A + lambda B, their base clamped."""
+    mesh = spaces.mesh
+    dim = mesh.geometry.dim
+    state = "plane strain" if dim == 2 else "solid"
+    base = [prescribe(spaces.trial, k, lambda x: np.isclose(x[dim - 1], 0.0)) for k in range(dim)]
+    reduction = Reduction.dirichlet(spaces.trial, base)
+    found = []
+    for nu in (0.0, 0.25):  # lambda = 0, mu = 1/2; lambda = mu = 2/5
+        body = Body(spaces, Material(1.0, nu), state, quadrature_degree=degree)
+        found.append(dense(reduction.matrix(assemble_matrix(body.stiffness()))))
+    A = 2 * found[0]
+    return [A, found[1] / 0.4 - A]
+
+
+def samples(mesh: Mesh, ratios: Sequence[float], degree: int | None = None) -> list[Sample]:
+    """K over K_G at each Poisson's ratio."""
+    pw, standard = (
+        stiffnesses(make(mesh), degree) for make in (Spaces.petrov_galerkin, Spaces.galerkin)
+    )
+    found = []
+    for nu in ratios:
+        lame = 2 * nu / (1 - 2 * nu)  # over mu
+        K, K_G = (A + lame * B for A, B in (pw, standard))
+        L = np.linalg.cholesky((K_G + K_G.T) / 2)
+        half = scipy.linalg.solve_triangular(L, K, lower=True)
+        scaled = scipy.linalg.solve_triangular(L, half.T, lower=True).T
+        least = scipy.linalg.svdvals(scaled)[-1]
+        energy = scipy.linalg.eigvalsh((scaled + scaled.T) / 2, subset_by_index=[0, 0])[0]
+        found.append(Sample(float(least), int(np.linalg.slogdet(scaled)[0]), float(energy)))
+    return found
+
+
+def main() -> None:
+    """Print the map."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--samples", type=int, default=4)
+    parser.add_argument("--cells", nargs="+", default=list(DIVISIONS), choices=list(DIVISIONS))
+    parser.add_argument("--degree", type=int, default=None)
+    parser.add_argument("--ratios", type=float, nargs="+", default=RATIOS)
+    options = parser.parse_args()
+    print("least singular value over all meshes (meshes with det K < 0), over nu:")
+    print(f"{'':32s}" + "".join(f"{nu:>13g}" for nu in options.ratios))
+    for cell in options.cells:
+        for mid_nodes in (False, True):
+            for moved in MOVED[mid_nodes]:
+                n = DIVISIONS[cell]
+                each = [
+                    samples(
+                        distorted_mesh(cell, n, moved, seed, mid_nodes),
+                        options.ratios,
+                        options.degree,
+                    )
+                    for seed in range(options.samples if moved else 1)
+                ]
+                row = [
+                    f"{min(s.least for s in at):9.4f} ({sum(s.sign < 0 for s in at)})"
+                    for at in zip(*each, strict=True)
+                ]
+                name = f"{cell} {n}, {'mid nodes' if mid_nodes else 'vertices'} {moved:g} h"
+                print(f"{name:32s}" + "".join(f"{one:>13s}" for one in row), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,176 @@
+"""Displacement elements as nu -> 1/2: the map, the warnings, and the measure of a tangent."""
+
+import logging
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import scipy.linalg
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box
+
+from pw_elements import Body, Material, Spaces
+from pw_elements.elasticity.incompressibility import (
+    MAX_RATIO_CURVED,
+    MAX_RATIO_STRAIGHT,
+    TangentRatio,
+    bulk_over_shear,
+    has_parallel_cells,
+    has_straight_cells,
+    max_bulk_over_shear,
+)
+from pw_elements.meshes import curved, triangles
+from tests.contact.cases import at_large_strains, neo_hookean
+from tests.library.near_incompressible import DIVISIONS, distorted_mesh, samples
+
+WORDS = "may be singular there"
+
+
+@pytest.mark.parametrize("cell", DIVISIONS)
+@pytest.mark.parametrize("mid_nodes", [False, True])
+def test_up_to_the_limits_no_stiffness_is_nearly_singular(cell, mid_nodes):
+    """Beyond them some are: a limit that guards nothing would be as wrong as one too high."""
+    moved = 0.05 if mid_nodes else 0.2
+    meshes = [distorted_mesh(cell, DIVISIONS[cell], moved, seed, mid_nodes) for seed in range(3)]
+    limits = {max_bulk_over_shear(mesh) for mesh in meshes}
+    (limit,) = limits
+    # nu of a bulk modulus over a shear modulus
+    safe = 0.49999 if np.isinf(limit) else (3 * limit - 2) / (6 * limit + 2)
+    found = [samples(mesh, [safe, 0.4999, 0.49995, 0.49999]) for mesh in meshes]
+    assert all(at_limit.sign == 1 for at_limit, *_ in found)
+    beyond = [sample for _, *others in found for sample in others]
+    if np.isinf(limit):
+        # it falls with the root of 1 - 2 nu, on every mesh alike
+        assert all(0.01 < sample.least < 0.15 and sample.sign == 1 for sample in beyond)
+    else:
+        assert all(at_limit.least > 0.07 for at_limit, *_ in found)
+        assert any(sample.least < 0.005 for sample in beyond)
+        assert any(sample.sign == -1 for sample in beyond)
+
+
+def test_limits_are_those_of_the_ratios_of_poisson_that_the_guide_names():
+    assert bulk_over_shear(0.49) < MAX_RATIO_CURVED < bulk_over_shear(0.491)
+    assert bulk_over_shear(0.498) < MAX_RATIO_STRAIGHT < bulk_over_shear(0.4981)
+    assert bulk_over_shear(0.5) == np.inf
+
+
+def skewed_box():
+    mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], CellType.hexahedron)
+    mesh.geometry.x[:, 0] += 0.3 * mesh.geometry.x[:, 2]
+    return mesh
+
+
+MESHES = {  # mesh, nu without and nu with a word of singular stiffnesses
+    "straight triangles": (lambda: distorted_mesh("triangle", 2, 0.2, 0), 0.49999, None),
+    "straight, of degree 2": (
+        lambda: curved(distorted_mesh("triangle", 2, 0.2, 0), lambda x: x),
+        0.49999,
+        None,
+    ),
+    "straight quadrilaterals": (lambda: distorted_mesh("quadrilateral", 2, 0.2, 0), 0.49999, None),
+    "parallelepipeds": (skewed_box, 0.49999, None),
+    "curved triangles": (lambda: distorted_mesh("triangle", 2, 0.05, 0, True), 0.49, 0.492),
+    "tetrahedra": (lambda: distorted_mesh("tetrahedron", 2, 0.0, 0), 0.498, 0.499),
+    "hexahedra": (lambda: distorted_mesh("hexahedron", 2, 0.1, 0), 0.498, 0.499),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_body_warns_of_a_singular_stiffness_where_one_may_be(name, caplog):
+    make, without, beyond = MESHES[name]
+    mesh = make()
+    state = "plane strain" if mesh.geometry.dim == 2 else "solid"
+
+    def warned(spaces, nu, state=state):
+        caplog.clear()
+        with caplog.at_level(logging.WARNING, "pw_elements"):
+            Body(spaces, Material(1.0, nu), state)
+        return WORDS in caplog.text
+
+    assert not warned(Spaces.petrov_galerkin(mesh), without)
+    if beyond is not None:
+        assert warned(Spaces.petrov_galerkin(mesh), beyond)
+        assert "Spaces.hybrid(mesh)" in caplog.text
+        assert not warned(Spaces.galerkin(mesh), beyond)
+        assert not warned(Spaces.hybrid(mesh), beyond)
+    if mesh.geometry.dim == 2:
+        assert not warned(Spaces.petrov_galerkin(mesh), 0.4999, "plane stress")
+
+
+def test_straight_and_parallel_cells_are_recognised():
+    for cell in DIVISIONS:
+        straight = distorted_mesh(cell, 2, 0.2, 0)
+        assert has_straight_cells(straight)
+        assert has_straight_cells(curved(straight, lambda x: x))
+        assert not has_straight_cells(distorted_mesh(cell, 2, 1e-3, 0, mid_nodes=True))
+    assert has_parallel_cells(skewed_box())
+    assert has_parallel_cells(curved(skewed_box(), lambda x: x))
+    assert not has_parallel_cells(distorted_mesh("hexahedron", 2, 0.01, 0))
+
+
+@pytest.mark.parametrize("cell", DIVISIONS)
+@pytest.mark.parametrize("nu", [-0.2, 0.3, 0.4999])
+def test_ratio_of_a_linear_elastic_tangent_is_that_of_its_moduli(cell, nu):
+    mesh = distorted_mesh(cell, 2, 0.2, 0)
+    spaces = Spaces.petrov_galerkin(mesh)
+    u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
+    body = Body(spaces, Material(3e9, nu), "plane strain" if mesh.geometry.dim == 2 else "solid")
+    residual = ufl.inner(body.stress(u), body.strain(v)) * ufl.dx - v[0] * ufl.dx
+    found = TangentRatio(residual, u).of_cells()
+    assert len(found) == mesh.topology.index_map(mesh.topology.dim).size_local
+    assert found == pytest.approx(2 * (1 + nu) / (3 * (1 - 2 * nu)), rel=1e-9)
+
+
+def energy(F, shear, lame):
+    """Per volume, of `neo_hookean`."""
+    log = np.log(np.linalg.det(F))
+    return shear * (np.sum(F**2) / 2 - log) + lame * log**2 / 2
+
+
+def ratio_by_differences(F, shear, lame, step=1e-4):
+    """Bulk over shear stiffness by second differences of an energy along exp(t H) F."""
+    dim = len(F)
+    rng = np.random.default_rng(0)
+    moduli = []
+    for _ in range(2 if dim == 2 else 5):
+        H = rng.normal(size=(dim, dim))
+        moduli.append((H + H.T) / 2 - np.trace(H) / dim * np.eye(dim))
+    # an orthonormal basis of the symmetric matrices without trace
+    basis = np.linalg.svd([H.ravel() for H in moduli], full_matrices=False)[2]
+    basis = [np.eye(dim) / np.sqrt(dim), *basis.reshape(-1, dim, dim)]
+    values = []
+    for H in basis:
+        there = [energy(scipy.linalg.expm(t * H) @ F, shear, lame) for t in (-step, 0.0, step)]
+        values.append((there[0] - 2 * there[1] + there[2]) / step**2)
+    return 2 * (values[0] - np.mean(values[1:])) / (dim * np.mean(values[1:])) + 2 / 3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_ratio_of_a_deformed_tangent_is_that_of_the_energy(seed):
+    rng = np.random.default_rng(seed)
+    dim, lame = 2 + seed % 2, 10 ** rng.uniform(0, 3)
+    mesh = distorted_mesh("triangle" if dim == 2 else "tetrahedron", 1, 0.0, 0)
+    spaces = Spaces.petrov_galerkin(mesh)
+    u, residual = at_large_strains(spaces, lambda F: neo_hookean(F, 1.0, lame))
+    F = np.eye(dim) + rng.uniform(-0.3, 0.3, (dim, dim))
+    u.interpolate(lambda x: (F - np.eye(dim)) @ x[:dim] + 2.0)
+    found = TangentRatio(residual, u).of_cells()
+    assert found == pytest.approx(ratio_by_differences(F, 1.0, lame), rel=1e-5)
+    # the same after a rotation
+    R = scipy.linalg.expm(np.array([[0, 1, 2], [-1, 0, 3], [-2, -3, 0]])[:dim, :dim] * 0.7)
+    u.interpolate(lambda x: (R @ F - np.eye(dim)) @ x[:dim])
+    assert TangentRatio(residual, u).of_cells() == pytest.approx(found, rel=1e-9)
+
+
+def test_pressure_alone_is_no_stiffness_of_shape():
+    """A block under a pressure of many shear moduli: shear keeps volume, so it does no work."""
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
+    spaces = Spaces.petrov_galerkin(mesh)
+    for lame, scale in ((100.0, 0.9), (100.0, 1.05), (5.0, 0.5)):
+        u, residual = at_large_strains(spaces, lambda F, lame=lame: neo_hookean(F, 1.0, lame))
+        u.interpolate(lambda x, scale=scale: (scale - 1) * x[:2])
+        expected = ratio_by_differences(scale * np.eye(2), 1.0, lame)
+        found = TangentRatio(residual, u).of_cells()
+        assert found == pytest.approx(expected, rel=1e-5)
