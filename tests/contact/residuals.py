@@ -6,7 +6,9 @@ a surface, x undeformed positions and n the surface's normal at x - U,
     gap = gap(x - U) + n·a,    slip = tangential part of (a - U) less the same one increment ago.
 
 Nothing of the library's contact is asked but for displacements and translations. In particular
-no node has a status here: stick is "no slip, or friction used up", and so on.
+no node has a status here: stick is "no slip, or friction used up", and so on. What friction does
+where supports hold a node along the surface is no part of K a - f: it follows from the slip, and
+may be anything that is left of its limit where there is none.
 
 Forces are compared with the largest nodal force (supports included) of the history so far,
 lengths with the largest displacement of a node or surface in it. Round-off is taken off first:
@@ -30,10 +32,13 @@ from dolfinx import fem
 
 from pw_elements.contact import ContactPair, Motion
 from pw_elements.contact.model import ContactState
+from pw_elements.spaces import Assembled
 
 Array = npt.NDArray[np.float64]
 
 _EPS = float(np.finfo(float).eps)
+# Slip over the largest length that is none: friction may have either sign then
+_NO_SLIP = 1e-8
 
 
 Stated = make_dataclass("Stated", ("K", "space", "loads", "conditions", "pairs"))  # a problem
@@ -99,6 +104,8 @@ def residuals(
     x = space.tabulate_dof_coordinates()[:, :dim]
     held, prescribed = _supports(problem.conditions, *x.shape)
     contacts = [_contact_nodes(pair, space) for pair in problem.pairs]
+    # on an axis of revolution the radius is no direction of friction
+    axis = np.array(["axisymmetric" in Assembled.of(problem.K).states, *[False] * (dim - 1)])
     force, length = 0.0, 0.0
     before = Step(np.zeros_like(x), np.zeros((len(contacts), dim)))
     results = []
@@ -124,13 +131,15 @@ def residuals(
             place, still_inside = x[nodes] - moved, np.zeros(len(nodes))
             if pair.interference:
                 still_inside = (1 - share) * np.maximum(0.0, -pair.surface.gap(x[nodes]))
-            known = (place, a[nodes], slipped, r[nodes], ~held[nodes], mu, nodes, still_inside)
-            faced, values = _law(pair.surface, scale, *known)
+            acts = held[nodes] & ~(axis & (np.abs(x[nodes]) < 1e-9 * np.abs(x).max()))
+            free = ~held[nodes]
+            known = (place, a[nodes], slipped, r[nodes], free, acts, mu, nodes, still_inside)
+            faced, values, on_supports, slack = _law(pair.surface, scale, *known)
             balanced[nodes[faced]] = False
             motion = pair.motions[k] if pair.motions else None
-            # what a support holds is its own reaction
-            total = np.where(held[nodes], 0.0, r[nodes]).sum(axis=0)
-            values |= _motion(motion, moved, total, scale)
+            # what else a support holds is its own reaction
+            total = np.where(held[nodes], 0.0, r[nodes]).sum(axis=0) + on_supports
+            values |= _motion(motion, moved, total, slack, scale)
             for name, value in values.items():
                 found[name] = max(found.get(name, 0.0), value)
         alone = np.where(~held & balanced[:, None], np.abs(r), 0.0)
@@ -163,21 +172,28 @@ class _Scale:
         return float(((values - self.lost_length) / self.length).max(initial=0.0))
 
 
-def _law(surface, scale: _Scale, place, a, slipped, r, free, mu, nodes, still_inside):
-    """Which nodes a surface faces, and how well its law holds there.
+def _law(surface, scale: _Scale, place, a, slipped, r, free, acts, mu, nodes, still_inside):
+    """Which nodes a surface faces, and how well its law holds there; friction on supports.
 
-    Nodes may still be inside of it by some depth (n,), where interference is resolved in parts.
+    That acts on some components (n, dim): its sum (dim,), and what may be added to it. Nodes may
+    still be inside of it by some depth (n,), where interference is resolved in parts.
     """
     gap, normal = surface.gap(place) + still_inside, surface.normal(place)
     faced = np.isfinite(gap)
-    gap, normal, a, slipped, r, free, mu, nodes = (
-        values[faced] for values in (gap, normal, a, slipped, r, free, mu, nodes)
+    gap, normal, a, slipped, r, free, acts, mu, nodes = (
+        values[faced] for values in (gap, normal, a, slipped, r, free, acts, mu, nodes)
     )
     gap = gap + np.sum(normal * a, axis=1)
-    # where a support holds a tangential component, the law is stated for the others
     r_n, r_t = _parts(np.where(free, r, 0.0), normal)
-    _, slip = _parts(np.where(free, slipped, 0.0), normal)
-    slip = np.where(free, slip, 0.0)
+    _, slip = _parts(np.where(free | acts, slipped, 0.0), normal)
+    slip = np.where(free | acts, slip, 0.0)
+    slid, limit = np.linalg.norm(slip, axis=1), mu * np.maximum(0.0, r_n)
+    rests = slid <= _NO_SLIP * scale.length + scale.lost_length
+    against = -(limit / np.where(rests, 1.0, slid))[:, None] * slip
+    on_supports = np.where(acts & ~rests[:, None], against, 0.0)
+    left = np.sqrt(np.maximum(0.0, limit**2 - np.sum(r_t**2, axis=1)))
+    slack = np.where(acts & rests[:, None], left[:, None], 0.0)
+    r_t = r_t + on_supports
     friction, slid = np.linalg.norm(r_t, axis=1), np.linalg.norm(slip, axis=1)
 
     def both(force: Array, length: Array, share: Array | float = 0.0) -> float:
@@ -189,7 +205,7 @@ def _law(surface, scale: _Scale, place, a, slipped, r, free, mu, nodes, still_in
 
     # a product of force and slip, over the largest of both
     against = np.linalg.norm(slid[:, None] * r_t + (mu * r_n)[:, None] * slip, axis=1)
-    return faced, {
+    values = {
         "penetration": scale.length_of(-gap),
         "tension": scale.force_of(-r_n, nodes),
         "complementarity": both(r_n, gap),
@@ -197,6 +213,7 @@ def _law(surface, scale: _Scale, place, a, slipped, r, free, mu, nodes, still_in
         "stick": both(mu * r_n - friction, slid, mu),
         "direction": scale.force_of(against / scale.length, nodes, mu),
     }
+    return faced, values, on_supports.sum(axis=0), slack.sum(axis=0)
 
 
 def _parts(vectors: Array, normal: Array) -> tuple[Array, Array]:
@@ -204,14 +221,14 @@ def _parts(vectors: Array, normal: Array) -> tuple[Array, Array]:
     return along, vectors - along[:, None] * normal
 
 
-def _motion(motion, moved: Array, total: Array, scale: _Scale) -> dict[str, float]:
+def _motion(motion, moved: Array, total: Array, slack: Array, scale: _Scale) -> dict[str, float]:
     """Prescribed components of a translation, and total forces in the others."""
     if motion is None:
         return {"motion": scale.length_of(np.abs(moved)), "balance": 0.0}
     free = np.array([u is None for u in motion.translation])
     stated = np.array([0.0 if u is None else u for u in motion.translation])
     asked = np.zeros(len(moved)) if motion.force is None else np.asarray(motion.force)
-    balance = np.where(free, np.abs(total - asked) - scale.lost_force.max(), 0.0)
+    balance = np.where(free, np.abs(total - asked) - slack - scale.lost_force.max(), 0.0)
     return {
         "motion": scale.length_of(np.where(free, 0.0, np.abs(moved - stated))),
         "balance": max(0.0, float(balance.max())) / max(scale.force, np.linalg.norm(asked)),

@@ -153,7 +153,8 @@ def test_law_holds_at_random_points(name):
     gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
     gap[:50], half = np.inf, rng.uniform(1, 99, n)
     cone = Cone([Coulomb(0.0)], [mu]) if name == "Coulomb's" else Cone([Falling(0.9, None)], [half])
-    found = nodal_contact(motion, gap, normal, shift, np.zeros((n, 3), bool), mass, cone, step)
+    held = np.zeros((n, 3), bool)
+    found = nodal_contact(motion, gap, normal, shift, held, held, mass, cone, step)
     after = motion + step**2 * found.force / mass[:, None]
     reached = gap + np.sum(normal * after, axis=1)
     slip = after - shift - np.sum(normal * (after - shift), axis=1)[:, None] * normal
@@ -172,12 +173,37 @@ def test_law_holds_at_random_points(name):
     assert 0 < (slides[closed] < 1e-12).sum() < closed.sum()
 
 
-def test_held_directions_know_no_friction():
+def test_law_holds_at_random_points_that_supports_hold_along_the_surface():
+    """What a support fixes of the slip stays, and friction opposes all of the slip."""
+    rng = np.random.default_rng(5)
+    n, step = 2000, 0.1
+    normal = np.tile([0.0, 0.0, 1.0], (n, 1))
+    motion, shift = rng.normal(size=(2, n, 3))
+    held = np.zeros((n, 3), bool)
+    held[:, :2] = rng.integers(0, 2, (n, 2))
+    motion[held] = 0.0
+    gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
+    cone = Cone([Coulomb(0.0)], [mu])
+    found = nodal_contact(motion, gap, normal, shift, held, held, mass, cone, step)
+    moved = motion + np.where(held, 0.0, step**2 * found.force / mass[:, None])
+    slip = (moved - shift) * [1.0, 1.0, 0.0]
+    assert found.slip == pytest.approx(slip, abs=1e-12)
+    limit, size = mu * found.force_normal, np.linalg.norm(slip, axis=1)
+    force = found.force_tangential
+    slides = (size > 1e-12) & (found.force_normal > 0)
+    assert (np.linalg.norm(force, axis=1) <= limit * (1 + 1e-12)).all()
+    against = -(limit[slides] / size[slides])[:, None] * slip[slides]
+    assert force[slides] == pytest.approx(against, abs=1e-9)
+    assert (~slides & (found.force_normal > 0)).any()
+
+
+def test_walls_leave_a_block_the_friction_of_its_floor():
     """A block between smooth walls on a plane that runs away below it."""
     walls = BLOCK.walls(lambda x: x[0] > -1)
     history = BLOCK.fly(1.0, (0.0, -1.0), 0.5, walls, paths=[lambda time: (time, 0.0)])
-    assert history.pairs[0].force[..., 1].max() > 0
-    assert not history.pairs[0].force[..., 0].any()
+    pressed = history.pairs[0].force[..., 1]
+    assert pressed.max() > 0
+    assert history.pairs[0].force[..., 0] == pytest.approx(0.5 * pressed, rel=1e-12)
 
 
 def test_frames_are_written(tmp_path):

@@ -151,6 +151,7 @@ def _at_points(surface, x, dim):
         position=x,
         pair=np.zeros(len(x), dtype=int),
         equation=np.zeros((len(x), dim), dtype=int),
+        held_components=np.zeros((len(x), dim), dtype=bool),
         faced=np.full(len(x), RIGID),
         closest=lambda moved: surface.closest(x + moved),
         gathered=lambda values: values,

@@ -20,7 +20,8 @@ def active(*status, direction=0.0):
     return ActiveSet(
         np.array(status, dtype=np.int8),
         np.where(slipping, direction, 0.0)[:, None] * np.ones((n, 1)),
-        *np.zeros((3, n)),
+        *np.zeros((4, n)),
+        *np.zeros((2, n, 1)),
     )
 
 
@@ -31,9 +32,8 @@ def contact(force, gap=None, slip=None, friction=0.3):
     frame = np.tile(np.array([[0.0, 1.0], [1.0, 0.0]]), (n, 1, 1))
     gap = np.zeros(n) if gap is None else np.asarray(gap, dtype=float)
     slip = np.zeros(n) if slip is None else np.asarray(slip, dtype=float)
-    return Contact(
-        frame, gap, slip[:, None], force, Cone([Coulomb(0.0)], [np.full(n, friction)]), np.ones(n)
-    )
+    cone, no = Cone([Coulomb(0.0)], [np.full(n, friction)]), np.zeros(n, dtype=bool)
+    return Contact(frame, gap, slip[:, None], force, cone, np.ones(n), no[:, None], no, no)
 
 
 def test_points_that_cycle_change_one_at_a_time():

@@ -49,6 +49,8 @@ _VECTORS = ("point", "direction", "apex", "centre")
 _CELLS_AT_ONCE = 20_000
 # Largest distance of a node from where its counterpart should be, over the body's diagonal
 _MATCHING = 1e-6
+# Distance from the axis of revolution, over the body's diagonal, up to which a node lies on it
+_ON_AXIS = 1e-10
 # Cosine up to which a normal is turned into a symmetry plane
 _NEARLY = 0.9
 # Gap of sides that coincide, over the slave's mean sub-facet: that of an octant of a sphere is 0.01
@@ -77,6 +79,7 @@ class BodyNodes:
         outward: (owned nodes, dim), normals integrated with the shape functions.
         beside: (nodes, dim), mean midpoint of the cells around.
         diagonal: length of the bounding box's.
+        on_axis: (nodes, dim), which components are radial ones of nodes on an axis of revolution.
     """
 
     def __init__(self, given: fem.FunctionSpace, reduction: Reduction) -> None:
@@ -92,6 +95,12 @@ class BodyNodes:
         self.outward = np.array(normal.array_r).reshape(-1, dim)
         self.beside = midpoints_around(self.space)
         self.diagonal = float(np.linalg.norm(extents(mesh.comm, mesh.geometry.x)))
+        self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
+
+    def find_axis(self, known: Assembled | None) -> None:
+        """Mark radial components on the axis, if the stiffness is known to be axisymmetric."""
+        if known is not None and StressState.AXISYMMETRIC.value in known.states:
+            self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _ON_AXIS * self.diagonal
 
     def owned(self, whose: str, nodes: Part) -> Local:
         given = nodes_of(self.given, whose, nodes)
@@ -148,6 +157,7 @@ def nodal_interface(
         for name, pair, node in zip(names, pairs, found, strict=True):
             at = _at_nodes(comm, f"the friction of {name}", pair.law.at, body.x[node])
             cones.append(Cone([pair.law], [at]))
+    body.find_axis(known)
     points, faced = [], []
     mortars: dict[int, SlidingMortar] = {}
     for k, (pair, node, cone) in enumerate(zip(pairs, found, cones, strict=True)):
@@ -301,6 +311,8 @@ def _points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) 
         body.outward[node],
         own,
         np.full_like(own, RIGID) if opposite is None else opposite,
+        body.on_axis[node],
+        np.full(body.x[node].shape, -1, dtype=np.int64),
     )
 
 
@@ -414,13 +426,24 @@ def sliding_points(
     met = mortar.meet(mortar.x)
     among = np.searchsorted(one.nodes, own)
     gap = np.where(met.faced, met.gaps, np.inf)[among]
-    points = replace(_points(body, node, cone, None), **_facing(own, other))
+    points = replace(_points(body, node, cone, None), **_facing(own, node, other, body))
     return points, InitialGap(body.x[node], gap, met.normals[among]), mortar
 
 
-def _facing(own: Indices, other: Trace) -> dict[str, Any]:
-    opposite = other.nodes[by_position(other.positions_of_nodes())]
-    return {"faced": np.full_like(own, DEFORMABLE), "opposite": opposite}
+def _facing(own: Indices, node: Local, other: Trace, body: BodyNodes) -> dict[str, Any]:
+    x = other.positions_of_nodes()
+    order, held = by_position(x), _prescribed(other.nodes, body)
+    counterpart = np.full(body.x[node].shape, -1, dtype=np.int64)
+    for axis in range(x.shape[1]):
+        some = np.flatnonzero(held[:, axis])
+        if len(some):
+            nearest = cKDTree(x[some]).query(body.x[node])[1]
+            counterpart[:, axis] = other.nodes[some[nearest]]
+    return {
+        "faced": np.full_like(own, DEFORMABLE),
+        "opposite": other.nodes[order],
+        "counterpart": counterpart,
+    }
 
 
 def mortar_points(
@@ -487,7 +510,7 @@ def mortar_points(
         _points(body, node, cone, None),
         motion=sp.csr_matrix(sp.kron(scale @ motion + alone, axes)),
         force=sp.csr_matrix(sp.kron(force, axes)),
-        **_facing(own, other),
+        **_facing(own, node, other, body),
     )
     return points, InitialGap(body.x[node], gap, into)
 

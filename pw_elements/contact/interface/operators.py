@@ -38,6 +38,8 @@ ROUND_OFF = 4 * float(np.finfo(float).eps)
 _PENETRATION = 1e-6
 # Largest normal component of a prescribed displacement, a cosine
 _TANGENTIAL = 1e-8
+# Difference of prescribed displacements, over their size, up to which they are alike
+_UNLIKE = 1e-9
 # Largest difference of a normal's length from one
 _UNIT = 1e-6
 # Cosine from which on a push counts as outwards
@@ -62,6 +64,10 @@ class Points:
     node: Indices  # (m,), global number of the node that the point is, or whose force it has
     # (m,), global number of the node that it faces, or `RIGID` or `DEFORMABLE`
     faced: Indices
+    on_axis: Mask  # (m, dim), radial components of nodes on the axis of a body of revolution
+    # (m, dim), global number of the nearest node of a deformable surface that supports hold in this
+    # component, too; -1 without any
+    counterpart: Indices
     # (k,), global numbers of a deformable surface's nodes, of all processes, `by_position`
     opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
@@ -109,6 +115,14 @@ class Interface:
             PETSc.Mat()
         )
         self._inverse = inverse
+        # (m, dim), components that supports prescribe and along which friction acts all the same:
+        # not on the axis, where it has no direction, nor between bodies that supports hold alike
+        stated = (self.equation >= 0) | (self.faced == DEFORMABLE)[:, None]
+        self.held_components: Mask = ~stated & ~joined("on_axis") & self.cone.rough[:, None]
+        self._counterpart = joined("counterpart")
+        between = (self.equation < 0) & (self.faced == DEFORMABLE)[:, None] & ~joined("on_axis")
+        self._held_between = between & self.cone.rough[:, None]
+        self.holds_friction: bool = self.comm.allreduce(bool(self.held_components.any()), MPI.LOR)
         self._interfering = np.array(interfering)[self.pair]
 
     def check(self, diagonal: float) -> None:
@@ -164,6 +178,35 @@ class Interface:
             "have a prescribed normal displacement: they cannot be in contact. Let the pair end "
             "one facet away from the support",
         )
+
+    def check_supports_between(self, prescribed: PETSc.Vec, translations: Array) -> None:
+        """Raise ValueError where supports move the sides of a rough pair of bodies unlike.
+
+        Where they move alike, as on a plane of symmetry, there is no friction along the supports.
+        With what supports prescribe, (n,), and translations (pairs, dim), NaN where they are free.
+        """
+        held, counterpart = self._held_between, self._counterpart
+        every = np.unique(self.gathered(counterpart[held]))
+        if not len(every):
+            return
+        dim = held.shape[1]
+        values = self.at_nodes(np.maximum(every, 0), prescribed)
+        number = np.searchsorted(every, np.where(held, counterpart, every[0]))
+        theirs = np.take_along_axis(values[number], np.arange(dim)[None, :, None], axis=2)[..., 0]
+        theirs = theirs + translations[self.pair, :dim]
+        first = self.field.space.dofmap.index_map.local_range[0]
+        own = self.field.part(prescribed).array_r.reshape(-1, dim)[self.node - first]
+        apart = np.where(counterpart < 0, np.inf, np.abs(own - theirs))
+        allowed = _UNLIKE * (np.abs(own) + np.abs(theirs)) + ROUND_OFF * self.extent
+        wrong = held & ~(apart <= allowed)
+        places = self.gathered(self.position[wrong.any(axis=1)])
+        if len(places):
+            raise ValueError(
+                f"contact nodes at {listed(places)} have a displacement along the surface that "
+                "supports prescribe, but what they face is not moved in the same way: friction "
+                "between two bodies is not known there. Prescribe the same of both sides, leave "
+                "these nodes free, or make the body that is dragged along a rigid surface"
+            )
 
     def _check_sides(self) -> None:
         pushed = np.sum(self.normals(None) * self._outward, axis=1)

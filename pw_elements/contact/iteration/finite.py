@@ -30,7 +30,14 @@ from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction, System
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import RIGID, ROUND_OFF, Interface
-from pw_elements.contact.iteration.law import TOLERANCE, Levers, Place, frames
+from pw_elements.contact.iteration.law import (
+    TOLERANCE,
+    Levers,
+    Place,
+    along_supports,
+    frames,
+    held_tangents,
+)
 from pw_elements.contact.iteration.newton import LinearEquilibrium, Reference
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import ContactPair, NotFound
@@ -205,7 +212,10 @@ class DeformedKinematics:
         interface, tools = self._interface, self._tools
         at, R = tools.within(places, displacement), np.eye(force.shape[1]) + tools.turned(places)
         gap, normal, bend = interface.closest(at)
+        held = interface.held_components
         frame = frames(np.einsum("nab,nb->na", R, normal), interface.equation >= 0)
+        frame = along_supports(frame, held)
+        levers, force = tools.levers(places, displacement, force), np.where(held, 0.0, force)
         tangents = frame[:, 1:] @ R
         bent = tangents @ bend  # t·N
         chord = interface.position + at - gap[:, None] * normal - self._point
@@ -220,7 +230,6 @@ class DeformedKinematics:
         by_turn = np.einsum("na,nab->nb", force, R @ bend)[:, None], -pressed[:, None, None] * bent
         moved = np.concatenate([normal[:, None], slipped], axis=1) @ back
         turned = np.concatenate(by_turn, axis=1) @ back
-        levers = tools.levers(places, displacement, force)
         rigid = (interface.faced == RIGID)[:, None, None]
         followed, spun = (np.where(rigid, -part @ levers.carried, 0.0) for part in (moved, turned))
         spun[:, :, -1] -= np.einsum("nab,nb->na", frame, levers.spun)
@@ -236,6 +245,7 @@ class DeformedKinematics:
             followed,
             turned,
             spun,
+            held_tangents(frame, held),
         )
         return place if self._sliding is None else self._sliding.into(place, force)
 

@@ -131,6 +131,7 @@ class Unassembled:
         self._moved = points.motion.createVecLeft()
         self._carried = None if points.spread is None else K.createVecLeft()
         self.force: Array = np.zeros(points.own.shape)
+        self.springs: Array = np.zeros(points.translations)  # of the free translations
 
     def state(self, law: LinearisedLaw) -> None:
         self._E, self._C, self._D = law.E, law.C, law.D
@@ -164,6 +165,7 @@ class Unassembled:
             some = points.moved >= 0
             np.add.at(totals, points.moved[some], force[some])
             self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
+            totals += self.springs * self._comm.bcast(given[n:].copy(), self._comm.size - 1)
         result = y.array
         result[:n] = image.array_r
         result[n:] = totals[: len(given) - n]
@@ -245,9 +247,9 @@ class Bordered:
         self._images: list[Array] = []
         self._schur = np.eye(len(sums))
 
-    def update(self, columns: list[Array]) -> None:
+    def update(self, columns: list[Array], springs: Array) -> None:
         self._images = [self._solved(column) for column in columns]
-        self._schur = -np.array([self._summed(image) for image in self._images]).T
+        self._schur = np.diag(springs) - np.array([self._summed(im) for im in self._images]).T
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         given, n = x.array_r, self._x.getLocalSize()
@@ -386,6 +388,9 @@ class KrylovTangent:
         local[len(begin) :] = translations[: len(local) - len(begin)]
         self._size, self._left_before = self._solution.norm(), 0.0
 
+    def hold_motions(self, springs: Array) -> None:
+        self._context.springs = springs
+
     def renew(self, *_: object, **__: object) -> None:
         """Makes new levels, when old ones have cost as much as these would; K is the same."""
         self._renewed = True
@@ -474,7 +479,8 @@ class KrylovTangent:
             raise SingularSystem("the pressure is known up to a constant")
         self._krylov.ksp.getPC().setUp()
         if self._border is not None:
-            self._border.update([self._column(j, law.D) for j in range(self._points.translations)])
+            columns = [self._column(j, law.D) for j in range(self._points.translations)]
+            self._border.update(columns, self._context.springs)
         if self._pace is None:
             self._set_up, self._wasted = self._operations() - begun, 0.0
         return fixed

@@ -30,6 +30,8 @@ TOLERANCE = 1e-9
 
 # Step of differences along free translations, over the extent of the contact nodes
 _STEP = 1e-4
+# Part of a tangent along held components from which on supports hold it
+_ALONG = 0.5
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,10 @@ class ActiveSet:
     turning: Array  # (n,), l(p) / |s|
     slope: Array  # (n,), l'(p)
     level: Array  # (n,), l(p) - l'(p) p: nothing by Coulomb's law
+    bend: Array  # (n,), l(p) / |v| of nodes that supports move along their surface
+    # (n, dim - 1), of nodes that supports hold along a surface which is free to slide
+    friction: Array  # along the tangents that are held, in the iteration before; else zero
+    support_slip: Array  # the slip that goes with it
 
     @classmethod
     def of(
@@ -53,13 +59,20 @@ class ActiveSet:
         turning: Array,
         cone: Cone,
         pressing: Array,
+        bend: Array | None = None,
+        friction: Array | None = None,
+        support_slip: Array | None = None,
     ) -> "ActiveSet":
         """With the limits of friction linearised at p (n,)."""
         pressing = np.maximum(0.0, pressing)
         limit, slope = cone.limit(pressing)
         slips = np.any(direction != 0, axis=1)
         level = np.where(slips, limit - slope * pressing, 0.0)
-        return cls(status, direction, turning, np.where(slips, slope, 0.0), level)
+        bend = np.zeros(len(status)) if bend is None else bend
+        zero, slope = np.zeros_like(direction), np.where(slips, slope, 0.0)
+        friction = zero if friction is None else friction
+        support_slip = zero if support_slip is None else support_slip
+        return cls(status, direction, turning, slope, level, bend, friction, support_slip)
 
 
 @dataclass(frozen=True)
@@ -72,6 +85,14 @@ class Contact:
     force: Array  # (n, dim), components along the frame
     cone: Cone
     scale: Array  # (n,), c
+    held: Mask  # (n, dim - 1), tangents along which supports hold the node, and friction acts
+    dragged: Mask  # (n,), whether supports and surface make the node slip, whatever its forces
+    coupled: Mask  # (n,), whether its slip along supports depends on a free motion of the surface
+
+    @cached_property
+    def rests(self) -> Mask:
+        """Return which tangents (n, dim - 1) supports hold while the surface rests along them."""
+        return self.held & ~(self.dragged | self.coupled)[:, None]
 
     @cached_property
     def pressing(self) -> Array:
@@ -80,13 +101,24 @@ class Contact:
 
     @cached_property
     def shearing(self) -> Array:
-        """s, (n, dim - 1)."""
-        return self.force[:, 1:] - self.scale[:, None] * self.slip
+        """s, (n, dim - 1); without the friction on supports that tells nothing of slip."""
+        trial = self.force[:, 1:] - self.scale[:, None] * self.slip
+        return np.asarray(np.where(self.rests, 0.0, trial))
 
     @cached_property
     def limits(self) -> tuple[Array, Array]:
         """Limits of friction l(max(0, p)), (n,), and their slopes, (n,)."""
         return self.cone.limit(np.maximum(0.0, self.pressing))
+
+    def admitted_friction(self, limit: Array) -> Array:
+        """Tangential forces (n, dim - 1) of the law, under limits (n,), at these slips."""
+        size = np.linalg.norm(self.slip, axis=1)
+        against = -(limit / np.where(self.dragged, size, 1.0))[:, None] * self.slip
+        friction = projected(self.shearing, limit)
+        if self.rests.any():  # what the friction along free tangents leaves of the limit
+            left = np.sqrt(np.maximum(0.0, limit**2 - np.sum(friction**2, axis=1)))
+            friction += projected(np.where(self.rests, self.force[:, 1:], 0.0), left)
+        return np.where(self.dragged[:, None], against, friction)
 
     @cached_property
     def at_rest(self) -> ActiveSet:
@@ -100,25 +132,36 @@ class Contact:
         slipping = (p > 0) & (size >= radius)
         if before is not None:
             slipping &= ~(np.sum(s * before.direction, axis=1) < 0)
+        dragged, iterated = self.dragged & (p > 0), self.held & self.coupled[:, None]
+        slipping |= dragged
+        speed = np.linalg.norm(self.slip, axis=1)
+        s, size = np.where(dragged[:, None], -self.slip, s), np.where(dragged, speed, size)
         directed = slipping & self.cone.rough
         status = np.where(p > 0, STICK, OPEN)
         status[slipping] = SLIP
         direction = np.where(directed, 1 / np.where(directed, size, 1.0), 0.0)[:, None] * s
         turning = np.where(directed, radius / np.where(directed, size, 1.0), 0.0)
-        return ActiveSet.of(status.astype(np.int8), direction, turning, self.cone, p)
+        return ActiveSet.of(
+            status.astype(np.int8),
+            direction,
+            np.where(dragged, 0.0, turning),
+            self.cone,
+            p,
+            np.where(dragged, turning, 0.0),
+            *(np.where(iterated, part, 0.0) for part in (self.force[:, 1:], self.slip)),
+        )
 
     def violation(self) -> Array:
         """F, (n, dim), forces: zero at a solution."""
-        p, s = self.pressing, self.shearing
-        normal = self.force[:, :1] - np.maximum(0.0, p)[:, None]
-        return np.hstack([normal, self.force[:, 1:] - projected(s, self.limits[0])])
+        normal = self.force[:, :1] - np.maximum(0.0, self.pressing)[:, None]
+        return np.hstack([normal, self.force[:, 1:] - self.admitted_friction(self.limits[0])])
 
     def residuals(self, force: float, length: Array | float) -> dict[str, Array]:
         """How far each condition is from holding, (n,), over a force and lengths (n,)."""
         pressed, tangential, gap = self.force[:, 0], self.force[:, 1:], self.gap
         limit, _ = self.cone.limit(np.maximum(0.0, pressed))
-        sticks = np.linalg.norm(self.shearing, axis=1) < limit
-        unlike = np.abs(tangential - projected(self.shearing, limit)).max(axis=1, initial=0.0)
+        sticks = (np.linalg.norm(self.shearing, axis=1) < limit) & ~self.dragged
+        unlike = np.abs(tangential - self.admitted_friction(limit)).max(axis=1, initial=0.0)
         slipped = np.where(sticks, np.linalg.norm(self.slip, axis=1), 0.0)
         return {
             "penetration": np.maximum(0.0, -gap) / length,
@@ -134,7 +177,8 @@ def sticking(closed: Mask, cone: Cone, tangents: int) -> ActiveSet:
     """The set in which closed nodes (n,) stick, or slip where there is no friction."""
     n = len(closed)
     status = np.where(closed, np.where(cone.rough, STICK, SLIP), OPEN).astype(np.int8)
-    return ActiveSet(status, np.zeros((n, tangents)), *np.zeros((3, n)))
+    zero = np.zeros((n, tangents))
+    return ActiveSet(status, zero, *np.zeros((4, n)), zero, zero)
 
 
 def mixed(keep: Mask, old: ActiveSet, new: ActiveSet) -> ActiveSet:
@@ -152,11 +196,31 @@ def frames(normal: Array, stated: Mask) -> Array:
     return np.concatenate([normal[:, None, :], tangents[:, 1:]], axis=1)
 
 
+def along_supports(frame: Array, held: Mask) -> Array:
+    """Fill the empty tangents of frames (n, dim, dim) along components (n, dim) that are held."""
+    frame = frame.copy()
+    for t in range(1, frame.shape[1]):
+        empty = np.flatnonzero(held.any(axis=1) & ~frame[:, t].any(axis=1))
+        rows = frame[empty]
+        axes = np.eye(frame.shape[1]) - np.einsum("nka,nkb->nab", rows, rows)
+        lengths = np.where(held[empty], np.linalg.norm(axes, axis=2), 0.0)
+        chosen = axes[np.arange(len(empty)), lengths.argmax(axis=1)]
+        frame[empty, t] = chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
+    return frame
+
+
+def held_tangents(frame: Array, held: Mask) -> Mask:
+    """Return which tangents (n, dim - 1) of frames lie along components (n, dim) that are held."""
+    along = np.where(held[:, None], frame[:, 1:], 0.0)
+    return np.asarray(np.linalg.norm(along, axis=2) > _ALONG)
+
+
 def turned(active: ActiveSet, old: Array, new: Array) -> ActiveSet:
     """An active set that refers to frames (n, dim, dim), in new ones."""
     turn = np.einsum("nai,nbi->nab", new[:, 1:], old[:, 1:])
-    direction = np.einsum("nab,nb->na", turn, active.direction)
-    return replace(active, direction=direction)
+    names = "direction", "friction", "support_slip"
+    parts = {name: np.einsum("nab,nb->na", turn, getattr(active, name)) for name in names}
+    return replace(active, **parts)
 
 
 def equations(active: ActiveSet, scale: Array) -> tuple[Array, Array, Array]:
@@ -176,7 +240,7 @@ def equations(active: ActiveSet, scale: Array) -> tuple[Array, Array, Array]:
     B[slip, 0, 0] = c
     A[slip, 1:, 0] = -active.slope[slip, None] * d
     A[slip, 1:, 1:] = one[1:, 1:] - turn
-    B[slip, 1:, 1:] = c[:, None, None] * turn
+    B[slip, 1:, 1:] = c[:, None, None] * turn + active.bend[slip, None, None] * across
     return A, B, np.pad(active.level[:, None] * active.direction, ((0, 0), (1, 0)))
 
 
@@ -256,6 +320,7 @@ class Place:
     followed: Array  # (m, dim, k)
     turned: Array  # (m, dim, p)
     spun: Array  # (m, dim, k)
+    held: Mask  # (m, dim - 1), tangents along which supports hold a node, and friction acts
 
     @classmethod
     def undeformed(
@@ -274,7 +339,9 @@ class Place:
         that since `past` displacements less translations (m, dim).
         """
         step = _STEP * (interface.extent or 1.0)
+        held = interface.held_components
         frame = frames(interface.normals(translations), interface.equation >= 0)
+        frame = along_supports(frame, held)
         normal, tangents = frame[:, 0], frame[:, 1:]
         gap, loss = interface.gaps(translations), normal.copy()
         turn = np.zeros_like(frame)  # of the normal, (n, component, translation)
@@ -307,6 +374,7 @@ class Place:
             -np.concatenate([loss[:, None], slid], axis=1),
             np.zeros_like(frame),
             np.concatenate(by_turn, axis=1),
+            held_tangents(frame, held),
         )
 
     def contact(
@@ -322,16 +390,20 @@ class Place:
         relative, components = change(self.moved, self.followed), change(self.turned, self.spun)
         components += np.einsum("nab,nb->na", self.frame, force)
         gap, slip = self.gap + relative[:, 0], self.slip + relative[:, 1:]
-        return Contact(self.frame, gap, slip, components, cone, scale)
+        no = np.zeros(len(gap), dtype=bool)
+        return Contact(self.frame, gap, slip, components, cone, scale, self.held, no, no)
 
     def law(self, active: ActiveSet, scale: Array) -> LinearisedLaw:
         """The law of an active set, in the nodes' coordinates; its factors c are (m,)."""
         A, B, b = equations(active, scale)
-        to_nodes = np.swapaxes(self.frame, 1, 2)
+        b = b - np.einsum("nab,nb->na", A[:, :, 1:], active.friction)
+        stated = np.pad(~self.held, ((0, 0), (1, 0)), constant_values=True)
+        to_nodes = np.swapaxes(self.frame * stated[:, :, None], 1, 2)
         C, D = A @ self.turned + B @ self.moved, -(A @ self.spun + B @ self.followed)
         gap = np.where(np.isfinite(self.gap), self.gap, 0.0)
         known = np.concatenate([gap[:, None], self.slip], axis=1)
         here = (B, -known), (C, self.at), (D, -self.translations[self.pair])
         c = b + sum(np.einsum("nab,nb->na", slope, way) for slope, way in here)
-        E, C, D, c = (to_nodes @ part for part in (A @ self.frame, C, D, c[:, :, None]))
+        of_force = A @ (self.frame * stated[:, :, None])
+        E, C, D, c = (to_nodes @ part for part in (of_force, C, D, c[:, :, None]))
         return LinearisedLaw(E, C, D, c[:, :, 0])

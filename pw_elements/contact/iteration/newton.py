@@ -15,6 +15,7 @@ from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import (
     HELD,
     OPEN,
+    STICK,
     TOLERANCE,
     Accuracy,
     ActiveSet,
@@ -40,6 +41,14 @@ from pw_elements.solvers import SingularSystem, SolverReport
 # What of the violation may be round-off over stiffness x displacement; over stiffness x coordinate
 # it is `ROUND_OFF`, for a gap is a difference of coordinates
 _LOST = 1e-13
+# Stiffness of friction on supports against a surface that is free to slide, over that of nodes
+_FRICTION_STIFFNESS = 1e3
+# Slip over a node's coordinates and displacement that is no more than round-off
+_NO_SLIP = 1e-13
+# Derivative of a slip by a free motion of the surface that counts as none
+_INDEPENDENT = 1e-9
+# Passes in which friction along a support that is not along the surface finds its limit
+_FRICTION_PASSES = 60
 # Iterations, more than most increments take
 _DOUBTFUL = 12
 # Relative change of friction beside a singular tangent, and of a solution that goes on there
@@ -181,6 +190,7 @@ class Increment:
         """
         free: Mask = np.isnan(self.prescribed) | every
         past = self.past.displacement - self.past.translations[self.interface.pair]
+        force = np.where(self.interface.held_components, 0.0, force)
         place = Place.undeformed(self.interface, past, translations, free, displacement, force)
         if self._stated == 1:
             return place
@@ -208,14 +218,102 @@ class Increment:
         load, law = self.equilibrium.load, place.law(active, self.system.scale)
         law = law.where(known, self.system.followed(self.equilibrium.offset))
         accuracy: Accuracy = "more" if more else "final" if self.precise else "rough"
-        found = self.system.solve(load, law, self.totals, accuracy)
+        totals, springs = self._totals_with_supports(active, place)
+        found = self.system.solve(load, law, totals, accuracy, springs)
         moved = self.prescribed.copy()
         moved[np.isnan(moved)] = found.translations
         share = self.equilibrium.take(found.reduced)
         if share < 1:
             moved = place.translations + share * (moved - place.translations)
             self.system.start(lambda: self.equilibrium.expanded(found.reduced), moved)
-        return self.seen(found.reduced, moved, place, found.exact, found.final)
+        return self.seen(
+            found.reduced, moved, place, found.exact, found.final, friction=active.friction
+        )
+
+    def _totals_with_supports(self, active: ActiveSet, place: Place) -> tuple[Array, Array | None]:
+        """Return totals (free,) less the friction on supports, and the stiffness of the latter.
+
+        Friction on supports is no unknown of the linear system. Where a surface is free to slide
+        over nodes that supports hold, it is that of the iteration before, and nodes that stick
+        add a stiffness: the method of multipliers, in which their slip vanishes at the end.
+        """
+        interface, system = self.interface, self.system
+        if not (interface.holds_friction and system.free):
+            return self.totals, None
+        dim, stiffness = interface.position.shape[1], _FRICTION_STIFFNESS * system.scale[:, None]
+        held = interface.held_components
+        moved = np.where(held, self.supported - place.at[:, :dim], 0.0)
+        slip = place.slip + np.einsum("nta,na->nt", place.moved[:, 1:, :dim], moved)
+        closed = (active.status != OPEN)[:, None]
+        iterated = closed & place.held & self._coupled(place)[:, None]
+        sticks = (active.status == STICK)[:, None]
+        # of slip that turns by l / |v|, which is c M / (1 - M)
+        turns = system.scale * active.turning
+        turns = turns / np.maximum(1 - active.turning, 1 / _FRICTION_STIFFNESS)
+        turns = turns[:, None] * (1 - active.direction**2)
+        rise = np.where(iterated, np.where(sticks, stiffness, turns), 0.0)
+        friction = np.where(closed, active.friction, 0.0)
+        friction = friction - rise * (slip - np.where(sticks, 0.0, active.support_slip))
+        carried = np.einsum("nta,nak->ntk", place.frame[:, 1:], place.levers.carried)
+        total = system.totals(np.einsum("ntk,nt->nk", carried, friction))
+        resisting = rise[:, :, None] * carried * -place.followed[:, 1:]
+        springs = np.maximum(0.0, system.totals(resisting.sum(axis=1)))
+        reached = np.array([place.translations[at] for at in system.free])
+        return self.totals - total + springs * reached, springs
+
+    def _coupled(self, place: Place) -> Mask:
+        """Points (m,) whose slip along a support depends on a free motion of their surface."""
+        free = np.isnan(self.prescribed)[self.interface.pair]
+        depends = (np.abs(place.followed[:, 1:]) > _INDEPENDENT) & free[:, None]
+        return np.asarray((depends & place.held[:, :, None]).any(axis=(1, 2)))
+
+    def past_friction(self, place: Place) -> Array:
+        """Friction (m, dim - 1) at the increment's start, along tangents that supports hold."""
+        along = np.einsum("nta,na->nt", place.frame[:, 1:], self.past.force)
+        return np.where(place.held, along, 0.0)
+
+    def _with_supports(
+        self, contact: Contact, place: Place, force: Array, friction: Array
+    ) -> tuple[Contact, Array]:
+        """Add the friction on supports to forces (m, dim) that the points' equations tell.
+
+        The slip of the support and the surface determines it. Where there is none it stays what it
+        was when the increment started, within its limit; where the surface is free to slide, what
+        it was in the iteration before, `friction` (m, dim - 1), less a stiffness times the slip.
+        """
+        interface, scale, held = self.interface, self.system.scale, place.held
+        components = interface.held_components
+        some = held.any(axis=1)
+        coupled = self._coupled(place)
+        size = np.abs(interface.position) + np.abs(place.at[:, : force.shape[1]])
+        size = size.sum(axis=1) + np.abs(place.translations).sum(axis=1)[interface.pair]
+        nothing = TOLERANCE * _largest(self, np.abs(force)) / scale + _NO_SLIP * size
+        speed = np.linalg.norm(np.where(held, contact.slip, 0.0), axis=1)
+        dragged = some & ~coupled & (speed > nothing)
+        contact = replace(contact, dragged=dragged, coupled=coupled & some)
+        rests = contact.rests
+        contact = replace(contact, slip=np.where(rests, 0.0, contact.slip))
+        friction = np.where(rests, self.past_friction(place), friction)
+        stiffness = np.where(coupled, _FRICTION_STIFFNESS, 1.0) * scale
+        tangents = np.where(held[:, :, None], place.frame[:, 1:], 0.0)
+        within = np.linalg.pinv(np.where(components[:, None], tangents, 0.0))
+        read, others = np.einsum("nta,na->nt", tangents, force), contact.force
+        now = np.where(held, friction, others[:, 1:])
+        for _ in range(_FRICTION_PASSES):
+            added = np.einsum("nat,nt->na", within, np.where(held, now - read, 0.0))
+            normal = others[:, 0] + np.einsum("na,na->n", place.frame[:, 0], added)
+            trial = replace(
+                contact,
+                force=np.column_stack([normal, np.where(held, friction, others[:, 1:])]),
+            )
+            limit = trial.limits[0]
+            admitted = replace(trial, scale=stiffness).admitted_friction(limit)
+            before, now = now, np.where(held, admitted, others[:, 1:])
+            if not np.any(np.abs(now - before) > _NO_SLIP * limit[:, None]):
+                break
+        added = np.einsum("nat,nt->na", within, np.where(held, now - read, 0.0))
+        normal = others[:, 0] + np.einsum("na,na->n", place.frame[:, 0], added)
+        return replace(contact, force=np.column_stack([normal, now])), force + added
 
     def _singular(
         self, active: ActiveSet, place: Place, error: SingularSystem
@@ -255,8 +353,12 @@ class Increment:
         place: Place,
         exact: bool = True,
         final: bool = True,
+        friction: Array | None = None,
     ) -> Iterate:
-        """Gaps, slips and forces at the contact points; for the rest see `Iterate`."""
+        """Gaps, slips and forces at the contact points; for the rest see `Iterate`.
+
+        `friction` (m, dim - 1) is that on supports before, by default at the increment's start.
+        """
         full = self.equilibrium.expanded(reduced)
         displacement = self.system.motions(full)
         force, unbalanced = self.system.forces(self.equilibrium.residual(reduced))
@@ -265,6 +367,9 @@ class Increment:
         motions = displacement if self.deformed is None else place.at
         seen = motions, translations, force, self.interface.cone, self.system.scale
         contact = place.contact(*seen)
+        if self.interface.holds_friction:
+            friction = self.past_friction(place) if friction is None else friction
+            contact, force = self._with_supports(contact, place, force, friction)
         return Iterate(
             reduced,
             full,
@@ -380,6 +485,9 @@ def _iterated(
     doubt: Callable[[], None] | None,
 ) -> Iterate:
     system = increment.system
+    if increment.interface.holds_friction:
+        past = increment.past_friction(place)
+        active = replace(active, friction=np.where(active.friction == 0, past, active.friction))
     policy.restart(active)
     more = False
     for iteration in range(1, most + 1):
@@ -398,7 +506,14 @@ def _iterated(
             if more := not now.final:  # equilibrium may lag behind
                 continue
             old, place = place, increment.kinematics(now.translations, now.displacement, now.force)
-            seen = increment.seen(now.reduced, now.translations, place, now.exact, now.final)
+            seen = increment.seen(
+                now.reduced,
+                now.translations,
+                place,
+                now.exact,
+                now.final,
+                friction=np.where(place.held, now.contact.force[:, 1:], 0.0),
+            )
             violation = increment.violation(seen)
             if violation <= 1:
                 return seen

@@ -48,6 +48,7 @@ class Cycles:
         digest = blake2b(active.status.tobytes(), digest_size=16)
         for values in (active.direction, active.turning, active.slope):
             digest.update((np.round(values, _DIGITS) + 0.0).tobytes())
+        digest.update(active.friction.tobytes())
         key = b"".join(self._comm.allgather(digest.digest()))
         known = [seen for seen, _ in self._visited]
         self._visited.append((key, active))
@@ -148,7 +149,8 @@ def counted(active: ActiveSet, comm: MPI.Comm) -> str:
 def _differs(a: ActiveSet, b: ActiveSet) -> Mask:
     turned = np.abs(a.direction - b.direction).max(axis=1) > 10.0**-_DIGITS
     steeper = np.abs(a.slope - b.slope) > 10.0**-_DIGITS
-    return (a.status != b.status) | turned | steeper
+    sheared = np.abs(a.friction - b.friction) > 10.0**-_DIGITS * np.abs(a.friction)
+    return (a.status != b.status) | turned | steeper | sheared.any(axis=1)
 
 
 def initial_active_set(
@@ -197,11 +199,17 @@ def resumed(interface: Interface, place: Place, before: ContactState) -> ActiveS
     """The active set that a state ended with."""
     local, pairs = interface.local, before.pairs
     status = local([pair.status for pair in pairs])
-    direction = local([pair.direction for pair in pairs])
+    direction, friction = (
+        np.einsum("nab,nb->na", place.frame[:, 1:], local(vectors))
+        for vectors in zip(
+            *((pair.direction, pair.force_tangential) for pair in pairs), strict=True
+        )
+    )
     return ActiveSet.of(
         np.where(status == HELD, STICK, status).astype(np.int8),
-        np.einsum("nab,nb->na", place.frame[:, 1:], direction),
+        direction,
         local([pair.turning for pair in pairs]),
         interface.cone,
         local([pair.force_normal for pair in pairs]),
+        friction=np.where(place.held, friction, 0.0),
     )

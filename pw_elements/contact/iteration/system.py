@@ -194,6 +194,9 @@ class ContactTangent(Protocol):
     def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
         """Begins an increment at unknowns of this process."""
 
+    def hold_motions(self, springs: Array) -> None:
+        """Take the stiffness (free,) by which friction on supports holds each free motion."""
+
     def renew(self, rows: Callable[[], tuple[PointRows, _Csr]], another: bool) -> None:
         """Takes what K has become; `rows` makes the matrix, of another pattern perhaps."""
 
@@ -338,10 +341,21 @@ class ContactSystem:
         return self.tangent.solver.report
 
     def solve(
-        self, load: PETSc.Vec, law: LinearisedLaw, totals: Array, accuracy: Accuracy = "final"
+        self,
+        load: PETSc.Vec,
+        law: LinearisedLaw,
+        totals: Array,
+        accuracy: Accuracy = "final",
+        friction_springs: Array | None = None,
     ) -> Solution:
-        """Solves equilibrium under a reduced load with the law at every contact point."""
+        """Solve equilibrium under a reduced load with the law at every contact point.
+
+        `friction_springs` (free,) are the stiffnesses by which friction on supports holds the free
+        motions; None are no stiffness.
+        """
         self.solved += 1
+        none = np.zeros(len(self.free))
+        self.tangent.hold_motions(none if friction_springs is None else friction_springs)
         right, balance = self.right(load, law, totals)
         found = self.tangent.solve(right, balance, law, accuracy)
         reduced = load.duplicate()
@@ -440,9 +454,24 @@ class Tangent:
         self._solver, self.solver = solver, solver.prepare(matrix)
         self.encloses = enclosed
         self._factorised: Array | None = None
+        self._springs: Array | None = None  # of the free motions, besides those of the matrix
 
     def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
         """Factors need no place to begin at."""
+
+    def hold_motions(self, springs: Array) -> None:
+        if self._springs is None and not springs.any():
+            return  # the matrix has zeros
+        before = np.zeros_like(springs) if self._springs is None else self._springs
+        if np.array_equal(before, springs):
+            return
+        self.matrix.assemble()  # rows that have been put in are no sums
+        first = self.matrix.getSize()[0] - len(springs)
+        for k in range(len(springs) if self._borders else 0):
+            value = springs[k] - before[k]
+            self.matrix.setValue(first + k, first + k, value, PETSc.InsertMode.ADD_VALUES)
+        self.matrix.assemble()
+        self._springs, self._factorised = springs.copy(), None
 
     def orientation(self) -> tuple[int, ...]:
         return ()
@@ -452,6 +481,7 @@ class Tangent:
 
     def renew(self, rows: Callable[[], tuple[PointRows, _Csr]], another: bool) -> None:
         (self._points, csr), self._factorised = rows(), None
+        self._springs = None
         if not another:
             self.matrix.setValuesCSR(*csr)
             return

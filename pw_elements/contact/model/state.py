@@ -25,13 +25,16 @@ class PairState:
         position: (m, dim), undeformed, sorted by the first coordinate, then the next.
         normal: (m, dim), from the rigid surface into the body.
         force_normal: (m,), nodal force along the normal; compression is positive.
-        force_tangential: (m, dim), the rest of the nodal force of the surface on the body.
+        force_tangential: (m, dim), the rest of the nodal force of the surface on the body, be it
+            borne by supports. Where these hold a node and the surface rests along them, it is what
+            it was before the increment, within its limit.
         gap: (m,), infinite for nodes that nothing faces.
         slip: (m, dim), tangential displacement relative to the surface in this increment;
             zero for open nodes.
         friction: (m,), Coulomb's mu; of another law its limit over the normal force.
         status: (m,), OPEN, STICK or SLIP; or HELD, of nodes in rough contact with a deformable
-            surface that supports move along it: friction does not say how.
+            surface where supports move both sides alike: there is no friction along them. Nodes
+            that supports move along a rigid surface slip where the surface moves otherwise.
         translation: (dim,) of the surface from its initial place.
         force: (dim,), total force of the surface on the body; in axisymmetry sums round the
             axis, so that the radial one is no resultant.

@@ -177,7 +177,8 @@ def gathered_points(increment: Increment, place: Place, works: Array) -> Points:
     """Points of all processes, in an order independent of them; `works` are (m, dim, k)."""
     interface, free = increment.interface, np.isnan(increment.prescribed)
     faced = np.isfinite(place.gap) | np.any(free, axis=1)[interface.pair]
-    works = np.where(interface.equation[..., None] >= 0, works, 0.0)
+    acted_on = (interface.equation >= 0) | interface.held_components
+    works = np.where(acted_on[..., None], works, 0.0)
     tangents = place.frame[:, 1:]
     values = (
         interface.pair,

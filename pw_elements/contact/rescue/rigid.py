@@ -4,7 +4,7 @@ Modes are motions of the connected pieces of a body and of surfaces; there are w
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -167,7 +167,12 @@ class RigidMotions:
         if not comm.allreduce(bool(used.any()), MPI.LOR):
             return False
         direction = shear / np.where(used, size, 1.0)[:, None]
-        sliding = ActiveSet(np.full_like(at_rest.status, SLIP), direction, *np.ones((3, len(used))))
+        sliding = replace(
+            at_rest,
+            status=np.full_like(at_rest.status, SLIP),
+            direction=direction,
+            **{name: np.ones(len(used)) for name in ("turning", "slope", "level")},
+        )
         free = self._free(mixed(~used, at_rest, sliding), contact.frame)
         moved = (self._relative @ free.T).reshape(*contact.frame.shape[:2], len(free))
         along = np.einsum("nab,na,nbk->nk", contact.frame[:, 1:], direction, moved)

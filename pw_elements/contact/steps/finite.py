@@ -178,6 +178,7 @@ class FiniteStepping:
         if interface.mortars:
             sliding = Sliding(interface, state.unknowns, past.translations, goal.translations)
         reduction = replace(self._reduction, offset=self.prescribed())
+        interface.check_supports_between(reduction.offset, goal.translations)
         equilibrium = FiniteEquilibrium(self._body, system, reduction, self._guard, at, sliding)
         kinematics = DeformedKinematics(interface, self._tools, past, sliding)
         increment = Increment(

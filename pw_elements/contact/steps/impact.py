@@ -32,6 +32,8 @@ _COURANT = 0.9
 _SECONDS = 3e-9
 # Of masses that are equal, and of a whole number of steps
 _EQUAL = 1e-9
+# Halvings by which the slip beside a support's is found to round-off
+_BISECTIONS = 60
 # Largest penetration at the start that passes for round-off, over the extent of the contact nodes
 _ROUND_OFF_DEPTH = 1e-6
 
@@ -58,6 +60,7 @@ def nodal_contact(
     normal: Array,
     shift: Array,
     held: Mask,
+    acts: Mask,
     mass: Array,
     cone: Cone,
     step: float,
@@ -66,22 +69,45 @@ def nodal_contact(
 
     `motion` (m, dim) is how the points would move in the step without contact, `shift` (m, dim) how
     their surfaces do; `gap` (m,) is that at its start, to the surfaces as they are at its end.
-    Friction leaves components alone that are `held` (m, dim) by supports.
+    Supports keep components that are `held` (m, dim): friction takes none of their slip back, but
+    opposes it where it `acts` (m, dim) on them.
     """
     stiffness = mass / step**2
     reached = gap + np.sum(normal * motion, axis=1)
     pressed = np.where(reached < 0, -stiffness * reached, 0.0)
-    slip = np.where(held, 0.0, motion - shift)
+    slip = motion - shift
     slip = slip - np.sum(slip * normal, axis=1)[:, None] * normal
-    sticking = stiffness * np.linalg.norm(slip, axis=1)
-    share = np.minimum(1.0, cone.limit(pressed)[0] / np.where(sticking > 0, sticking, 1.0))[:, None]
-    return NodalContact(
-        pressed,
-        -share * stiffness[:, None] * slip,
-        np.maximum(reached, 0.0),
-        normal,
-        np.where(share < 1, (1 - share) * slip, 0.0),
-    )
+    fixed, slip = np.where(acts, slip, 0.0), np.where(held, 0.0, slip)
+    limit, sticking = cone.limit(pressed)[0], stiffness * np.linalg.norm(slip, axis=1)
+    share: Array = np.minimum(1.0, limit / np.where(sticking > 0, sticking, 1.0))
+    rest = np.asarray(1 - share)
+    dragged: Mask = np.any(fixed != 0, axis=1)
+    if dragged.any():
+        rest[dragged] = _slip_left(
+            np.linalg.norm(fixed[dragged], axis=1),
+            np.linalg.norm(slip[dragged], axis=1),
+            (limit / stiffness)[dragged],
+        )
+    left = np.where(rest[:, None] > 0, rest[:, None] * slip, 0.0) + fixed
+    size = np.linalg.norm(left, axis=1)[:, None]
+    against = -limit[:, None] * left / np.where(size > 0, size, 1.0)
+    taken = -(share * stiffness)[:, None] * slip
+    force = np.where(dragged[:, None], against, taken)
+    return NodalContact(pressed, force, np.maximum(reached, 0.0), normal, left)
+
+
+def _slip_left(fixed: Array, slip: Array, most: Array) -> Array:
+    """Return the share (n,) of slips (n,) that friction leaves beside slips that supports fix (n,).
+
+    Of a slip v beside a fixed one f it leaves x in [0, v] with v - x = most x / |(f, x)|, `most`
+    (n,) being the way on which friction of its largest size moves a node.
+    """
+    low, high = np.zeros_like(slip), slip.copy()
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        beyond = middle + most * middle / np.hypot(fixed, middle) > slip
+        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+    return np.asarray(high / np.where(slip > 0, slip, 1.0))
 
 
 @dataclass(frozen=True)
@@ -364,6 +390,7 @@ class _March:
             normal,
             shift[interface.pair],
             interface.equation < 0,
+            interface.held_components,
             self._mass[self._rows[:, 0]],
             interface.cone,
             dt,

@@ -140,7 +140,18 @@ class Linearised:
 
     def _check_margin(self, increment: Increment, now: Iterate) -> None:
         interface, contact = self._system.interface, now.contact
-        slides = (contact.pressing > 0) & contact.cone.rough & contact.frame[:, 1:].any(axis=(1, 2))
+        closed = contact.pressing > 0
+        on_supports = closed & (contact.held & (contact.force[:, 1:] != 0)).any(axis=1)
+        on_supports |= closed & (contact.dragged | contact.coupled)
+        places = interface.gathered(interface.position[on_supports])
+        if len(places):
+            raise ValueError(
+                f"has contact nodes, first at {listed(places)}, with friction along a direction in "
+                "which supports hold them: no derivatives are given of it. Let the pair end before "
+                "these nodes, or take friction away there"
+            )
+        free = contact.frame[:, 1:].any(axis=2) & ~contact.held
+        slides = closed & contact.cone.rough & free.any(axis=1)
         apart = np.abs(np.linalg.norm(contact.shearing, axis=1) - contact.limits[0])
         margin = np.minimum(np.abs(contact.pressing), np.where(slides, apart, np.inf))
         largest = np.linalg.norm(contact.force, axis=1).max(initial=0.0)

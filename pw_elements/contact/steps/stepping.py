@@ -465,6 +465,7 @@ class Stepping:
         translations = np.where(np.isnan(prescribed), begin, prescribed)
         system.start(lambda: state.unknowns, translations)
         interface.check_supports(translations)
+        interface.check_supports_between(equilibrium.offset, target.translations)
         self._watch.before(increment)
         place = increment.kinematics(translations, past.displacement, past.force)
         return increment, place, policy
