@@ -142,6 +142,104 @@ def test_coulomb_is_what_a_number_means():
         assert (state.displacement - one.displacement).norm() < 1e-12 * one.displacement.norm()
 
 
+class Limited(Coulomb):
+    """Coulomb's law with a cap of the force."""
+
+    most = 1.0
+
+    def limit(self, at, force):
+        limit, slope = super().limit(at, force)
+        return np.minimum(limit, self.most), np.where(limit < self.most, slope, 0.0)
+
+
+def test_a_law_derived_from_coulombs_is_asked_for_its_own_limit():
+    drag = Motion((0.2, 0.0))
+    load = BLOCK.pressure
+    for law, capped in ((Coulomb(0.3), False), (Limited(0.3), True)):
+        (state,) = BLOCK.contact(on_floor(law, [drag]), BLOCK.held((0, at(0, 4.0))), [load])
+        (pair,) = state.pairs
+        limit = 0.3 * pair.force_normal
+        expected = np.minimum(limit, Limited.most) if capped else limit
+        slips = pair.status == SLIP
+        assert slips.sum() > 3
+        size = np.abs(pair.force_tangential[:, 0])
+        assert size[slips] == pytest.approx(expected[slips], rel=1e-9)
+        assert (limit[slips] > 1.5 * Limited.most).any()
+
+
+def test_coulombs_limit_is_what_all_nodes_are_asked_for(monkeypatch):
+    """Half of the limit is half of the friction: nothing else multiplies coefficients."""
+    supports, floor = BLOCK.held((0, at(0, 4.0))), on_floor(0.3, [Motion((0.2, 0.0))])
+    forces = []
+    for part in (1.0, 0.5):
+        monkeypatch.setattr(
+            Coulomb, "limit", lambda _, at, force, part=part: (part * at * force, part * at)
+        )
+        (state,) = BLOCK.contact(floor, supports, [BLOCK.pressure])
+        (pair,) = state.pairs
+        slips = pair.status == SLIP
+        assert slips.sum() > 3
+        forces.append(np.abs(pair.force_tangential[slips, 0]) / pair.force_normal[slips])
+    assert forces[0] == pytest.approx(0.3, rel=1e-9)
+    assert forces[1] == pytest.approx(0.15, rel=1e-9)
+
+
+class WrongSlope(Falling):
+    """Its slope is an eighth too large."""
+
+    def limit(self, half, force):
+        limit, slope = super().limit(half, force)
+        return limit, 1.13 * slope
+
+
+class Bumpy(Coulomb):
+    """Its coefficient rises by a tenth between two forces within one decade, and falls again."""
+
+    low, high = 3.0, 3.3
+
+    def limit(self, at, force):
+        inside = (force > self.low) & (force < self.high)
+        coefficient = np.where(inside, 1.0, 0.9)
+        coefficient = np.where(force > 1e-9, coefficient, 1.0)
+        return at * coefficient * force, at * coefficient
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        (WrongSlope(0.3, 4.0), r"slope .* differences of its limit give"),
+        (Bumpy(0.3), "coefficient, the limit over the normal force, rises"),
+    ],
+)
+def test_a_law_that_contradicts_itself_is_refused(law, words):
+    with pytest.raises(ValueError, match=words):
+        BLOCK.contact(on_floor(law), loads=BLOCK.pressure)
+
+
+def test_a_law_that_rises_between_the_forces_it_was_asked_for_first_is_refused_where_it_is_used():
+    """The bump is narrower than the samples."""
+
+    class Narrow(Bumpy):
+        low, high = 10.0005, 10.0015
+
+    block = Elastic(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1)), nu=0.0)
+    floor = on_floor(Narrow(0.3))
+    for pressure, wrong in ((10.001 * 2, True), (9.9 * 2, False)):
+        load = block.load((0.0, -pressure), at(1, 1.0))
+        if wrong:
+            with pytest.raises(ValueError, match=r"rises up to the normal force 10\.001"):
+                block.contact(floor, loads=load)
+        else:
+            assert block.contact(floor, loads=load)
+
+
+def test_derivatives_know_the_slope_of_no_other_law():
+    problem = BLOCK.problem(on_floor(Limited(0.3)))
+    states = [problem.undeformed, problem.step(problem.undeformed, BLOCK.pressure)]
+    with pytest.raises(ValueError, match="is not Coulomb's"):
+        problem.sensitivity(states, [("force", 0, 0)], [("friction", 0)], [BLOCK.pressure])
+
+
 def test_more_than_a_law_can_hold_is_proved_to_be_too_much():
     """Its steepest cone, 0.3, does not hold a pull of 0.4 of the pressure either."""
     load = BLOCK.pressure + BLOCK.load((0.4 * 200 * 4 / 2, 0.0), at(0, 4.0))

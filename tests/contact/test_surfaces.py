@@ -80,3 +80,33 @@ def test_small_gaps_to_large_spheres_keep_their_digits(dim, side):
         y = [Decimal(a) - Decimal(c) for a, c in zip(place, ball.centre, strict=True)]
         exact = sum((a * a for a in y), Decimal(0)).sqrt() - Decimal(radius)
         assert abs(Decimal(gap) - exact) < Decimal("1e-21")
+
+
+@pytest.mark.parametrize("part", [0, 1])
+def test_a_gradient_that_is_none_of_its_function_is_refused_where_it_is_used(part):
+    def circle(x):
+        return x[:, 0] ** 2 + (x[:, 1] - 3.0) ** 2 - 1.0
+
+    def gradient(x, factor=1.0):
+        slope = np.stack([2 * x[:, 0], 2 * (x[:, 1] - 3.0)], axis=1)
+        slope[:, part] *= factor
+        return slope
+
+    x = np.array([[0.1, 2.0], [-0.4, 1.7]])
+    right, wrong = (
+        SignedDistance(circle, lambda x, factor=factor: gradient(x, factor))
+        for factor in (1.0, 1.001)
+    )
+    for ask in ("normal", "closest"):
+        getattr(right, ask)(x)
+        with pytest.raises(ValueError, match="differences of its function give"):
+            getattr(wrong, ask)(x)
+
+
+def test_an_edge_of_a_function_is_no_contradiction():
+    """The distance from a corner's two sides: either side's gradient is one of it."""
+    roof = SignedDistance(
+        lambda x: x[:, 1] + np.abs(x[:, 0]),
+        lambda x: np.stack([np.where(x[:, 0] < 0, -1.0, 1.0), np.ones(len(x))], axis=1),
+    )
+    assert roof.normal(np.array([[0.0, 1.0], [0.2, 1.0], [-0.2, 1.0]]))[:, 1].min() > 0.7

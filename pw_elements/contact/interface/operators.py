@@ -154,10 +154,35 @@ class Interface:
         self.refuse(cut & ~rigid, f"lie inside the body that they face before any motion: {apart}")
         self._check_sides()
 
-    def check_laws(self) -> None:
-        """Raises, on all processes, what a law of friction has raised on one."""
+    def check_laws(self, force: Array | None = None) -> None:
+        """Raise, on all processes, what a law of friction has raised on one.
+
+        Laws that do not hold what is asked of them at normal forces (m,) are a ValueError.
+        """
+        if force is not None:
+            slope, difference, unlike = self.cone.slopes(force)
+            rises = self.cone.rises_at(force)
         with collective(self.comm):
             answer(self.comm, "a law of friction", self.cone.tell)
+        if force is None:
+            return
+        with collective(self.comm):
+            if unlike.any():
+                k = int(unlike.argmax())
+                raise ValueError(
+                    f"the law of friction of contact pair {self.pair[k]} gives the slope "
+                    f"{slope[k]:.6g} at the normal force {force[k]:.6g} of the node at "
+                    f"{listed(self.position[[k]])}, but differences of its limit give "
+                    f"{difference[k]:.6g}: return the limit's derivative by the force"
+                )
+            if rises.any():
+                k = int(rises.argmax())
+                raise ValueError(
+                    f"the law of friction of contact pair {self.pair[k]} has a coefficient, the "
+                    f"limit over the normal force, that rises up to the normal force {force[k]:.6g}"
+                    f" of the node at {listed(self.position[[k]])}, or there: it may stay or fall, "
+                    "so that its slope at zero bounds it"
+                )
 
     @cached_property
     def interference(self) -> Array:

@@ -178,7 +178,8 @@ def sticking(closed: Mask, cone: Cone, tangents: int) -> ActiveSet:
     n = len(closed)
     status = np.where(closed, np.where(cone.rough, STICK, SLIP), OPEN).astype(np.int8)
     zero = np.zeros((n, tangents))
-    return ActiveSet(status, zero, *np.zeros((4, n)), zero, zero)
+    turning, slope, level, bend = np.zeros((4, n))
+    return ActiveSet(status, zero, turning, slope, level, bend, zero, zero)
 
 
 def mixed(keep: Mask, old: ActiveSet, new: ActiveSet) -> ActiveSet:

@@ -399,8 +399,8 @@ class Increment:
         are not pressed by more: slips have no coordinates, but friction's limit has the gap.
         """
         comm, contact = self.system.comm, now.contact
-        if not self.interface.cone.cannot_fail:
-            self.interface.check_laws()
+        if self.interface.cone.has_user_law:
+            self.interface.check_laws(contact.force[:, 0])
         moved, placed = self._lost(now)
         allowed = TOLERANCE * _largest(self, np.abs(now.force)) + moved
         gap = np.where(np.isfinite(contact.gap), np.abs(contact.gap), 0.0)
@@ -549,7 +549,7 @@ def contact_state(
     if before.free == system.free:
         orientations |= before.orientations
     scale, residuals = _measured(increment, now, before.scale)
-    if not increment.interface.cone.cannot_fail:
+    if increment.interface.cone.has_user_law:
         increment.interface.check_laws()
     return ContactState(
         increment.interface.field.part(now.full),

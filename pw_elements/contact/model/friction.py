@@ -4,9 +4,12 @@ A law says how large the tangential force of a node may be beside its normal for
 
     |r_t| <= limit(r_n),    limit(0) = 0,
 
-and which slope the limit has. Coulomb's is mu r_n. The coefficient limit(r_n) / r_n must never rise
-with r_n: so the slope at zero bounds it, and the cone of that slope holds all admitted forces. Laws
-are asked for it once, at forces of many sizes, for those of a problem are not known before.
+and which slope the limit has. Coulomb's is mu r_n. All of these are nodal forces, no stresses: a
+law for stresses multiplies by the node's area, which its `at` may return. The coefficient
+limit(r_n) / r_n must never rise with r_n: so the slope at zero bounds it, and the cone of that
+slope holds all admitted forces. Laws are asked for it at forces of many sizes before any
+computation, for those of a problem are not known then, and again at all forces that occur, where
+slopes are compared with differences, too. Only `Cone.limit` asks a law, whichever it is.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,13 +23,19 @@ from pw_elements.arrays import Array, Mask
 from pw_elements.checks import arguments
 
 # Normal forces at which laws are asked whether they rise, and what of a coefficient is round-off
-_FORCES = 10.0 ** np.arange(-12, 13)
+_FORCES = 10.0 ** np.linspace(-12, 12, 24 * 16 + 1)
 _ROUND_OFF = 1e-9
+# Step of differences over a normal force, and their error over the steepest slope
+_STEP, _DIFFERENCE = 1e-4, 1e-6
 
 
 @runtime_checkable
 class Friction(Protocol):
     """A law of friction: limit of the tangential force, whose ratio to the normal one never rises.
+
+    Forces are those of nodes, not stresses: a cap of a stress is one of force over a node's area.
+    The iteration takes the slope for the limit's derivative; it is compared with differences at all
+    forces that occur.
 
     Any object with both methods is one:
 
@@ -51,17 +60,19 @@ class Friction(Protocol):
         """
 
     def limit(self, at: Array, force: Array) -> tuple[Array, Array]:
-        """Largest tangential force (n,) beside a normal force, and its slope (n,).
+        """Return the largest tangential nodal force (n,) beside a normal one, and its slope (n,).
 
         Args:
             at: what `at` gave for these nodes (n,), which may be those of another process.
-            force: normal forces (n,), none of them negative.
+            force: normal nodal forces (n,), none of them negative; no pressures.
         """
 
 
 @dataclass(frozen=True)
 class Coulomb:
-    """Coulomb's law, |r_t| <= mu r_n.
+    """Coulomb's law, |r_t| <= mu r_n, of nodal forces.
+
+    A class derived from it may override `limit`, as any law states it.
 
     Args:
         mu: the coefficient, or a function of positions as columns (3, n) that returns it for each
@@ -79,11 +90,11 @@ class Coulomb:
         return self.mu(x) if callable(self.mu) else self.mu
 
     def limit(self, at: Array, force: Array) -> tuple[Array, Array]:
-        """Largest tangential force (n,) beside a normal force, and its slope.
+        """Return the largest tangential nodal force (n,) beside a normal one, and its slope (n,).
 
         Args:
             at: the coefficient (n,).
-            force: normal forces (n,).
+            force: normal nodal forces (n,), no pressures.
         """
         return at * force, at
 
@@ -101,8 +112,6 @@ class Cone:
 
         Where a law fails, and this is kept, limits are NaN.
         """
-        if self.cannot_fail:
-            return self._coefficients * force, self._coefficients
         try:
             parts = np.split(force, np.cumsum([len(at) for at in self.at])[:-1])
             pairs = zip(self.laws, self.at, parts, strict=True)
@@ -118,18 +127,16 @@ class Cone:
     @staticmethod
     def _of(law: Friction, at: Array, force: Array) -> tuple[Array, Array]:
         limit, slope = law.limit(at, force)
+        if type(law) is Coulomb:
+            return limit, slope
         words = "it gives the limits and their slopes, (n,) each"
         names = ("the limit of friction", limit), ("its slope", slope)
         return tuple(arguments.field(name, one, force.shape, words) for name, one in names)  # type: ignore[return-value]
 
     @cached_property
-    def cannot_fail(self) -> bool:
-        return all(isinstance(law, Coulomb) for law in self.laws)
-
-    @cached_property
-    def _coefficients(self) -> Array:
-        """Coulomb's coefficients (m,), where every pair's law is his."""
-        return np.concatenate(self.at)
+    def has_user_law(self) -> bool:
+        """Return whether any law is a user's, which may raise errors and be wrong."""
+        return any(type(law) is not Coulomb for law in self.laws)
 
     def tell(self) -> None:
         if self.failed:
@@ -152,6 +159,28 @@ class Cone:
             limits = [self.limit(np.full(len(self.steepest), one))[0] / one for one in _FORCES]
             larger = np.diff([self.steepest, *limits], axis=0) > _ROUND_OFF * self.steepest
         return np.asarray(larger.any(axis=0))
+
+    def rises_at(self, force: Array) -> Mask:
+        """Return at which points (m,) the coefficient rises there, or is more than at zero."""
+        steps = (1 - _STEP, 1.0, 1 + _STEP)
+        coefficients = [self.steepest, *(self.coefficient(step * force) for step in steps)]
+        larger = np.diff(coefficients, axis=0).max(axis=0) > _ROUND_OFF * self.steepest
+        return np.asarray((force > 0) & larger)
+
+    def slopes(self, force: Array) -> tuple[Array, Array, Mask]:
+        """Return slopes (m,), differences of the limit instead, and where (m,) they are unlike.
+
+        At a corner of the limit any slope between those on both sides will do.
+        """
+        pressed = force > 0
+        force = np.where(pressed, force, 1.0)
+        (limit, slope), step = self.limit(force), _STEP * force
+        below, above = (self.limit(force + sign * step)[0] for sign in (-1, 1))
+        sides = (limit - below) / step, (above - limit) / step
+        least, most = np.minimum(*sides), np.maximum(*sides)
+        allowed = _DIFFERENCE * self.steepest
+        unlike = ~((slope >= least - allowed) & (slope <= most + allowed))
+        return slope, np.clip(slope, least, most), pressed & unlike
 
     @property
     def rough(self) -> Mask:

@@ -23,6 +23,8 @@ _PROJECTIONS = 30
 _PROJECTED, _PROJECTED_BY_DIFFERENCES = 1e-12, 1e-8
 # Step of first differences over the largest coordinate; step of second ones over that of first ones
 _STEP, _COARSER = 1e-6, 100
+# Difference of a given gradient, over its size, that passes, and round-off of values in eps
+_GRADIENT, _LOST_DIGITS = 1e-5, 64
 
 
 def unit(direction: Sequence[float]) -> Array:
@@ -221,7 +223,8 @@ class SignedDistance:
     Args:
         function: of points as rows, (n, dim) to (n,), zero on the surface; infinite where nothing
             faces x.
-        gradient: of points as rows, (n, dim) to (n, dim), by default central differences.
+        gradient: of points as rows, (n, dim) to (n, dim), by default central differences, with
+            which a given one is compared where it is used.
         step: of the differences, a small part of the smallest radius of the surface; by default
             1e-6 of the largest coordinate, in contact that of the mesh.
 
@@ -252,6 +255,7 @@ class SignedDistance:
     def normal(self, x: Points) -> Points:
         """The gradient's unit vectors (n, dim) at points x (n, dim); any where nothing faces x."""
         faced = np.isfinite(self._values(x))
+        self._check_gradient(x[faced])
         normal = np.tile(np.eye(x.shape[1])[-1], (len(x), 1))
         normal[faced] = normalised(self._slope(x[faced]))
         return normal
@@ -265,6 +269,7 @@ class SignedDistance:
         of the digits.
         """
         n, dim = x.shape
+        self._check_gradient(x)
         one, p = np.eye(dim), x.copy()
         slope, flat = self._directed(x)
         length = self._values(x) / np.sum(slope**2, axis=1)
@@ -307,6 +312,33 @@ class SignedDistance:
         step = self._step(x)
         differences = [self._values(x + h) - self._values(x - h) for h in step * np.eye(x.shape[1])]
         return np.asarray(np.array(differences).T / (2 * step), dtype=float)
+
+    def _check_gradient(self, x: Points) -> None:
+        """Raise ValueError if the given gradient is none of the function at points x (n, dim).
+
+        At an edge any component between those of both sides will do.
+        """
+        if self.gradient is None or not len(x):
+            return
+        given, here, step = self._slope(x), self._values(x), self._step(x)
+        with np.errstate(all="ignore"):  # beyond where the function is stated
+            sides = [
+                [sign * (self._values(x + sign * h) - here) / step for sign in (-1, 1)]
+                for h in step * np.eye(x.shape[1])
+            ]
+        (least, most), mean = np.sort(sides, axis=1).transpose(1, 2, 0), np.mean(sides, axis=1).T
+        size = np.linalg.norm(mean, axis=1)
+        lost = np.abs(here) + size * np.abs(x).max(axis=1)
+        allowed = (_GRADIENT * size + _LOST_DIGITS * np.finfo(float).eps * lost / step)[:, None]
+        unlike = ((given < least - allowed) | (given > most + allowed)).any(axis=1)
+        unlike &= np.isfinite(mean).all(axis=1)
+        if unlike.any():
+            k = int(unlike.argmax())
+            raise ValueError(
+                f"the gradient of a signed distance is {given[k].tolist()} at {x[k].tolist()}, but "
+                f"differences of its function give {mean[k].tolist()}: correct the gradient, or "
+                "leave it out"
+            )
 
     def _step(self, x: Points) -> float:
         return self.step or _STEP * (np.abs(x).max(initial=0.0) or 1.0)

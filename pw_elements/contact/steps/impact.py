@@ -395,7 +395,7 @@ class _March:
             interface.cone,
             dt,
         )
-        if not interface.cone.cannot_fail:
+        if interface.cone.has_user_law:
             interface.check_laws()
         velocity[self._rows] += dt * self._inverse[self._rows] * contact.force
         self._v.setArray(velocity)

@@ -406,7 +406,7 @@ def checked_parameters(
                 _check_vector("the load that is a parameter", load, space)
             case ("friction", pair):
                 law = pairs[_number(pair, len(pairs), "contact pairs")].law
-                if not isinstance(law, Coulomb):
+                if not (isinstance(law, Coulomb) and type(law).limit is Coulomb.limit):
                     raise ValueError(f"the law of friction of contact pair {pair} is not Coulomb's")
             case ("motion", pair, rates):
                 _number(pair, len(pairs), "contact pairs")
