@@ -473,3 +473,34 @@ def test_straight_cells_of_the_plane_and_standard_elements_get_no_warning(cell, 
             state = case.press(1e-5, 1e3)
             assert state.pairs[0].force[1] == pytest.approx(case.reaction(1e-5), rel=1e-3)
     assert "bulk" not in caplog.text
+
+
+class OwnSphere(Sphere):
+    """A user's circle, with factors of what it says of its normal and of its derivative."""
+
+    normals, bends = 1.0, 1.0
+
+    def closest(self, x):
+        gap, normal, bend = super().closest(x)
+        turn = (self.normals - 1) * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        return gap, normal + turn, self.bends * bend
+
+
+class TurnedNormals(OwnSphere):
+    normals = 1.01
+
+
+class WrongBends(OwnSphere):
+    bends = 1.05
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [(TurnedNormals, "have the normal"), (WrongBends, "have the derivative of the normal")],
+)
+def test_a_surface_whose_derivatives_are_none_is_refused(kind, words):
+    rubber = Rubber(n=2)
+    right = rubber.step(rubber.touching(surface=OwnSphere((0.0, 0.6), 0.6)))
+    assert right.converged
+    with pytest.raises(ValueError, match=words):
+        rubber.step(rubber.touching(surface=kind((0.0, 0.6), 0.6)))

@@ -25,7 +25,13 @@ import scipy.sparse as sp
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import answer, arguments, collective, listed
 from pw_elements.contact.interface.sliding import SlidingMortar
-from pw_elements.contact.model import Cone, NotFound, Surface
+from pw_elements.contact.model import (
+    KNOWN_BODIES,
+    Cone,
+    NotFound,
+    Surface,
+    wrong_derivatives,
+)
 from pw_elements.elasticity import by_position
 from pw_elements.spaces import SubSpace, of_owners
 
@@ -38,6 +44,8 @@ ROUND_OFF = 4 * float(np.finfo(float).eps)
 _PENETRATION = 1e-6
 # Largest normal component of a prescribed displacement, a cosine
 _TANGENTIAL = 1e-8
+# Step of differences of closest points, over the extent of the contact nodes
+_DIFFERENCES = 1e-6
 # Difference of prescribed displacements, over their size, up to which they are alike
 _UNLIKE = 1e-9
 # Largest difference of a normal's length from one
@@ -350,6 +358,22 @@ class Interface:
         if len(lost):
             raise NotFound.at("contact nodes first at {} have no closest point", lost)
         return gap, normal, bend
+
+    def check_closest(self, moved: Array, pressed: Mask) -> None:
+        """Raise ValueError where a user's surface gives wrong derivatives at nodes (m,) in contact.
+
+        These have moved (m, dim) in the frame of their surfaces.
+        """
+        x, step = self.position + moved, _DIFFERENCES * (self.extent or 1.0)
+        with collective(self.comm):
+            for k, surface in enumerate(self.surfaces):
+                mine = (self.pair == k) & pressed
+                if k in self.mortars or type(surface) in KNOWN_BODIES or not mine.any():
+                    continue
+                whose = f"the closest points of the surface of contact pair {k}"
+                wrong = answer(self.comm, whose, wrong_derivatives, surface, x[mine], step)
+                if wrong:
+                    raise ValueError(f"{whose} have the {wrong}: correct it")
 
     def _by_pair(self, what: Literal["gap", "normal"], translations: Array | None) -> Array:
         values = np.empty_like(self.position if what == "normal" else self.position[:, 0])

@@ -249,6 +249,11 @@ class DeformedKinematics:
         )
         return place if self._sliding is None else self._sliding.into(place, force)
 
+    def check_surfaces(self, place: Place, pressed: Mask) -> None:
+        """Raise ValueError where differences contradict a user's surface at `pressed` (m,) nodes."""
+        end = self._tools.within(place.translations, place.at[:, : self._start.shape[1]])
+        self._interface.check_closest(end, pressed)
+
     def by_start(self, place: Place) -> Array:
         """Derivatives (m, dim - 1, dim) of a place's slip by the motions where it began."""
         normal, tangents = place.frame[:, 0], place.frame[:, 1:]

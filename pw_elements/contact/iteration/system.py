@@ -508,6 +508,7 @@ class Tangent:
 
     def solve_transposed(self, right: Array, balance: Array, law: LinearisedLaw) -> Array:
         """Solves with the transposed matrix: all weights of this process' equations."""
+        self.hold_motions(np.zeros_like(balance))
         self._stand(law)
         solver = self._solver.prepare(self.matrix.transpose(PETSc.Mat()))
         weights = np.array(solver.solve(self._known(right, balance)).array_r)

@@ -22,6 +22,7 @@ from pw_elements.contact.model.state import (
     Smallness,
 )
 from pw_elements.contact.model.surfaces import (
+    KNOWN_BODIES,
     FlatPunch,
     Parabola,
     Plane,
@@ -30,4 +31,5 @@ from pw_elements.contact.model.surfaces import (
     Sphere,
     Surface,
     with_step,
+    wrong_derivatives,
 )

@@ -25,6 +25,8 @@ _PROJECTED, _PROJECTED_BY_DIFFERENCES = 1e-12, 1e-8
 _STEP, _COARSER = 1e-6, 100
 # Difference of a given gradient, over its size, that passes, and round-off of values in eps
 _GRADIENT, _LOST_DIGITS = 1e-5, 64
+# The same of a normal and its derivative, over the largest entry
+_DERIVATIVE = 1e-4
 
 
 def unit(direction: Sequence[float]) -> Array:
@@ -63,7 +65,8 @@ class RigidBody(Surface, Protocol):
 
         Returns:
             Distance (n,), negative inside, normal (n, dim), and its derivative by x (n, dim, dim);
-            NaN where there is no closest point.
+            NaN where there is no closest point. Where nodes touch, the normal has to be the
+            distance's derivative, and both are compared with differences.
         """
 
 
@@ -355,6 +358,43 @@ class SignedDistance:
         steps = step * np.eye(x.shape[1])
         bend = np.array([self._slope(x + h) - self._slope(x - h) for h in steps]) / (2 * step)
         return np.asarray(bend.transpose(1, 0, 2) + bend.transpose(1, 2, 0)) / 2
+
+
+# Surfaces whose closest points are the library's own
+KNOWN_BODIES = (Plane, Sphere, SignedDistance)
+
+
+def wrong_derivatives(surface: RigidBody, x: Points, step: float) -> str:
+    """Say what differences contradict of a surface's closest points at points x (n, dim), or "".
+
+    A normal is the derivative of the distance, and has one itself; at an edge any derivative
+    between those of both sides will do.
+    """
+    gap, normal, bend = surface.closest(x)
+    here = np.concatenate([gap[:, None], normal], axis=1)
+    sides = np.empty((x.shape[1], 2, *here.shape))
+    for axis, side in np.ndindex(sides.shape[:2]):
+        sign = 2 * side - 1
+        moved = surface.closest(x + sign * step * np.eye(x.shape[1])[axis])
+        there = np.concatenate([moved[0][:, None], moved[1]], axis=1)
+        sides[axis, side] = sign * (there - here) / step
+    # (n, 1 + dim, dim), of the distance and of the normal
+    (least, most), mean = np.sort(sides, axis=1).transpose(1, 2, 3, 0), sides.mean(axis=1)
+    given, mean = np.concatenate([normal[:, None], bend], axis=1), mean.transpose(1, 2, 0)
+    lost = _LOST_DIGITS * np.finfo(float).eps * (1 + np.abs(x).max(axis=1)) / step
+    size = np.abs(mean).max(axis=(1, 2)) + np.abs(given).max(axis=(1, 2))
+    allowed = (_DERIVATIVE * size + lost)[:, None, None]
+    unlike = (given < least - allowed) | (given > most + allowed)
+    unlike &= np.isfinite(mean).all(axis=(1, 2))[:, None, None]
+    if not unlike.any():
+        return ""
+    k = int(unlike.any(axis=(1, 2)).argmax())
+    what = "normal" if unlike[k, 0].any() else "derivative of the normal"
+    part = slice(0, 1) if unlike[k, 0].any() else slice(1, None)
+    return (
+        f"{what} {np.squeeze(given[k, part]).tolist()} at {x[k].tolist()}, but differences give "
+        f"{np.squeeze(mean[k, part]).tolist()}"
+    )
 
 
 def with_step(surface: Surface, largest: float) -> Surface:

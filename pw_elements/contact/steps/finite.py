@@ -155,6 +155,7 @@ class FiniteStepping:
         now = newton(increment, first, place, policy, self._most, reporter.iteration)
         if reporter.iteration:
             reporter.violation = increment.violation(now)
+        kinematics.check_surfaces(now.place, now.contact.pressing > 0)
         lost = kinematics.lost(now.place, now.contact.pressing > 0)
         jumped = interface.gathered(interface.position[lost])
         if len(jumped):
