@@ -116,15 +116,29 @@ class DualQuadratic(SlidingMortar):
 
         unit = sp.csr_array((faced.astype(float), (np.arange(m), np.arange(m))), (m, m))
         rows = sp.csr_array(sp.hstack([unit, -parts]))
-        row = (2 * own[:, :, None] + np.arange(2))[..., None]
-        changed = -np.einsum("qjkc,qkx->qjxc", dB, x[theirs]) * over[own][:, :, None, None]
-        changes = matrix(changed, row, local[:, None, None], (2 * m, 2 * n))
-        mean = parts @ x[m:] * over[:, None]
-        node = np.arange(m)[:, None]
-        changes += matrix(mean, 2 * node + np.arange(2), node, (2 * m, m)) @ dA
-        changes += sp.kron(rows, sp.eye_array(2))
+
+        def differentiate_rows(y: Array) -> sp.csr_array:
+            row = (2 * own[:, :, None] + np.arange(2))[..., None]
+            changed = -np.einsum("qjkc,qkx->qjxc", dB, y[theirs]) * over[own][:, :, None, None]
+            mean, node = parts @ y[m:] * over[:, None], np.arange(m)[:, None]
+            return matrix(changed, row, local[:, None, None], (2 * m, 2 * n)) + (
+                matrix(mean, 2 * node + np.arange(2), node, (2 * m, m)) @ dA
+            )
+
+        changes = differentiate_rows(x) + sp.kron(rows, sp.eye_array(2))
         normals, angles = self._normals(x)
-        return Meeting(faced, normals, rows @ x, rows, parts, area, angles, changes, turned)
+        return Meeting(
+            faced,
+            normals,
+            rows @ x,
+            rows,
+            parts,
+            area,
+            angles,
+            differentiate_rows,
+            changes,
+            turned,
+        )
 
     def _around(self, facet: Indices) -> Indices:
         """Nodes (q, 5) before, of and behind facets (q,)."""

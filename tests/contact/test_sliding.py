@@ -8,6 +8,7 @@ import ufl
 
 from pw_elements import Iterative, Spaces, prescribe
 from pw_elements.contact import (
+    OPEN,
     SLIP,
     ContactFields,
     ContactPair,
@@ -50,15 +51,19 @@ def test_derivatives_are_those_of_central_differences(revolved):
     force = np.random.default_rng(5).normal(size=(mortar.slaves, 2))
     assert 0 < met.faced.sum() < len(met.faced)
     assert np.abs(met.parts.sum(axis=1) - met.faced).max() < 1e-13
-    start = mortar.start(x + np.random.default_rng(7).normal(size=x.shape) * 0.01)
+    before = x + np.random.default_rng(7).normal(size=x.shape) * 0.01
+    before[: mortar.slaves] -= [0.3, 0.0]  # so that some face something only now
+    reference = mortar.make_reference(before)
+    assert (met.faced & ~reference.faced).any()
+    assert (met.faced & reference.faced).any()
 
     def quantities(x):
         met = mortar.meet(x)
         angles = np.arctan2(met.normals[:, 1], met.normals[:, 0])
-        slip, _ = met.motions(start, x)
+        slip, _ = met.motions(reference, x)
         return [(met.parts.T @ force).ravel(), met.places.ravel(), met.gaps, slip, angles]
 
-    known = [met.turned(force), met.changes, *met.motions(start, x)[1]]
+    known = [met.turned(force), met.changes, *met.motions(reference, x)[1]]
     for k in range(x.size):
         step = h * np.eye(x.size)[k].reshape(x.shape)
         ends = [quantities(x + sign * step) for sign in (1, -1)]
@@ -71,8 +76,13 @@ def test_derivatives_are_those_of_central_differences(revolved):
 def test_a_rigid_motion_of_both_is_no_slip(degrees):
     """Operators are those from before, so that what was paired stays together."""
     mortar, x = sides(False)
-    start, end = mortar.start(x), mortar.start(x @ turn(degrees).T + [3.0, -2.0])
-    assert abs(end - start).max() < 1e-13
+    end = x @ turn(degrees).T + [3.0, -2.0]
+    start, met = mortar.make_reference(x), mortar.meet(end)
+    assert abs(met.rows - start.rows).max() < 1e-13
+    # nor of what faces nothing at first, wherever it was
+    none = replace(start, rows=0.0 * start.rows, faced=np.zeros_like(start.faced))
+    for reference in (start, none):
+        assert np.abs(met.motions(reference, end)[0]).max() < 1e-13
 
 
 def test_linear_fields_are_handed_on_and_seen_exactly():
@@ -120,6 +130,31 @@ def test_a_die_slides_over_its_element_and_more(whole):
         before, last = [v for increment, v in violations if increment == k][-2:]
         assert last < max(1e-11, 1e3 * before**2)
     assert np.abs(states[-1].pairs[0].slip).max() > 0.1
+
+
+def flat_punch(divisions):
+    """A flat block as the slave, under a punch that is narrower; both are rough."""
+    boxes = ((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.01), (0.5, 1.0))
+    mesh = two(*boxes, ((divisions, 4), (4, 4)), lambda x, y, _: (x, y))
+    return Bodies(mesh, *(at(1, height) for height in (0.0, 0.01, -1.0, 1.0)), friction=0.8)
+
+
+@pytest.mark.parametrize(("divisions", "last"), [(6, 0.75), (12, 0.5)])
+def test_nodes_that_come_to_face_the_end_of_the_master_slip_as_it_does(divisions, last):
+    """The block sticks to the punch: pressed at once or in equal pieces, shears are the same."""
+    shears = []
+    for pieces in (1, 2, 4):
+        bodies = flat_punch(divisions)
+        path = [(0.0, -0.11 * (k + 1) / pieces) for k in range(pieces)]
+        (pair,) = slid(bodies, path)[-1].pairs
+        closed = pair.status != OPEN
+        assert np.abs(pair.position[closed, 0]).max() == pytest.approx(last)
+        assert np.abs(pair.slip).max() < 1e-3  # half a facet is .125
+        right = closed & (pair.position[:, 0] > 0.2)
+        assert (pair.force_tangential[right, 0] > 0).all()  # none pushes against the others
+        shears.append(pair.force_tangential[:, 0] / pair.force[1])
+    assert np.abs(shears[1] - shears[0]).max() < 1e-5
+    assert np.abs(shears[2] - shears[1]).max() < 1e-5
 
 
 def test_both_sides_may_be_the_slave(whole):

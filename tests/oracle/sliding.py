@@ -14,7 +14,8 @@ r_j is taken from the master's nodes in parts P_jk = int psi_j w_k / A_j, and wi
 
     S x = (sum of W_ji x_i - sum of Q_jk x_k) / A_j,    g = n·S x,    v = t·(S_0 x - S x),
 
-S_0 being S at the increment's start, or the node less its closest point where it faced nothing,
+S_0 being S at the increment's start. Where a node faced nothing then, at positions x_0 and with the
+tangent t_0, what it is paired with now has slipped by v = t·S x - t_0·S x_0. The law is
 
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
 """
@@ -83,18 +84,6 @@ def meeting(slave, master):
     return P / area[:, None], S / area[:, None], n, D
 
 
-def closest(x, master):
-    """Parts (k,) of the master's nodes in the point of it that is closest to x."""
-    found = []
-    for j in range(len(master) - 1):
-        edge = master[j + 1] - master[j]
-        s = min(1.0, max(0.0, np.dot(x - master[j], edge) / np.dot(edge, edge)))
-        part = np.zeros(len(master))
-        part[j], part[j + 1] = 1 - s, s
-        found.append((np.linalg.norm(x - part @ master), part))
-    return min(found, key=lambda each: each[0])[1]
-
-
 @dataclass(frozen=True)
 class Sliding:
     """Both bodies, their sides' nodes in order, the mask (n, 2) of supports, and mu."""
@@ -104,14 +93,6 @@ class Sliding:
     master: np.ndarray
     held: np.ndarray
     friction: float
-
-    def start(self, u):
-        """S_0 at displacements (n, 2)."""
-        slave, master = (self._place(u, side) for side in (self.slave, self.master))
-        _, S, _, area = meeting(slave, master)
-        for j in np.flatnonzero(area == 0):
-            S[j, j], S[j, len(slave) :] = 1.0, -closest(slave[j], master)
-        return S
 
     def violations(self, history):
         """Of each condition at the end of displacements (n, 2); over the largest in them."""
@@ -125,7 +106,12 @@ class Sliding:
         r = forces[self.slave]
         forces[self.master] += P.T @ r
         t, apart = np.stack([-n[:, 1], n[:, 0]], axis=1), S @ x
-        v = np.sum(t * (self.start(before) @ x - apart), axis=1) / length
+        sides = [self._place(before, side) for side in (self.slave, self.master)]
+        _, S_0, n_0, area_0 = meeting(*sides)
+        t_0 = np.stack([-n_0[:, 1], n_0[:, 0]], axis=1)
+        paired_then = np.sum(t * (S_0 @ x - apart), axis=1)
+        paired_now = np.sum(t * apart - t_0 * (S @ np.concatenate(sides)), axis=1)
+        v = np.where(area_0 > 0, paired_then, paired_now) / length
         g, r_n, r_t = (np.sum(one * two, axis=1) for one, two in ((n, apart), (n, r), (t, r)))
         faced = area > 0
         forces[self.slave[faced]] = 0.0

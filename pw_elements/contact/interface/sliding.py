@@ -7,6 +7,8 @@ found anew; the guide's page on theory says why so ("Large strains"). With
 
 over what the slave's facets have of the master's, the mean place of a node over the mean place of
 what it faces is S x = (D x_1 - M x_2) / A, the gap n·S x, the slip since S was S_0 t·(S_0 - S) x.
+A node that faced nothing then has no S_0: its slip since positions were x_0 and the tangent t_0
+is t·S x - t_0·S x_0, of what is paired now.
 """
 
 from collections.abc import Callable, Sequence
@@ -93,6 +95,23 @@ def matrix(values: Array, row: Indices, column: Indices, shape: tuple[int, int])
 
 
 @dataclass(frozen=True)
+class SlidingReference:
+    """State of both sides at the start of an increment, from which slip counts.
+
+    Args:
+        rows: S_0, (m, n); zero for nodes that faced nothing.
+        faced: (m,), which nodes faced anything.
+        x: x_0, (n, 2), positions.
+        tangents: t_0, (m, 2), unit vectors.
+    """
+
+    rows: sp.csr_array
+    faced: Mask
+    x: Array
+    tangents: Array
+
+
+@dataclass(frozen=True)
 class Meeting:
     """Slave nodes (m), what they face, and derivatives by all positions, n = m + k nodes.
 
@@ -104,6 +123,7 @@ class Meeting:
         parts: (m, k), of a force at each slave node those that the master's get, in sum one.
         areas: A, (m,).
         angles: (m, 2 n), derivative of the normals' angles.
+        differentiate_rows: gives the derivative (2 m, 2 n) of S y for fixed y (n, 2).
         changes: (2 m, 2 n), derivative of S x.
         turned: gives the derivative (2 k, 2 n) of the master's parts of fixed forces (m, 2).
     """
@@ -115,6 +135,7 @@ class Meeting:
     parts: sp.csr_array
     areas: Array
     angles: sp.csr_array
+    differentiate_rows: Callable[[Array], sp.csr_array]
     changes: sp.csr_array
     turned: Callable[[Array], sp.csr_array]
 
@@ -128,20 +149,34 @@ class Meeting:
         """n·S x, (m,); zero where nothing is faced."""
         return np.asarray(np.sum(self.normals * self.places, axis=1))
 
-    def motions(self, start: sp.csr_array, x: Array) -> tuple[Array, list[sp.csr_array]]:
-        """Slip (m,) since S was `start`; derivatives (m, 2 n) of gap, slip and normals' angle."""
+    def motions(self, reference: SlidingReference, x: Array) -> tuple[Array, list[sp.csr_array]]:
+        """Return slip (m,) since `reference`, and derivatives of the motions of the nodes.
+
+        These are (m, 2 n) each, of gap, slip and the normals' angle.
+        """
         n, t, m = self.normals, self.tangents, len(self.faced)
-        apart = start @ x - self.places
+        entering = self.faced & ~reference.faced
+        # with what was paired at the start, and with what is paired now
+        apart = np.where(entering[:, None], self.places, reference.rows @ x - self.places)
+        slip = np.sum(t * apart, axis=1)
 
         def along(direction: Array) -> sp.csr_array:
             node = np.arange(m)[:, None]
             return matrix(direction, node, 2 * node + np.arange(2), (m, 2 * m))
 
-        moved = sp.csr_array(sp.kron(start, sp.eye_array(2))) - self.changes
-        gap = along(n) @ self.changes
-        gap += sp.diags_array(np.sum(t * self.places, axis=1)) @ self.angles
-        slip = along(t) @ moved - sp.diags_array(np.sum(n * apart, axis=1)) @ self.angles
-        return np.sum(t * apart, axis=1), [gap, slip, self.angles]
+        gap_rate = along(n) @ self.changes
+        gap_rate += sp.diags_array(np.sum(t * self.places, axis=1)) @ self.angles
+        sign = np.where(entering, 1.0, -1.0)[:, None]
+        slip_rate = along(sign * t) @ self.changes
+        slip_rate += along(t) @ sp.csr_array(sp.kron(reference.rows, sp.eye_array(2)))
+        slip_rate -= sp.diags_array(np.sum(n * apart, axis=1)) @ self.angles
+        if entering.any():
+            slip -= np.where(
+                entering, np.sum(reference.tangents * (self.rows @ reference.x), axis=1), 0.0
+            )
+            start_tangents = np.where(entering[:, None], reference.tangents, 0.0)
+            slip_rate -= along(start_tangents) @ self.differentiate_rows(reference.x)
+        return slip, [gap_rate, slip_rate, self.angles]
 
 
 class SlidingMortar:
@@ -217,15 +252,30 @@ class SlidingMortar:
             - matrix(Q, own[:, :, None], theirs[:, None], (m, n))
         )
         places = rows @ x
-        away = x[own][:, None] - places[own][:, :, None]  # (q, 2, 2, 2), of i from j's place
-        changed = np.einsum("qjic,qjix->qjxc", dD, away)
-        changed -= np.einsum("qjkc,qkx->qjxc", dQ, x[theirs])
-        row = (2 * own[:, :, None] + np.arange(2))[..., None]
-        changed = changed * over[own][:, :, None, None]
-        changes = matrix(changed, row, local[:, None, None], (2 * m, 2 * n))
-        changes += sp.kron(rows, sp.eye_array(2))
+
+        def differentiate_rows(y: Array) -> sp.csr_array:
+            # (q, 2, 2, 2), of i from j's mean
+            away = y[own][:, None] - (rows @ y)[own][:, :, None]
+            changed = np.einsum("qjic,qjix->qjxc", dD, away)
+            changed -= np.einsum("qjkc,qkx->qjxc", dQ, y[theirs])
+            row = (2 * own[:, :, None] + np.arange(2))[..., None]
+            changed = changed * over[own][:, :, None, None]
+            return matrix(changed, row, local[:, None, None], (2 * m, 2 * n))
+
+        changes = differentiate_rows(x) + sp.kron(rows, sp.eye_array(2))
         normals, angles = self._normals(x)
-        return Meeting(faced, normals, places, rows, parts, areas, angles, changes, turned)
+        return Meeting(
+            faced,
+            normals,
+            places,
+            rows,
+            parts,
+            areas,
+            angles,
+            differentiate_rows,
+            changes,
+            turned,
+        )
 
     def _normals(self, x: Array) -> tuple[Array, sp.csr_array]:
         """Unit normals (m, 2), and the derivative (m, 2 n) of their angles."""
@@ -266,19 +316,10 @@ class SlidingMortar:
         value, slope = stacked(Q)
         return one, nodes, stacked(W), (value.reshape(-1, 2, 2), slope.reshape(-1, 2, 2, 12))
 
-    def start(self, x: Array) -> sp.csr_array:
-        """S_0, (m, m + k), at positions (m + k, 2)."""
+    def make_reference(self, x: Array) -> SlidingReference:
+        """Return what slip counts from, at positions (m + k, 2)."""
         met = self.meet(x)
-        lone = np.flatnonzero(~met.faced)
-        first, edge = x[self._other[:, 0]], x[self._other[:, 1]] - x[self._other[:, 0]]
-        away = x[lone][:, None] - first
-        along = np.clip(np.sum(away * edge, axis=2) / np.sum(edge**2, axis=1), 0.0, 1.0)
-        nearest = np.linalg.norm(away - along[..., None] * edge, axis=2).argmin(axis=1)
-        share = along[np.arange(len(lone)), nearest]
-        ends = self._other[nearest]
-        column = np.concatenate([lone, ends[:, 0], ends[:, 1]])
-        value = np.concatenate([np.ones(len(lone)), share - 1, -share])
-        return met.rows + sp.csr_array((value, (np.tile(lone, 3), column)), met.rows.shape)
+        return SlidingReference(met.rows, met.faced, x, met.tangents)
 
     def _unit(self, across: Vector, node: Any) -> Vector:  # noqa: ANN401
         kept = across[0] * self.kept[node, 0], across[1] * self.kept[node, 1]

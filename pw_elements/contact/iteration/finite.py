@@ -70,7 +70,7 @@ class Sliding:
     def __init__(self, interface: Interface, start: PETSc.Vec, before: Array, after: Array) -> None:
         self._interface, self._translations = interface, after[:, :-1]
         self._start = {
-            k: mortar.start(self._place(k, start, before[:, :-1]))
+            k: mortar.make_reference(self._place(k, start, before[:, :-1]))
             for k, mortar in interface.mortars.items()
         }
         # points of this process, and their places among the slave's nodes
