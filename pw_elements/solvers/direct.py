@@ -228,7 +228,7 @@ class Factors:
 
     def take(self, matrix: PETSc.Mat) -> None:
         """Goes on with another matrix of the same size, whose pattern may be another one."""
-        self._matrix = matrix
+        self._matrix, self._failed = matrix, False
         self._preconditioner.reset()
         self.ksp.setOperators(matrix)
         self._preconditioner.setFactorSetUpSolverType()
@@ -255,6 +255,8 @@ class Factors:
 
     def set_up(self) -> None:
         """Factorises the matrix as it is now; raises SingularSystem if the factors do not serve."""
+        if self._failed:  # PETSc keeps the error of an analysis that NaN made fail
+            self.take(self._matrix)
         self._preconditioner.setReusePreconditioner(False)
         self._most = 0.0  # columns
         self._columns: list[PETSc.Mat] = []
@@ -263,7 +265,9 @@ class Factors:
         with said_clearly(self._options):
             self.ksp.setUp()
         self._factorisations += 1
+        self._failed = True
         self._check()
+        self._failed = False
         refuse_unused(self.ksp, self._options)
         words = f"{self._method} of {n} unknowns: {perf_counter() - begun:.2f} s"
         told(comm, logging.DEBUG, words, ".linear_solver")

@@ -110,3 +110,12 @@ def test_an_edge_of_a_function_is_no_contradiction():
         lambda x: np.stack([np.where(x[:, 0] < 0, -1.0, 1.0), np.ones(len(x))], axis=1),
     )
     assert roof.normal(np.array([[0.0, 1.0], [0.2, 1.0], [-0.2, 1.0]]))[:, 1].min() > 0.7
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_centre_has_no_closest_point(dim):
+    x = np.array([[0.5] * dim, [0.5] * (dim - 1) + [1.0]])
+    gap, normal, bend = Sphere([0.5] * dim, 2.0).closest(x)
+    assert np.isnan(gap).tolist() == [True, False]
+    assert all(np.isnan(values[0]).all() for values in (normal, bend))
+    assert all(np.isfinite(values[1]).all() for values in (normal, bend))

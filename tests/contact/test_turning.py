@@ -1,6 +1,7 @@
 """Rigid tools that turn: derivatives, poses that are one, torques, restart, refusals."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 from mpi4py import MPI
 
@@ -10,8 +11,16 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_unit_cube
 
 from pw_elements import Iterative, Spaces, prescribe
-from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface, Motion, Sphere
+from pw_elements.contact import (
+    OPEN,
+    ContactPair,
+    ContactProblem,
+    DeformableSurface,
+    Motion,
+    Sphere,
+)
 from pw_elements.contact.iteration import DeformedKinematics, Reference, Tools
+from pw_elements.contact.steps import finite
 from tests.contact.cases import Block, at, at_large_strains
 from tests.contact.test_large import SOLVERS, SURFACES, Rubber, _at_points, above, numbers, walked
 from tests.parallel import assert_same
@@ -24,9 +33,9 @@ WAY = [PRESSED, Motion((0.1, -0.2), rotation=-0.1), FREE]
 PLACE = ("translation", "rotation", "torque")
 
 
-def roller(pivot=PIVOT, mesh=None, **options):
+def roller(pivot=PIVOT, mesh=None, friction=0.3, **options):
     """The block of `Rubber` below a circle with a pivot."""
-    rubber = Rubber(mesh=mesh)
+    rubber = Rubber(mesh=mesh, friction=friction)
     rubber.problem = rubber.touching(options=options, pivot=pivot)
     return rubber
 
@@ -143,6 +152,93 @@ def test_what_turns_with_its_body_makes_no_slip():
     assert np.abs(turned(was.force_vector, np.pi / 2) - now.force_vector).max() < 1e-9 * size
     assert np.abs(now.slip).max() < 1e-10
     assert now.torque == pytest.approx(was.torque, rel=1e-9)
+
+
+def turned_on(problem, pressed, depth, angle, pieces):
+    """The state after a turn that is made in equal increments."""
+    ends = angle * np.arange(1, pieces + 1) / pieces
+    way = [Motion((0.0, -depth), rotation=end) for end in ends]
+    return walked(problem, way, pressed)[-1]
+
+
+@pytest.mark.parametrize("angle", [5.0, 6.0, 2 * np.pi, -2 * np.pi, 4 * np.pi])
+def test_whole_turns_are_not_forgotten(angle):
+    """At once as in equal pieces of a quarter turn at most: friction is that of the last ones."""
+    problem = roller((0.0, 0.6)).problem
+    pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
+    pieces = 4 if abs(angle) < 7 else 8
+    at_once, in_pieces = (turned_on(problem, pressed, 0.1, angle, count) for count in (1, pieces))
+    size = np.abs(in_pieces.pairs[0].force_vector).max()
+    apart = at_once.pairs[0].force_vector - in_pieces.pairs[0].force_vector
+    assert np.abs(apart).max() < 1e-8 * size
+    limit = 0.3 * in_pieces.pairs[0].force_normal.sum() * 0.6
+    assert in_pieces.pairs[0].torque == pytest.approx(np.sign(angle) * limit, rel=1e-9)
+    closed = at_once.pairs[0].status != OPEN
+    slips = np.linalg.norm(at_once.pairs[0].slip[closed], axis=1)
+    assert slips == pytest.approx(0.6 * abs(angle), rel=0.05)
+    assert len(at_once.substates) >= pieces - 1
+
+
+def test_rolling_in_smaller_and_smaller_pieces_converges():
+    """A wheel that rolls with 5 % of slip sticks in places: shears depend on the pieces."""
+    problem = roller((0.0, 0.6), friction=0.9).problem
+    pressed = problem.step(problem.undeformed, motions=Motion((-0.4, -0.1)))
+    shears = []
+    for pieces in (1, 2, 4, 8, 16, 32):
+        shares = np.arange(1, pieces + 1) / pieces
+        way = [Motion((-0.4 + 0.8 * k, -0.1), rotation=-0.95 * 0.8 / 0.6 * k) for k in shares]
+        (pair,) = walked(problem, way, pressed)[-1].pairs
+        shears.append(pair.force_vector / np.abs(pair.force_vector).max())
+    apart = [np.abs(one - other).max() for one, other in pairwise(shears)]
+    assert apart[0] < 1e-8  # as it is cut in two at once
+    assert apart[4] < apart[3] < apart[2] < apart[1]
+    assert apart[4] < 0.05
+
+
+def on_a_turning_base(pivot, angle):
+    """The problem of a block, and a load that turns its base about the tool's pivot, .1 deep."""
+    rubber = roller(pivot)
+    base = fem.Function(rubber.space)
+    x = rubber.space.tabulate_dof_coordinates()[:, :2]
+    held = fem.dirichletbc(base, fem.locate_dofs_geometrical(rubber.space, at(1, -1.0)))
+    arm = x - pivot - [0.0, -0.1]
+
+    def load(share):
+        base.x.array[:] = (turned(arm, share * angle) - arm).ravel()
+
+    return rubber.touching(held, pivot=pivot), load
+
+
+def test_supports_that_turn_the_body_are_not_forgotten():
+    """A body that goes round a tool at rest is as under one that turns the other way."""
+    angle, pivot = 2 * np.pi, np.array([0.0, 0.6])
+    problem = roller(pivot).problem
+    pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
+    (known,) = turned_on(problem, pressed, 0.1, -angle, 8).pairs
+    problem, load = on_a_turning_base(pivot, angle)
+    pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
+    (pair,) = problem.step(pressed, load, Motion((0.0, -0.1))).pairs
+    size = np.abs(known.force_vector).max()
+    assert np.abs(pair.force_vector - known.force_vector).max() < 1e-8 * size
+    assert abs(pair.force[0]) > 0.2 * abs(pair.force[1])
+
+
+def test_a_tool_that_torque_turns_too_far_is_cut(monkeypatch):
+    """Its angle is known at the end only: no part has more of it than is allowed."""
+    problem = roller().problem
+    pressed = problem.step(problem.undeformed, motions=PRESSED)
+
+    def turns():
+        state = problem.step(pressed, motions=FREE)
+        ends = [pressed, *(part for _, part in state.substates), state]
+        return np.abs(np.diff([float(part.pairs[0].rotation) for part in ends]))
+
+    whole = turns()
+    most = 0.6 * whole.max()
+    monkeypatch.setattr(finite, "MAX_TURN", most)
+    parts = turns()
+    assert len(parts) > len(whole)
+    assert parts.max() <= most
 
 
 def ball(friction, **options):

@@ -131,6 +131,19 @@ def test_singular_matrices_are_refused_by_any_package(package):
         prepared.set_up()
 
 
+def test_a_matrix_that_is_not_finite_spoils_no_later_one():
+    matrix, right = matrix_of(random_matrix(5)), PETSc.Vec().createSeq(N)
+    right.set(1.0)
+    factors = Direct().prepare(matrix)
+    known = factors.solve(right).array_r.copy()
+    good = matrix.copy()
+    matrix.scale(np.nan)
+    with pytest.raises(SingularSystem):
+        factors.solve(right)
+    good.copy(matrix)
+    assert np.abs(factors.solve(right).array_r - known).max() < 1e-12 * np.abs(known).max()
+
+
 @pytest.fixture(scope="module")
 def beam():
     mesh = triangles(COMM, (0.0, -0.5), (8.0, 0.5), (16, 4))

@@ -354,6 +354,7 @@ class Interface:
         self._ask("closest", self.position + moved, found, layout)
         gap, normal, bend = found
         known = np.isfinite(gap) & np.isfinite(normal).all(axis=1)
+        known &= np.isfinite(bend).all(axis=(1, 2))
         lost = self.gathered(self.position[~known])
         if len(lost):
             raise NotFound.at("contact nodes first at {} have no closest point", lost)

@@ -18,8 +18,8 @@ from pw_elements.spaces import Part
 class Motion:
     """Rigid motion of a surface at the end of one increment, from its initial place.
 
-    At large sliding, where its pair has a pivot, it may turn about that, too, by any angle; the
-    pivot moves with the translation.
+    At large sliding, where its pair has a pivot, it may turn about that, too, by any angle, in
+    parts of at most an eighth of a turn; the pivot moves with the translation.
 
         ContactPair(top, Sphere((0, 1), 1), friction=0.3, pivot=(0, 1))
         Motion((0.4, None), force=(0, -20.0), rotation=-0.4)  # rolls to the right under a weight

@@ -176,8 +176,15 @@ class Sphere:
         return normalised(x - np.asarray(self.centre))
 
     def closest(self, x: Points) -> tuple[Array, Points, Array]:
-        """Distance of points x (n, dim), normal n, and (I - n n^T)/(distance from the centre)."""
-        gap, normal = self.gap(x), self.normal(x)
+        """Distance of points x (n, dim), normal n, and (I - n n^T)/(distance from the centre).
+
+        They are NaN at the centre.
+        """
+        gap, away = self.gap(x), x - np.asarray(self.centre)
+        distance = np.linalg.norm(away, axis=1)
+        at_centre = (distance == 0) | (gap + self.radius <= 0)
+        gap[at_centre] = distance[at_centre] = np.nan
+        normal = away / distance[:, None]
         across = np.eye(x.shape[1]) - normal[:, :, None] * normal[:, None, :]
         return gap, normal, across / (gap + self.radius)[:, None, None]
 

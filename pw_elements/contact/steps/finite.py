@@ -2,13 +2,18 @@
 
 An increment that fails is halved; its parts grow again where they succeed. Closed nodes stick at
 its start, and move along with their surface.
+
+Slip is seen from the two ends of a part alone, so that a part must not contain whole turns: an
+increment in which a tool turns, or supports move, by more than an eighth of a turn starts in parts.
 """
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from time import perf_counter
 from typing import TypeAlias
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -37,14 +42,22 @@ from pw_elements.contact.model import ContactPair, ContactState, Free, Motion, N
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.stepping import Callback, Reporter, Target, between, divided, joined
 from pw_elements.elasticity import REMEDY, TangentWatch
-from pw_elements.progress import doing
+from pw_elements.progress import doing, told
 from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
 from pw_elements.spaces import is_hybrid
 
 Loading: TypeAlias = Callable[[float], None]
 
-# Smallest part of an increment
+# Smallest part of an increment, or of the parts in which it starts
 _SMALLEST = 1 / 64
+# Largest angle of a tool in one part. Twice as much would be a right angle, at which a node that
+# slides round a tool counts as one that has jumped
+MAX_TURN = np.pi / 4
+# Largest path over distance of a prescribed displacement in one part: that of an arc of a right
+# angle. Samples of the path per increment, and the distance over the largest one that counts
+_MAX_DETOUR, _PATH_SAMPLES, _MAX_PATH_SAMPLES, _MIN_PATH = np.pi / np.sqrt(8), 16, 256, 1e-3
+# What the logarithm of a number of parts may be off by round-off
+_LOG_ROUND_OFF = 1e-9
 
 
 class FiniteStepping:
@@ -105,6 +118,10 @@ class FiniteStepping:
             if self._watch is not None and not state.increment:  # others are looked at in the end
                 self._restore(state)
                 self._watch.is_beyond_limit()
+            pieces = self._count_pieces(state, start, end, load)
+            if pieces > 1:
+                words = f"in {pieces} parts, as slip is not seen from its ends alone"
+                told(interface.comm, logging.INFO, words, ".contact")
 
             def part(now: ContactState, share: float) -> ContactState:
                 self._restore(now)
@@ -115,7 +132,7 @@ class FiniteStepping:
                     raise NotFound(str(failed)) from failed
                 return replace(found, history=self._updated())
 
-            parts, failure = divided(part, state, (1.0, _SMALLEST, 2.0))
+            parts, failure = divided(part, state, (1 / pieces, _SMALLEST / pieces, 2.0))
             if failure is not None:
                 done, now = parts[-1] if parts else (0.0, state)
                 self._restore(now)
@@ -132,6 +149,35 @@ class FiniteStepping:
         found = replace(joined(parts), iterations=solved, report=report)
         reporter.ended(found, perf_counter() - begun)
         return found
+
+    def _count_pieces(
+        self, state: ContactState, start: Target, end: Target, load: Loading | None
+    ) -> int:
+        """Return a power of two: of parts in which slip can be seen from the ends."""
+        angles = np.nan_to_num(end.translations - start.translations)[:, -1]
+        turns = float(np.abs(angles).max(initial=0.0)) / MAX_TURN
+        pieces = _round_up_to_power_of_two(turns)
+        samples = _PATH_SAMPLES
+        while load is not None and samples <= _MAX_PATH_SAMPLES:
+            by_supports = _count_straight_pieces(
+                self._sample_supports(state, load, samples), self.interface.comm
+            )
+            if 2 * by_supports <= samples:
+                return max(pieces, by_supports)
+            samples *= 4
+        return pieces if load is None else max(pieces, _MAX_PATH_SAMPLES // 2)
+
+    def _sample_supports(self, state: ContactState, load: Loading, samples: int) -> Array:
+        """Return prescribed displacements (samples + 1, nodes, dim), zero where they are free."""
+        field, dim = self.interface.field, self.interface.position.shape[1]
+        free, _ = prescribed(self._whole, self._conditions)
+        start = state.unknowns.copy()
+        start.array[free] = 0.0
+        path = [start]
+        for k in range(1, samples + 1):
+            self._apply(load, k / samples)
+            path.append(self.prescribed())
+        return np.array([field.part(values).array_r.reshape(-1, dim).copy() for values in path])
 
     def release(self) -> None:
         if self._system is not None:
@@ -161,6 +207,12 @@ class FiniteStepping:
         if len(jumped):
             words = "jumped to another sheet of their surface, or slid round by a right angle"
             raise NotFound.at(f"contact nodes first at {{}} have {words}", jumped)
+        turned = np.abs(now.translations - past.translations)[:, -1]
+        if (turned[np.isnan(translations[:, -1])] > MAX_TURN).any():
+            raise NotFound(
+                f"a surface that is free to turn has turned by {turned.max():.3g}: slip is seen up "
+                f"to {MAX_TURN:.3g}, an eighth of a turn, in one part"
+            )
         known = system.tangent.solver.orientations[met:]
         signs = known or system.tangent.orientation()
         if self._watch is not None and self._watch.is_beyond_limit():
@@ -249,3 +301,27 @@ class FiniteStepping:
             with collective(self.interface.comm):
                 answer(self.interface.comm, "the update of the history", self._update)
         return tuple(function.x.array.copy() for function in self.history)
+
+
+def _round_up_to_power_of_two(number: float) -> int:
+    """Return the least power of two, 1 at least, that is no smaller but for round-off."""
+    return 2 ** max(0, int(np.ceil(np.log2(max(number, 1.0)) - _LOG_ROUND_OFF)))
+
+
+def _count_straight_pieces(path: Array, comm: MPI.Comm) -> int:
+    """Return a power of two: of equal pieces of a path (samples + 1, nodes, dim) that hardly bend.
+
+    In each the paths of nodes are longer than the distances of their ends by `_MAX_DETOUR` at most.
+    """
+    lengths = np.linalg.norm(np.diff(path, axis=0), axis=2)
+    longest = comm.allreduce(lengths.sum(axis=0).max(initial=0.0), MPI.MAX)
+    samples = pieces = len(lengths)
+    while pieces > 1:
+        size = 2 * samples // pieces
+        along = lengths.reshape(samples // size, size, lengths.shape[1]).sum(axis=1)
+        straight = np.linalg.norm(path[size::size] - path[:-1:size], axis=2)
+        bent = (along > _MAX_DETOUR * straight) & (along > _MIN_PATH * longest)
+        if comm.allreduce(bool(bent.any()), MPI.LOR):
+            break
+        pieces //= 2
+    return pieces

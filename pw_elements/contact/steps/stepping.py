@@ -178,9 +178,11 @@ def divided(
 ) -> tuple[list[tuple[float, ContactState]], tuple[float, Exception] | None]:
     """Ends (share, state) of an increment's parts, and where and how the last one failed.
 
-    `sizes` are the first part's, the smallest one's, and the factor of one after a success.
+    `sizes` are the first part's, which is the largest, the smallest one's, and the factor of one
+    after a success.
     """
-    size, smallest, growth = sizes
+    largest, smallest, growth = sizes
+    size = largest
     done, now, failure = 0.0, state, None
     parts: list[tuple[float, ContactState]] = []
     while done < 1 and size >= smallest and may_go_on():
@@ -192,7 +194,7 @@ def divided(
             told(state.displacement.comm, logging.INFO, words, ".contact")
             size, failure = (share - done) / 2, (share, failed)
             continue
-        done, size, failure = share, growth * size, None
+        done, size, failure = share, min(growth * size, largest), None
         parts.append((share, now))
     return parts, failure
 
