@@ -157,6 +157,33 @@ def test_nodes_that_come_to_face_the_end_of_the_master_slip_as_it_does(divisions
     assert np.abs(shears[2] - shears[1]).max() < 1e-5
 
 
+def test_nothing_is_faced_beyond_the_place_where_normals_meet():
+    """A hollow side, far away and to the side of the other one, whose normals do not meet it."""
+    one = arc(5, lambda s: 0.6 * s**2 + 0.01, 0, -1.0)
+    other = arc(4, lambda s: 0.0 * s, 100, 1.0)
+    mortar = SlidingMortar(one, other, False)
+    for shift in np.stack(np.meshgrid([-5.0, -3.2, 3.2, 5.0], [-0.3, -0.1, 0.2]), -1).reshape(
+        -1, 2
+    ):
+        x = mortar.x + np.where(np.arange(len(mortar.x)) < mortar.slaves, 1.0, 0.0)[:, None] * shift
+        assert not mortar.meet(x).faced.any()
+
+
+@pytest.mark.parametrize("upper_is_slave", [True, False])
+def test_a_die_slides_off_its_block(upper_is_slave):
+    """It ends as a body without any force, though it has moved by more than its size."""
+    bodies = die(friction=FRICTION, upper_is_slave=upper_is_slave)
+    path = [(0.0, -0.12), *((0.4 * k, -0.12) for k in range(1, 8))]
+    states = slid(bodies, path)
+    ordinary = max(state.iterations for state in states[:5])
+    for state, end in zip(states[6:], path[6:], strict=True):
+        (pair,) = state.pairs
+        assert state.iterations <= 3 * ordinary
+        assert np.abs(pair.force_vector).max() < 1e-12
+        assert (pair.status == OPEN).all()
+        assert np.abs(pair.displacement - np.array(end) * upper_is_slave).max() < 1e-9
+
+
 def test_both_sides_may_be_the_slave(whole):
     """Resultants are those of the exchanged sides, to the accuracy of the mesh."""
     ways = whole[1], slid(die(upper_is_slave=False))

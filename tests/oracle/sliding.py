@@ -3,7 +3,8 @@
 Sides are the polylines through their deformed nodes, each in an order that has the outside on its
 right. A slave node's normal n is that of the chord between its neighbours, to the inside. A facet
 with ends a and b sees along n(s) = (1 - s) n_a + s n_b from x(s) = (1 - s) a + s b, and what it has
-of a master's facet is between the s of the master's ends, on the way from 0 to 1. These facets look
+of a master's facet is between the s of the master's ends, on the way from 0 to 1, on this side of
+the place where its normals meet. These facets look
 at each other, and their middles are at most by half of both lengths (the master's longest) farther
 apart than the nearest ones. There
 
@@ -37,13 +38,30 @@ def inwards(x):
     return np.stack([-chord[:, 1], chord[:, 0]], axis=1) / np.linalg.norm(chord, axis=1)[:, None]
 
 
-def seen(a, b, n_a, n_b, p):
-    """The s at which p is on the normal; None if it is nowhere."""
-    roots = np.roots(
-        [cross(b - a, n_b - n_a), cross(b - a, n_a) + cross(a - p, n_b - n_a), cross(a - p, n_a)]
-    )
-    real = [root.real for root in roots if abs(root.imag) < 1e-12]
-    return min(real, key=lambda s: abs(s - 0.5), default=None)
+def seen(a, b, n_a, n_b, c, d):
+    """The part of s in [0, 1] from which a facet with ends c and d is seen; None if there is none.
+
+    At a master's node p, (x(s) - p) x n(s) passes through zero from below: where it falls, p is
+    beyond the place in which normals meet, and nothing is seen.
+    """
+    part = [0.0, 1.0]
+    for k, p, side in ((0, d, 1), (1, c, -1)):
+        f = np.polynomial.Polynomial(
+            [
+                cross(a - p, n_a),
+                cross(b - a, n_a) + cross(a - p, n_b - n_a),
+                cross(b - a, n_b - n_a),
+            ]
+        )
+        real = [root.real for root in f.roots() if abs(root.imag) < 1e-12]
+        root = min(real, key=lambda s: abs(s - 0.5), default=np.inf)
+        if 0 <= root <= 1:
+            if f.deriv()(root) <= 0:
+                return None
+            part[k] = root
+        elif side * f(0.5) < 0:
+            return None
+    return part if part[0] < part[1] else None
 
 
 def meeting(slave, master):
@@ -61,10 +79,10 @@ def meeting(slave, master):
             outside = -inwards(master[j : j + 2])[0]
             if np.dot(n[i] + n[i + 1], outside) / 2 < 0.01:
                 continue
-            low, high = (seen(a, b, n[i], n[i + 1], p) for p in (d, c))
-            low, high = max(0.0, low or 0.0), min(1.0, 1.0 if high is None else high)
-            if high <= low:
+            part = seen(a, b, n[i], n[i + 1], c, d)
+            if part is None:
                 continue
+            low, high = part
             for t, weight in zip(PLACES, WEIGHTS, strict=True):
                 s = (low + high) / 2 + (high - low) / 2 * t
                 x, along = (1 - s) * a + s * b, (1 - s) * n[i] + s * n[i + 1]

@@ -301,8 +301,7 @@ class SlidingMortar:
         (a, b), (c, d) = self._one[one].T, self._other[other].T
         nodes = np.stack([self._before[a], a, b, self._behind[b], c, d], axis=1)
         corners: Any = [(x[node, 0], x[node, 1]) for node in nodes.T]
-        ends = self._ends(corners, nodes)
-        low, high = np.nan_to_num(ends[0], nan=-np.inf), np.nan_to_num(ends[1], nan=np.inf)
+        low, high = self._find_limits(corners, nodes)
         length = np.maximum(0.0, np.minimum(high, 1.0) - np.maximum(low, -1.0)) / 2
         covered = np.bincount(one, length, minlength=len(self._one))[one]
         some = (length > 0) & (covered > _COVERED)
@@ -359,21 +358,35 @@ class SlidingMortar:
             for sign in (1.0, -1.0)
         )
 
-    def _ends(self, corners: Sequence[Vector], nodes: Indices) -> list[Any]:
-        """Coordinates in [-1, 1] of the slave's facets whose normals go through the master's nodes.
+    def _find_limits(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Array, Array]:
+        """Return what of [-1, 1] on the slave's facets (q,) faces the master's, low and high.
 
-        They run against each other.
+        They may be beyond -1 and 1. On the side of a master's node p on which its facet is,
+        f(s) = (x(s) - p) x n(s) is positive for the lower limit and negative for the upper one. A
+        facet that is seen only beyond the point where normals meet, f falling with s, is not faced.
+        """
+        limits = []
+        for outside, (c0, c1, c2) in zip(
+            (-1.0, 1.0), self._quadratics(corners, nodes), strict=True
+        ):
+            root = _smaller_root(c0, c1, c2)
+            changes = np.abs(root) <= 1  # false for none
+            inside = np.where(c0 * outside < 0, outside * np.inf, -outside * np.inf)
+            limits.append(np.where(changes, np.where(c1 > 0, root, -outside * np.inf), inside))
+        return limits[0], limits[1]
+
+    def _quadratics(self, corners: Sequence[Vector], nodes: Indices) -> list[tuple[Any, Any, Any]]:
+        """Return c_0, c_1, c_2 of f(s) = (x(s) - p) x n(s), for the master's second and first node.
+
+        x and n are on the slave's facets and their normals: both run against each other.
         """
         middle, half, mean, change = self._frame(corners, nodes)
-        found = []
+        coefficients = []
         for node in (corners[5], corners[4]):
             away = middle[0] - node[0], middle[1] - node[1]
-            c0, c2 = _cross(away, mean), _cross(half, change)
             c1 = _cross(half, mean) + _cross(away, change)
-            sign = np.where(getattr(c1, "value", c1) < 0, -1.0, 1.0)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                found.append(c0 * -2.0 / (c1 + (c1**2.0 - c0 * c2 * 4.0) ** 0.5 * sign))
-        return found
+            coefficients.append((_cross(away, mean), c1, _cross(half, change)))
+        return coefficients
 
     def _integrals(
         self, corners: Sequence[Vector], nodes: Indices, whole: tuple[Mask, Mask]
@@ -384,8 +397,9 @@ class SlidingMortar:
         """
         q, ends = len(nodes), list[Any]()
         middle, half, mean, change = self._frame(corners, nodes)
-        for end, all_, side in zip(self._ends(corners, nodes), whole, (-1.0, 1.0), strict=True):
-            ends.append(_where(all_, side, end))
+        quadratics = self._quadratics(corners, nodes)
+        for coefficients, all_, side in zip(quadratics, whole, (-1.0, 1.0), strict=True):
+            ends.append(_where(all_, side, _smaller_root(*coefficients)))
         each, t = np.repeat(np.arange(q), len(_PLACES)), np.tile(_PLACES, q)
         extent = (ends[1] - ends[0]) * 0.5
         at = ((ends[0] + ends[1]) * 0.5)[each] + extent[each] * t
@@ -410,6 +424,13 @@ class SlidingMortar:
 
         own = [integral(measure * w[i] * w[j]) for i, j in ((0, 0), (0, 1), (1, 1))]
         return own, [integral(measure * w_i * v) for w_i in w for v in (1 - along, along)]
+
+
+def _smaller_root(c0: Any, c1: Any, c2: Any) -> Any:  # noqa: ANN401
+    """Return the root of c_0 + c_1 s + c_2 s^2 that is nearer to zero, NaN where there is none."""
+    sign = np.where(getattr(c1, "value", c1) < 0, -1.0, 1.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return c0 * -2.0 / (c1 + (c1**2.0 - c0 * c2 * 4.0) ** 0.5 * sign)
 
 
 def _where(fixed: Mask, value: float, numbers: Varying) -> Varying:

@@ -45,6 +45,8 @@ from pw_elements.spaces import SubSpace, is_hybrid
 
 # Of a node that another body faces: gap, slip and angle
 _MOTIONS = 3
+# Largest sum of the magnitudes in a row of K over its diagonal, roughly
+_ROW_OVER_DIAGONAL = 4.0
 # A step is halved so often at most
 _HALVINGS = 10
 # Below this s the arc's factor is as exact by its series as by its formula
@@ -358,6 +360,8 @@ class FiniteEquilibrium:
         # coordinates' round-off, as forces
         self._lost = ROUND_OFF * float(system.scale.max(initial=0.0)) * guard.extent
         self._lost = system.comm.allreduce(self._lost, MPI.MAX) or np.finfo(float).tiny
+        diagonal = self._field.part(body.matrix.getDiagonal())
+        self._row_sum = _ROW_OVER_DIAGONAL * float(diagonal.norm(PETSc.NormType.INFINITY))
         self._lost_volumes: Array | float = 0.0
         body.take(start)
         if guard.smallest() <= 0:
@@ -396,9 +400,12 @@ class FiniteEquilibrium:
     def violation(self, unbalanced: Array, contact: float, full: PETSc.Vec) -> float:  # noqa: ARG002
         """Unbalanced forces over those of contact and supports; infinite before all is applied.
 
-        Equations of pressures are volumes, whose round-off is allowed for, too.
+        Round-off of forces is allowed for: a body that has left its tool may have moved far, with
+        no force to compare with. Equations of pressures are volumes, which have round-off, too.
         """
+        moved = self._field.part(full).norm(PETSc.NormType.INFINITY)
         allowed = TOLERANCE * self._size + self._lost + self._lost_volumes
+        allowed = allowed + ROUND_OFF * self._row_sum * moved
         return float(np.max(unbalanced / allowed, initial=0.0)) if self._reached else np.inf
 
     @property
