@@ -80,6 +80,7 @@ def die(
     comm=MPI.COMM_SELF,
     curvature=1.2,
     divisions=((12, 3), (8, 3)),
+    half_width=1.5,
     **options,
 ):
     """A parabolic die on a block; the die's lower side is the slave by default."""
@@ -88,7 +89,7 @@ def die(
         low = 0.01 + curvature * x**2 / 2
         return (x, y) if body == 0 else (x, low + y * (1 - low))
 
-    boxes = ((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.0), (0.5, 1.0))
+    boxes = ((-half_width, -1.0), (half_width, 0.0)), ((-0.5, 0.0), (0.5, 1.0))
     mesh = two(*boxes, divisions, shape, comm)
 
     def under(x):

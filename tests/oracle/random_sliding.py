@@ -1,0 +1,329 @@
+"""Generator of random problems of large strains and large sliding; a seed states one.
+
+Seeds 0 to 399 are the check of the library's accepted states, fixed with this file. A rubber block
+of two to six cells in depth lies under a rigid tool, or under another rubber body:
+
+    circle    pressed and dragged, by translations or by a vertical force
+    roller    a circle that turns about its centre, by up to more than a turn an increment, or
+              about another pivot
+    plane     pressed on a whole side, straight or tilted, and dragged; it may turn a little
+    held      a plane on a block whose sides, or the ends of whose top, are held or moved along it
+    bodies    a parabolic or flat die on a block that is wider or narrower, slid over its ends
+
+Friction is 0 to 1, weights are piecewise linear or standard, meshes are jiggled.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from mpi4py import MPI
+
+import basix
+import numpy as np
+from dolfinx import fem
+from dolfinx import mesh as meshes
+
+from pw_elements import Spaces
+from pw_elements.contact import (
+    ContactFailed,
+    ContactPair,
+    ContactProblem,
+    Motion,
+    Plane,
+    Sphere,
+)
+from pw_elements.contact.model import ContactState
+from tests.contact.cases import at, at_large_strains, neo_hookean
+from tests.contact.sliding import die, sliding
+from tests.oracle.large import Rubber
+from tests.oracle.sliding import Sliding
+from tests.oracle.tools import Moment, Pressed, Tool
+
+KINDS = {"circle": 0.25, "roller": 0.15, "plane": 0.25, "held": 0.15, "bodies": 0.2}
+DEGREE = 4
+RULE = basix.make_quadrature(basix.CellType.triangle, DEGREE)
+
+
+@dataclass(frozen=True)
+class Step:
+    """The end of one increment, from the initial place on."""
+
+    across: float
+    down: float | None  # translation, or None under a force
+    force: float = 0.0  # upwards, of the tool on the body
+    angle: float = 0.0
+    moved: float = 0.0  # what supports prescribe across
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """A problem in numbers; lengths over half the block's width, stresses over the shear modulus.
+
+    Those of two bodies have steps and options of `die` alone.
+    """
+
+    seed: int
+    kind: str
+    friction: float
+    steps: tuple[Step, ...]
+    linear_weights: bool = True
+    nu: float = 0.3
+    height: float = 1.0
+    divisions: tuple[int, int] = (6, 3)
+    jiggle: float = 0.0
+    radius: float = 0.0
+    tilt: float = 0.0
+    offset: float = 0.0
+    gap: float = 0.0
+    pivot: tuple[float, float] = (0.0, 0.0)
+    held: str = "base"  # or with it the "sides", or the "ends" of the top
+    options: dict = field(default_factory=dict)
+
+
+def sketch(seed: int) -> Sketch:
+    rng = np.random.default_rng([47, seed])
+    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    friction = 0.0 if rng.random() < 0.12 else float(rng.uniform(0.02, 1.0))
+    if kind == "bodies":
+        return _bodies(seed, rng, friction)
+    height = float(rng.uniform(0.4, 1.0))
+    cells = rng.integers((4, 2), (10, 4))
+    divisions = (int(cells[0]), int(cells[1]) if kind in ("plane", "held") else int(cells[1]) + 1)
+    radius = float(rng.uniform(0.4, 1.5)) if kind in ("circle", "roller") else 0.0
+    tilt = float(rng.uniform(-0.15, 0.15)) if kind == "plane" and rng.random() < 0.6 else 0.0
+    offset = float(rng.uniform(-0.4, 0.4)) if radius else 0.0
+    gap = float(rng.choice([0.0, rng.uniform(0.0, 0.02)]))
+    moved_by_supports = kind == "held" and rng.random() < 0.5
+    turns = kind == "roller" or (kind == "plane" and rng.random() < 0.3)
+    centred = bool(rng.random() < 0.6)
+    pivot = (offset, radius + gap) if centred else tuple(rng.uniform(0.0, 0.8, 2).tolist())
+    largest_turn = 0.05 if kind == "plane" else 0.6
+    if kind == "roller" and centred:
+        largest_turn = 7.0 if rng.random() < 0.2 else 1.2
+    pushed = rng.random() < 0.2 and kind != "held"
+    size = min(height, radius or height)
+    across = angle = moved = 0.0
+    down = float(rng.uniform(0.02, 0.25)) * size
+    steps = []
+    for k in range(rng.integers(2, 6)):
+        if k > 0 and rng.random() < 0.4:
+            down = float(rng.uniform(0.02, 0.25)) * size
+        if k > 0 or rng.random() < 0.3:
+            across += float(rng.uniform(-0.5, 0.5)) * (radius or 0.7)
+            angle += float(rng.uniform(-1, 1)) * largest_turn if turns else 0.0
+            moved += float(rng.uniform(-0.2, 0.2)) if moved_by_supports else 0.0
+        by_force = pushed and k > 0
+        # the circle's centre goes across and down, wherever its pivot is
+        arm = np.array([offset, radius + gap]) - pivot if radius else np.zeros(2)
+        lift = arm - [
+            np.cos(angle) * arm[0] - np.sin(angle) * arm[1],
+            np.sin(angle) * arm[0] + np.cos(angle) * arm[1],
+        ]
+        way = np.array([across, -down]) + lift
+        vertical = None if by_force else float(way[1])
+        steps.append(Step(float(way[0]), vertical, -2.0 * down * by_force, angle, moved))
+    return Sketch(
+        seed,
+        kind,
+        friction,
+        tuple(steps),
+        linear_weights=bool(rng.random() < 0.7),
+        nu=float(rng.uniform(0.0, 0.45)),
+        height=height,
+        divisions=divisions,
+        jiggle=float(rng.uniform(0.0, 0.15)),
+        radius=radius,
+        tilt=tilt,
+        offset=offset,
+        gap=gap,
+        pivot=pivot,
+        held=str(rng.choice(["sides", "ends"])) if kind == "held" else "base",
+    )
+
+
+def _bodies(seed: int, rng: np.random.Generator, friction: float) -> Sketch:
+    across, steps = 0.0, []
+    for k in range(rng.integers(2, 5)):
+        if k == 0 or rng.random() < 0.4:
+            down = float(rng.uniform(0.02, 0.15))
+        if k > 0 or rng.random() < 0.3:
+            across += float(rng.uniform(-0.4, 0.4))
+        steps.append(Step(across, -down))
+    options = {
+        "upper_is_slave": bool(rng.random() < 0.5),
+        "curvature": 0.0 if rng.random() < 0.3 else float(rng.uniform(0.3, 1.8)),
+        "half_width": float(rng.uniform(0.55, 1.5)),
+        "divisions": ((int(rng.integers(6, 13)), 3), (int(rng.integers(4, 9)), 3)),
+        "turned": float(rng.choice([0.0, rng.uniform(-60, 60)])),
+    }
+    return Sketch(seed, "bodies", friction, tuple(steps), options=options)
+
+
+class RigidProblem:
+    """A block and a tool: the library's history, and its violations of the law by `tools`."""
+
+    def __init__(self, sketch: Sketch) -> None:
+        self.sketch = sketch
+
+    @cached_property
+    def solution(self) -> tuple[list[ContactState], ContactFailed | None]:
+        """States of the library, the undeformed one first, and the error that ends them."""
+        plan, mesh = self.sketch, self._mesh()
+        spaces = (Spaces.petrov_galerkin if plan.linear_weights else Spaces.galerkin)(mesh)
+        lame = fem.Constant(mesh, 2 * plan.nu / (1 - 2 * plan.nu))
+        u, residual = at_large_strains(spaces, lambda F: neo_hookean(F, lame=lame), DEGREE)
+        self.nodes = spaces.trial.tabulate_dof_coordinates()[:, :2]
+        self.cells = spaces.trial.dofmap.list
+        self.held = self._supports()
+        self.touching = np.flatnonzero(np.isclose(self.nodes[:, 1], 0.0))
+        moved = fem.Constant(mesh, 0.0)
+        conditions = []
+        for axis, value in enumerate((moved, fem.Constant(mesh, 0.0))):
+            space = spaces.trial.sub(axis)
+            dofs = (2 * np.flatnonzero(self.held[:, axis]) + axis).astype(np.int32)
+            conditions.append(fem.dirichletbc(value, dofs, space))
+        pair = ContactPair(at(1, 0.0), self._surface(), plan.friction, pivot=plan.pivot)
+        problem = ContactProblem.of_residual(residual, u, conditions, pair)
+        states, before = [problem.undeformed], 0.0
+        for step in plan.steps:
+
+            def load(share: float, ends=(before, step.moved)) -> None:
+                moved.value = (1 - share) * ends[0] + share * ends[1]
+
+            motion = Motion((step.across, step.down), (0.0, step.force), step.angle)
+            try:
+                states.append(problem.step(states[-1], load, motion))
+            except ContactFailed as error:
+                return states, error
+            before = step.moved
+        return states, None
+
+    def violations(self) -> list[dict[str, float]]:
+        """Of every accepted state and substate."""
+        states, _ = self.solution
+        plan, results, before = self.sketch, [], 0.0
+        body = Rubber(
+            self.nodes, self.cells, plan.linear_weights, 2 * plan.nu / (1 - 2 * plan.nu), RULE
+        )
+        pressed, history = (
+            Pressed(body, self.tool, self.touching, self.held),
+            [self._moment(states[0])],
+        )
+        for step, start, end in zip(plan.steps, states, states[1:], strict=False):
+            for share, part in (*end.substates, (1.0, end)):
+                history.append(self._moment(part))
+                prescribed = np.zeros_like(self.nodes)
+                prescribed[:, 0] = (1 - share) * before + share * step.moved
+                found = pressed.violations(history, prescribed)
+                results.append(found | {"drive": self._drive_error(body, start, part, share, step)})
+            before = step.moved
+        return results
+
+    @property
+    def tool(self) -> Tool:
+        plan = self.sketch
+        normal = np.array([np.sin(plan.tilt), -np.cos(plan.tilt)])
+        if plan.radius:
+            centre = np.array([plan.offset, plan.radius + plan.gap])
+            return Tool(centre, normal, plan.friction, plan.radius, np.array(plan.pivot))
+        # through the corner that comes first, or the gap above it
+        corner = np.array([-np.sign(plan.tilt), plan.gap])
+        return Tool(corner, normal, plan.friction, pivot=np.array(plan.pivot))
+
+    def _surface(self) -> Plane | Sphere:
+        tool = self.tool
+        return Sphere(tool.point, tool.radius) if tool.radius else Plane(tool.point, tool.normal)
+
+    def _mesh(self) -> meshes.Mesh:
+        plan = self.sketch
+        low, high = np.array([-1.0, -plan.height]), np.array([1.0, 0.0])
+        mesh = meshes.create_rectangle(
+            MPI.COMM_SELF, [low, high], plan.divisions, meshes.CellType.triangle
+        )
+        x, rng = mesh.geometry.x, np.random.default_rng(plan.seed)
+        for axis in range(2):
+            inside = ~np.isclose(x[:, axis], low[axis]) & ~np.isclose(x[:, axis], high[axis])
+            cell = (high[axis] - low[axis]) / plan.divisions[axis]
+            x[:, axis] += np.where(inside, plan.jiggle * cell * rng.uniform(-1, 1, len(x)), 0.0)
+        return mesh
+
+    def _supports(self) -> np.ndarray:
+        """Mask (n, 2) of what is prescribed."""
+        x, y = self.nodes.T
+        held = np.tile(np.isclose(y, -self.sketch.height)[:, None], (1, 2))
+        sides = np.isclose(np.abs(x), 1.0)
+        if self.sketch.held == "sides":
+            held[:, 0] |= sides
+        elif self.sketch.held == "ends":
+            held[:, 0] |= (np.abs(x) > 0.6) & np.isclose(y, 0.0)
+        return held
+
+    def _moment(self, state: ContactState) -> Moment:
+        (pair,) = state.pairs
+        force = np.zeros_like(self.nodes)
+        force[pair.node] = pair.force_vector
+        u = state.displacement.array_r.reshape(-1, 2).copy()
+        return Moment(u, pair.translation, float(pair.rotation), force)
+
+    def _drive_error(self, body, start, part, share, step) -> float:
+        """How far translation, angle and force are from the way to the end of the increment."""
+        (was,), (pair,) = start.pairs, part.pairs
+        size = max(np.abs(pair.translation).max(), 1e-3)
+
+        def away(found: float, begin: float, end: float) -> float:
+            return abs(found - begin - share * (end - begin))
+
+        errors = [
+            away(pair.translation[0], was.translation[0], step.across) / size,
+            away(float(pair.rotation), float(was.rotation), step.angle),
+        ]
+        if step.down is not None:
+            errors.append(away(pair.translation[1], was.translation[1], step.down) / size)
+        else:
+            r = body.forces(part.displacement.array_r.reshape(-1, 2))
+            total = r[self.touching, 1].sum()
+            errors.append(away(total, was.force[1], step.force) / np.abs(r).max())
+        return float(max(errors))
+
+
+class BodiesProblem:
+    """Two bodies: the library's history, and its violations of the law by `sliding`."""
+
+    def __init__(self, sketch: Sketch) -> None:
+        self.sketch = sketch
+
+    @cached_property
+    def solution(self) -> tuple[list[ContactState], ContactFailed | None]:
+        self.bodies = die(friction=self.sketch.friction, **self.sketch.options)
+        states = [self.bodies.problem.undeformed]
+        try:
+            for state in sliding(self.bodies, [(s.across, s.down) for s in self.sketch.steps]):
+                states.append(state)
+        except ContactFailed as error:
+            return states, error
+        return states, None
+
+    def violations(self) -> list[dict[str, float]]:
+        states, _ = self.solution
+        problem = self._outside()
+        every = [part for s in states for part in (*(at for _, at in s.substates), s)]
+        history = [part.displacement.array_r.reshape(-1, 2).copy() for part in every]
+        return [problem.violations(history[:k]) for k in range(2, len(history) + 1)]
+
+    def _outside(self) -> Sliding:
+        bodies = self.bodies
+        nodes = bodies.space.tabulate_dof_coordinates()[:, :2]
+        body = Rubber(nodes, bodies.space.dofmap.list, True, 1.5, RULE)
+        (pair,) = bodies.problem.undeformed.pairs
+        sides = [side[np.argsort(nodes[side, 0])] for side in (pair.node, pair.opposite)]
+        below = int(nodes[sides[1], 1].mean() < nodes[sides[0], 1].mean())
+        sides[below] = sides[below][::-1]  # its outside is above
+        held = np.zeros_like(nodes, dtype=bool)
+        for condition in bodies.held:
+            held.ravel()[condition.dof_indices()[0]] = True
+        return Sliding(body, *sides, held, bodies.pair.law.mu)
+
+
+def problem(seed: int) -> RigidProblem | BodiesProblem:
+    plan = sketch(seed)
+    return BodiesProblem(plan) if plan.kind == "bodies" else RigidProblem(plan)
