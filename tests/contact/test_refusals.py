@@ -1,5 +1,7 @@
 """Refusals against statics done by hand and another linear program."""
 
+from dataclasses import replace
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -28,7 +30,8 @@ from pw_elements.contact import (
     Plane,
 )
 from pw_elements.contact.model import MatchingNodes
-from pw_elements.contact.rescue.refusals import Points, escape, proof
+from pw_elements.contact.rescue import refusals
+from pw_elements.contact.rescue.refusals import Points, escape, proof, proves_imbalance
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import triangles
 from pw_elements.solvers import matrices
@@ -338,6 +341,41 @@ def test_proof_is_found_where_no_forces_balance_the_loads_and_nowhere_else(seed)
         assert -missing @ velocity == pytest.approx(power @ velocity, abs=more)
         again = power + missing
         assert escape(points, again)[0] @ again < more
+
+
+def test_no_motion_proves_anything_where_forces_balance_the_loads():
+    """Motions of any kind, and those next to an escape."""
+    overstepped = proved = 0
+    for seed in range(200):
+        rng = np.random.default_rng((8, seed))
+        points, n, mu, modes = rigid_points(rng, int(rng.integers(1, 8)), 2)
+        power = rng.normal(size=modes.shape[2])
+        if rng.random() < 0.6:
+            forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
+            power = -np.einsum("nak,na->k", modes, forces) + 0.3 * rng.normal() * power
+        balance = balanced(n, mu, modes, power, np.array([[1.0], [-1.0]]))
+        velocity, _ = escape(points, power)
+        for motion in (rng.normal(size=len(power)), velocity + rng.normal(size=len(power)), power):
+            oversteps = points.clearance(motion).min() < -1e-3
+            overstepped += balance and oversteps and power @ motion > 1e-3
+            if proves_imbalance(points, power, np.abs(power), motion):
+                proved += 1
+                assert not balance, (seed, motion)
+    assert overstepped > 50  # motions in which loads do work, and only contact forces tell
+    assert proved > 10
+
+
+def test_an_escape_that_oversteps_a_cone_proves_nothing(monkeypatch):
+    """A block on a floor that a linear program would slide: friction takes the work away."""
+    eye = np.eye(2)
+    no = np.zeros(1, dtype=bool)
+    normal, tangential = np.array([[0.0, 1.0]]), np.array([[eye[0], [0.0, 0.0]]])
+    points = Points(np.zeros(1, dtype=int), np.array([0.5]), no, normal, tangential)
+    power = np.array([0.3, -1.0])  # pushed by less than friction, pressed by one
+    along = np.array([1.0, 0.0])
+    monkeypatch.setattr(refusals, "escape", lambda *_: (along, np.zeros(2)))
+    assert proof(points, power, np.abs(power)) is None
+    assert proof(replace(points, steepest=np.zeros(1)), power, np.abs(power)) is not None
 
 
 @pytest.mark.parametrize("blocked", [False, True])

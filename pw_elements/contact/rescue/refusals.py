@@ -136,10 +136,20 @@ def proof(points: Points, power: Array, size: Array) -> tuple[Array, Array] | No
     """
     for price in (_PRICE, 0.0):  # it hides work next to the limit, and makes HiGHS give up at times
         velocity, least = escape(points, power, price)
-        braked = max(0.0, -points.clearance(velocity).min(initial=0.0))
-        if power @ velocity > max(_ZERO_WORK, _HUGE * braked) * (size @ np.abs(velocity)):
+        if proves_imbalance(points, power, size, velocity):
             return velocity, least
     return None
+
+
+def proves_imbalance(points: Points, power: Array, size: Array, velocity: Array) -> bool:
+    """Check by arithmetic that no contact forces take away the work of loads in a motion (k,).
+
+    Where the motion oversteps a cone, forces along it would do so if they were large enough: the
+    work has to exceed what forces `_HUGE` times as large as the loads can take away.
+    """
+    overstepping = float(np.max(-points.clearance(velocity), initial=0.0))
+    least_work = max(_ZERO_WORK, _HUGE * overstepping) * float(size @ np.abs(velocity))
+    return bool(power @ velocity > least_work)
 
 
 def escape(points: Points, power: Array, price: float = _PRICE) -> tuple[Array, Array]:
