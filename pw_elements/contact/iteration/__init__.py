@@ -29,6 +29,7 @@ from pw_elements.contact.iteration.newton import (
     contact_state,
     newton,
     pair_states,
+    reference_sizes,
     undeformed,
 )
 from pw_elements.contact.iteration.policy import Policy, initial_active_set, resumed, same

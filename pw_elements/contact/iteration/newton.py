@@ -557,13 +557,13 @@ def contact_state(
         iterations,
         False if slides else len(orientations) <= 1 if own else None,
         residuals,
-        report,
-        before.increment + 1,
-        system.free,
-        orientations,
-        scale,
-        smallness,
-        converged,
+        report=report,
+        increment=before.increment + 1,
+        free=system.free,
+        orientations=orientations,
+        scale=scale,
+        smallness=smallness,
+        converged=converged,
         unknowns=now.full,
     )
 
@@ -642,6 +642,15 @@ def pair_states(
 
 
 def _measured(increment: Increment, now: Iterate, before: Scale) -> tuple[Scale, Residuals]:
+    scale, force, length = reference_sizes(increment, now, before)
+    found = increment.residuals(now, force, length)
+    return scale, Residuals(**{name: _largest(increment, values) for name, values in found.items()})
+
+
+def reference_sizes(
+    increment: Increment, now: Iterate, before: Scale
+) -> tuple[Scale, float, float]:
+    """Scale of the history up to here, and the force and length that `Residuals` are over."""
     force = _largest(increment, np.linalg.norm(now.force, axis=1))
     pair = increment.interface.pair
     shifts = np.einsum("nak,nk->na", now.place.levers.carried, now.translations[pair])
@@ -654,8 +663,7 @@ def _measured(increment: Increment, now: Iterate, before: Scale) -> tuple[Scale,
     length = max(length, scale.length)
     length = length if length > ROUND_OFF * extent else extent
     force = scale.force or _largest(increment, increment.system.scale) * length
-    found = increment.residuals(now, force, length)
-    return scale, Residuals(**{name: _largest(increment, values) for name, values in found.items()})
+    return scale, force, length
 
 
 def _largest(increment: Increment, values: Array) -> float:

@@ -90,10 +90,12 @@ class Residuals:
     and of all earlier ones with contact (`Scale`). Where these are only round-off, lengths are
     divided by the largest coordinate of a contact node, and forces by a node's stiffness times it.
 
-    A state is accepted if no residual exceeds 1e-9 plus, over the largest contact force, possible
-    round-off: 1e-13 of stiffness times displacement and 1e-15 of stiffness times coordinate. The
-    sum is more than 1e-9 where a body is far stiffer than what holds it, or moves far under small
-    forces.
+    They are computed anew from displacements, form or stiffness, surfaces and law: nothing of the
+    iteration enters. No state is returned of which one exceeds 1e-9 plus its allowance, which
+    `ContactState.allowance` has: possible round-off, 1e-13 of displacements and 1e-15 of
+    coordinates, and of both times the stiffness; the noise of a surface's differences; and
+    for lengths 1e-9 of the force over a node's stiffness. It is large where a body is far stiffer
+    than what holds it, or moves far under small forces.
 
     Args:
         equilibrium: unbalanced force at all other nodes than the pairs' own.
@@ -101,9 +103,8 @@ class Residuals:
         tension: -r_n where it is positive.
         complementarity: smaller of r_n and g, where both are positive.
         cone: |r_t| less the limit of friction (Coulomb's mu r_n), where it is positive.
-        stick: slip of nodes that stick.
-        direction: at slipping nodes, largest tangential component of r_t less a force of the
-            limit's size that opposes the slip.
+        stick: smaller of the slip |v| and of what |r_t| lacks to the limit l.
+        direction: | |v| r_t + l v |, over a force and a length or the slip: r_t opposes the slip.
         balance: total force (or torque over its arm) less the one given, on free motions.
     """
 
@@ -164,6 +165,7 @@ class ContactState:
             lead to another one. False, too, if friction is used up, so that a body may slide on for
             ever. None by a solver without determinants, and of `ContactProblem.of_residual`.
         residuals: of all conditions.
+        allowance: what of each residual may be round-off or noise, beside the tolerance of 1e-9.
         report: what solved the linear systems of this increment.
         increment: number of increments from the undeformed body, where it is 0.
         free: (pair, component) of the surfaces' free translations; component dim is the angle.
@@ -190,6 +192,7 @@ class ContactState:
     iterations: int = 0
     unique: bool | None = None
     residuals: Residuals = Residuals()
+    allowance: Residuals = Residuals()
     report: SolverReport = NOTHING_DONE
     increment: int = 0
     free: Free = ()

@@ -27,6 +27,8 @@ _STEP, _COARSER = 1e-6, 100
 _GRADIENT, _LOST_DIGITS = 1e-5, 64
 # The same of a normal and its derivative, over the largest entry
 _DERIVATIVE = 1e-4
+# Distance from the centre over a sphere's radius at which there is no closest point
+_AT_CENTRE = 1e-12
 
 
 def unit(direction: Sequence[float]) -> Array:
@@ -178,15 +180,15 @@ class Sphere:
     def closest(self, x: Points) -> tuple[Array, Points, Array]:
         """Distance of points x (n, dim), normal n, and (I - n n^T)/(distance from the centre).
 
-        They are NaN at the centre.
+        All are NaN at the centre, of which no point of the sphere is the closest.
         """
         gap, away = self.gap(x), x - np.asarray(self.centre)
         distance = np.linalg.norm(away, axis=1)
-        at_centre = (distance == 0) | (gap + self.radius <= 0)
-        gap[at_centre] = distance[at_centre] = np.nan
+        central = distance <= _AT_CENTRE * self.radius
+        gap[central] = distance[central] = np.nan
         normal = away / distance[:, None]
         across = np.eye(x.shape[1]) - normal[:, :, None] * normal[:, None, :]
-        return gap, normal, across / (gap + self.radius)[:, None, None]
+        return gap, normal, across / distance[:, None, None]
 
 
 @dataclass(frozen=True)

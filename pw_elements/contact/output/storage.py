@@ -30,11 +30,12 @@ _FIELDS = {"displacement": "nodes", "pressure": "pressure_nodes"}
 _PLAIN = ("iterations", "unique", "increment", "free")
 _OF_NUMBERS = {
     "residuals": Residuals,
+    "allowance": Residuals,
     "report": SolverReport,
     "scale": Scale,
     "smallness": Smallness,
 }
-_FORMAT = "pw_elements contact state 5"
+_FORMAT = "pw_elements contact state 6"
 # Before the names of what tells a problem from others, and how far that may be off, by round-off
 _PROBLEM = "problem "
 _SAME = 1e-9

@@ -22,9 +22,10 @@ from dolfinx import fem
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, equilibrated, masked, prescribed
 from pw_elements.arrays import Array
 from pw_elements.checks import answer, collective
-from pw_elements.contact.interface import nodal_interface
+from pw_elements.contact.interface import ROUND_OFF, nodal_interface
 from pw_elements.contact.iteration import (
     OPEN,
+    TOLERANCE,
     CellGuard,
     ContactSystem,
     DeformedKinematics,
@@ -36,11 +37,19 @@ from pw_elements.contact.iteration import (
     Tools,
     contact_state,
     newton,
+    reference_sizes,
     sticking,
 )
-from pw_elements.contact.model import ContactPair, ContactState, Free, Motion, NotFound
+from pw_elements.contact.model import ContactPair, ContactState, Free, Motion, NotFound, Scale
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.stepping import Callback, Reporter, Target, between, divided, joined
+from pw_elements.contact.steps.verification import (
+    Sizes,
+    check_stiffness_sign,
+    places_deformed,
+    torque_of,
+    verify_state,
+)
 from pw_elements.elasticity import REMEDY, TangentWatch
 from pw_elements.progress import doing, told
 from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
@@ -85,12 +94,15 @@ class FiniteStepping:
         self._reduction = equilibrated(reduction, problem.system.matrix)
         self._whole = problem.u.function_space
         self.interface = nodal_interface(pairs, self._whole, self._reduction, deformed=True)
+        remedy = "give -F, the forces of stresses less those of loads"
+        check_stiffness_sign(problem.system.matrix, self.interface, remedy)
         if self.interface.mortars and is_matrix_free(solver):
             raise ValueError(
                 "Iterative() does not serve two bodies at large sliding, whose stiffness changes "
                 "its pattern: use Direct()"
             )
         self.space, self._tools = self.interface.field.space, Tools(self.interface, pairs)
+        self._pairs = list(pairs)
         self._guard = CellGuard(problem.u, problem.form)
         self.history, self._update = list(history), update
         self._system: ContactSystem | None = None
@@ -221,7 +233,35 @@ class FiniteStepping:
         if signs and signs[-1] not in (before or signs[:1]):
             raise NotFound("the state found is unstable: its tangent's determinant has turned sign")
         found = contact_state(increment, now, 0, state, system.report, None)
+        found = self._verified(found, state, goal, reference_sizes(increment, now, state.scale))
         return replace(found, unique=None, orientations=frozenset(known[-1:]))
+
+    def _verified(
+        self,
+        found: ContactState,
+        before: ContactState,
+        goal: Target,
+        sizes: tuple[Scale, float, float],
+    ) -> ContactState:
+        """The state at a goal with residuals that the form, surfaces and law alone give."""
+        _, force, length = sizes
+        self._body.take(found.unknowns)
+        unbalanced = self._body.forces()
+        assert self._system is not None
+        scale, comm = self._system.scale, self.interface.comm
+        largest = self.interface.field.part(unbalanced).norm(PETSc.NormType.INFINITY)
+        stiffness = comm.allreduce(scale.max(initial=0.0), MPI.MAX)
+        lost = TOLERANCE * largest + ROUND_OFF * stiffness * self._guard.extent
+        return verify_state(
+            found,
+            places_deformed(self.interface, self._pairs, before, found),
+            unbalanced,
+            self.interface,
+            self._reduction,
+            Sizes(force, length, scale, lost),
+            goal.totals,
+            torque_of(self.interface, self._pairs, found),
+        )
 
     def _begun(
         self, state: ContactState, goal: Target, system: ContactSystem, at: PETSc.Vec

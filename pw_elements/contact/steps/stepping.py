@@ -31,6 +31,7 @@ from pw_elements.contact.iteration import (
     OPEN,
     SLIP,
     STICK,
+    TOLERANCE,
     ActiveSet,
     ContactSystem,
     Increment,
@@ -41,6 +42,7 @@ from pw_elements.contact.iteration import (
     contact_state,
     initial_active_set,
     newton,
+    reference_sizes,
     resumed,
 )
 from pw_elements.contact.model import (
@@ -51,10 +53,18 @@ from pw_elements.contact.model import (
     Free,
     Motion,
     NotFound,
+    Scale,
 )
 from pw_elements.contact.rescue import RigidMotions, by_springs, no_equilibrium, rescue
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.smallness import SmallnessCheck
+from pw_elements.contact.steps.verification import (
+    DISPLACEMENT_ROUND_OFF,
+    Sizes,
+    check_stiffness_sign,
+    places_undeformed,
+    verify_state,
+)
 from pw_elements.progress import doing, told
 from pw_elements.solvers import (
     LinearSolver,
@@ -312,6 +322,7 @@ class Stepping:
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not iterative}
         self._first = 0  # linear systems of an increment's first attempt
         self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K))
+        check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
         self._watch = SmallnessCheck(self.interface, self.space)
         self._system: tuple[ContactSystem, RigidMotions] | None = None
@@ -408,7 +419,35 @@ class Stepping:
         smallness = self._watch.after(increment, now, state)
         iterations, report = self._spent(target.free, before)
         slides = rigid.slides(now.contact, increment.allowed(now))
-        return contact_state(increment, now, iterations, state, report, smallness, slides=slides)
+        found = contact_state(increment, now, iterations, state, report, smallness, slides=slides)
+        return self._verified(found, state, target, reference_sizes(increment, now, state.scale))
+
+    def _verified(
+        self,
+        found: ContactState,
+        before: ContactState,
+        target: Target,
+        sizes: tuple[Scale, float, float],
+    ) -> ContactState:
+        """The state at a target with residuals that K, the load, surfaces and law alone give."""
+        _, force, length = sizes
+        unbalanced = self._K.createVecLeft()
+        self._K.mult(found.unknowns, unbalanced)
+        assert target.load is not None
+        unbalanced.axpy(-1.0, target.load)
+        largest = PETSc.NormType.INFINITY
+        lost = TOLERANCE * target.load.norm(largest)
+        lost += DISPLACEMENT_ROUND_OFF * self._K.norm(largest) * found.unknowns.norm(largest)
+        stiffness = self._bound(target.free)[0].scale
+        return verify_state(
+            found,
+            places_undeformed(self.interface, before, found, 1 - target.stated),
+            unbalanced,
+            self.interface,
+            self._reduction,
+            Sizes(force, length, stiffness, lost),
+            target.totals,
+        )
 
     def _sprung(
         self,
