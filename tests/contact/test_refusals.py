@@ -1,5 +1,6 @@
 """Refusals against statics done by hand and another linear program."""
 
+import re
 from dataclasses import replace
 
 from mpi4py import MPI
@@ -36,6 +37,7 @@ from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import triangles
 from pw_elements.solvers import matrices
 from tests.contact.cases import Elastic, Greco, at
+from tests.contact.test_large import Rubber
 from tests.contact.test_matching import lower_nodes
 from tests.contact.two_bodies import joined
 from tests.oracle.proofs import flaws, sound
@@ -274,6 +276,40 @@ def test_state_that_came_nearest_is_kept_but_nothing_goes_on_from_it(tmp_path):
         problem.step(state, greco.push)
     with pytest.raises(ValueError, match="the state is not a solution"):
         problem.save(state, tmp_path / "state.npz")
+
+
+def carried_at_most(error):
+    return float(re.search(r"of at most (\S+) along", str(error)).group(1))
+
+
+def test_ring_that_is_pushed_off_its_shaft_is_told_what_friction_carries():
+    """Smaller increments cannot help; the capacity is mu times the force of the fit."""
+    ring = Stated(triangles(SELF, (1.0, 0.0), (2.0, 1.0), (4, 4)), "axisymmetric")
+    pair = ContactPair(at(0, 1.0), Plane((1.01, 0), (1, 0)), 0.3, interference=True)
+    problem, area = ring.problem(pair), np.pi * (2**2 - 1)
+    fitted = problem.step(problem.undeformed, ring.load((0, 1e-9), at(1, 1.0)))
+    capacity = 0.3 * fitted.pairs[0].force_normal.sum()
+    pushed = problem.step(fitted, ring.load((0, 0.95 * capacity / area), at(1, 1.0)))
+    assert pushed.pairs[0].force[1] == pytest.approx(-0.95 * capacity)
+    with pytest.raises(NotFound, match=r"pair 0 is used up: .*smaller increments do not") as caught:
+        problem.step(fitted, ring.load((0, 1.5 * capacity / area), at(1, 1.0)))
+    assert "may find one" not in str(caught.value)
+    assert carried_at_most(caught.value) == pytest.approx(capacity, rel=0.03)
+
+
+def test_tool_that_is_pushed_along_by_more_than_friction_is_told_what_that_carries():
+    rubber = Rubber(friction=0.3)
+    pressed = rubber.problem.step(rubber.problem.undeformed, motions=Motion((0.0, -0.15)))
+    normal = pressed.pairs[0].force_normal.sum()
+    with pytest.raises(NotFound, match=r"pair 0 is used up: .*smaller increments do not") as caught:
+        rubber.problem.step(pressed, motions=Motion((None, -0.15), (-0.6 * normal, 0.0)))
+    assert carried_at_most(caught.value) == pytest.approx(0.3 * normal, rel=0.15)
+
+
+def test_refusals_of_other_causes_do_not_blame_friction():
+    greco = Greco(16)
+    with pytest.raises(NotFound, match=r"may find one$"):
+        greco.solve(1.0, max_iterations=3, remedies=())
 
 
 # -- another program, other forces ---------------------------------------------------------------

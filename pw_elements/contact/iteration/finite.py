@@ -252,7 +252,7 @@ class DeformedKinematics:
         return place if self._sliding is None else self._sliding.into(place, force)
 
     def check_surfaces(self, place: Place, pressed: Mask) -> None:
-        """Raise ValueError where differences contradict a user's surface at `pressed` (m,) nodes."""
+        """Raise ValueError where differences contradict a surface at `pressed` (m,) nodes."""
         end = self._tools.within(place.translations, place.at[:, : self._start.shape[1]])
         self._interface.check_closest(end, pressed)
 

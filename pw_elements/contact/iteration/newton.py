@@ -23,7 +23,7 @@ from pw_elements.contact.iteration.law import (
     Place,
     turned,
 )
-from pw_elements.contact.iteration.policy import Policy, counted, same
+from pw_elements.contact.iteration.policy import Patience, Policy, counted, same
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import (
     ContactFailed,
@@ -489,6 +489,7 @@ def _iterated(
         past = increment.past_friction(place)
         active = replace(active, friction=np.where(active.friction == 0, past, active.friction))
     policy.restart(active)
+    patience, last = Patience(system.comm), increment.past.displacement
     more = False
     for iteration in range(1, most + 1):
         now = increment.solve(active, place, more)
@@ -502,6 +503,10 @@ def _iterated(
                 return now
             active, place = turned(active, place.frame, now.place.frame), now.place
             policy.restart()  # Newton's method may stay with a set
+            change = _largest(increment, np.abs(now.displacement - last))
+            last = now.displacement
+            if patience.keeps(active, change / (_largest(increment, np.abs(last)) or 1.0)):
+                continue
         elif violation <= 1:
             if more := not now.final:  # equilibrium may lag behind
                 continue

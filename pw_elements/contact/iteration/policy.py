@@ -24,12 +24,18 @@ from pw_elements.contact.iteration.law import (
     mixed,
     sticking,
 )
-from pw_elements.contact.model import ContactState, FreeBody, NotFound
+from pw_elements.contact.model import ContactState, FreeBody, LostHold, NotFound
 
 FreeMotions = Callable[[ActiveSet, Array], list[str]]  # of an active set in frames, by name
 
 # Directions closer than this belong to the same active set
 _DIGITS = 10
+
+# Returns to active sets that tell a cycle; change of displacements, over the largest, at which a
+# set's equations are solved; and iterations for which a set is kept at most
+_RETURNS_OF_A_CYCLE = 4
+_SOLVED_CHANGE = 1e-6
+_MOST_KEPT = 6
 
 # A gap up to this part of the contact nodes' extent counts as closed where no active set is known
 _TOUCHING_GAP = 1e-9
@@ -80,6 +86,37 @@ class Cycles:
         return mixed(self._slow & (wrong < worst * (1 - 1e-6)), old, new)
 
 
+class Patience:
+    """Solves the equations of an active set before it changes, once sets come back.
+
+    Newton's method with sets that change in each iteration may run through a few of them for ever,
+    though one of them has a solution: it is left before its equations are solved.
+    """
+
+    def __init__(self, comm: MPI.Comm) -> None:
+        self._comm = comm
+        self._visited: set[bytes] = set()
+        self._last, self._returns, self._kept = b"", 0, 0
+
+    def keeps(self, active: ActiveSet, change: float) -> bool:
+        """Note an active set that was solved for; True if it is to stay for the next iteration.
+
+        Args:
+            active: the set.
+            change: of the displacements in this iteration, over the largest of them.
+        """
+        digest = blake2b(active.status.tobytes(), digest_size=16)
+        digest.update((np.round(active.direction) + 0.0).tobytes())
+        key = b"".join(self._comm.allgather(digest.digest()))
+        if key != self._last:
+            self._returns += key in self._visited
+            self._visited.add(key)
+            self._last, self._kept = key, 0
+        self._kept += 1
+        cycles = self._returns >= _RETURNS_OF_A_CYCLE
+        return cycles and change > _SOLVED_CHANGE and self._kept < _MOST_KEPT
+
+
 class LastHold:
     """Keeps a body from losing the last points that hold it, as far as the loads allow."""
 
@@ -108,7 +145,7 @@ class LastHold:
             if not self._free_motions(candidate, contact.frame):
                 return candidate
             count //= 2
-        raise NotFound(
+        raise LostHold(
             f"{' and '.join(motions)}: nothing holds it once the nodes that would have to pull are "
             f"open and those that cannot hold slip ({counted(new, self._comm)})"
         )

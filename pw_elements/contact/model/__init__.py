@@ -3,12 +3,14 @@
 from pw_elements.contact.model.errors import (
     ContactFailed,
     FreeBody,
+    LostHold,
     MissingForce,
     NoEquilibrium,
     NotFound,
     NotUnique,
     RigidVelocity,
     SurfacePassed,
+    exhausted_friction,
 )
 from pw_elements.contact.model.friction import Cone, Coulomb, Friction, projected
 from pw_elements.contact.model.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion

@@ -3,10 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from pw_elements.arrays import Array
 from pw_elements.checks import listed
 from pw_elements.contact.model.state import ContactState
 from pw_elements.solvers import SingularSystem
+
+# Part of the largest friction that counts as all of it, next to a failure
+_USED_UP = 0.9
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,26 @@ class NotFound(ContactFailed):
             places: (k, dim), undeformed.
         """
         return cls(words.format(listed(places)))
+
+
+class LostHold(NotFound):
+    """A body or surface that contact alone holds would be let go."""
+
+
+def exhausted_friction(state: ContactState) -> str:
+    """Words that name the capacity of pairs whose friction is used up; none where it is not."""
+    words = []
+    for k, pair in enumerate(state.pairs):
+        capacity = pair.friction_capacity
+        carried = float(np.linalg.norm(pair.force_tangential, axis=1).sum())
+        if capacity > 0 and carried >= _USED_UP * capacity:
+            words.append(
+                f"Friction of contact pair {k} is used up: beside the normal forces found, whose "
+                f"sum is {pair.force_normal.sum():.4g}, its nodes carry {carried:.4g} of at most "
+                f"{capacity:.4g} along the surface. More needs a larger coefficient or larger "
+                "normal forces; smaller increments do not help"
+            )
+    return ". ".join(words)
 
 
 class SurfacePassed(ContactFailed):

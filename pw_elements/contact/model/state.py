@@ -76,6 +76,11 @@ class PairState:
             values.flags.writeable = False
 
     @property
+    def friction_capacity(self) -> float:
+        """Sum of the largest tangential forces beside the normal forces of this state."""
+        return float(np.sum(self.friction * np.maximum(0.0, self.force_normal)))
+
+    @property
     def force_vector(self) -> Array:
         """Nodal force (m, dim) of the surface on the body, its normal part and the rest."""
         return self.force_normal[:, None] * self.normal + self.force_tangential

@@ -37,12 +37,14 @@ from pw_elements.contact.iteration import (
 from pw_elements.contact.model import (
     ContactFailed,
     ContactState,
+    LostHold,
     MissingForce,
     NoEquilibrium,
     NotFound,
     NotUnique,
     RigidVelocity,
     Smallness,
+    exhausted_friction,
 )
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
 from pw_elements.progress import told
@@ -266,9 +268,11 @@ def rescue(
         near = f" The state that came nearest violates the law by {share} of its largest force."
     if not isinstance(failure, NotUnique):
         enclosed = f" {_ENCLOSED}." if increment.system.tangent.encloses() else ""
+        advice = "Smaller increments, or pressing before pushing, may find one"
+        if state is not None and isinstance(failure, LostHold):
+            advice = exhausted_friction(state) or advice
         failure = NotFound(
-            f"{failure}. That is no proof that there is no solution.{enclosed}{near} Smaller "
-            "increments, or pressing before pushing, may find one"
+            f"{failure}. That is no proof that there is no solution.{enclosed}{near} {advice}"
         )
     failure.state = state
     raise failure from None

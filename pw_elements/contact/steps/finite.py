@@ -20,7 +20,7 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, equilibrated, masked, prescribed
-from pw_elements.arrays import Array
+from pw_elements.arrays import Array, Mask
 from pw_elements.checks import answer, collective
 from pw_elements.contact.interface import ROUND_OFF, nodal_interface
 from pw_elements.contact.iteration import (
@@ -40,7 +40,15 @@ from pw_elements.contact.iteration import (
     reference_sizes,
     sticking,
 )
-from pw_elements.contact.model import ContactPair, ContactState, Free, Motion, NotFound, Scale
+from pw_elements.contact.model import (
+    ContactPair,
+    ContactState,
+    Free,
+    Motion,
+    NotFound,
+    Scale,
+    exhausted_friction,
+)
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.stepping import Callback, Reporter, Target, between, divided, joined
 from pw_elements.contact.steps.verification import (
@@ -154,6 +162,9 @@ class FiniteStepping:
                 words = f"{failed}; {where}, which cannot be halved further"
                 if self._watch is not None and self._watch.is_beyond_limit():
                     words += f". The body is nearly incompressible: {REMEDY}"
+                by_friction = bool(end.free) or not self._held_axes().all()
+                if by_friction and (used_up := exhausted_friction(now)):
+                    words += f". {used_up}"
                 error = NotFound(words)
                 error.reached = (done, now) if parts else None
                 raise error from failed
@@ -190,6 +201,13 @@ class FiniteStepping:
             self._apply(load, k / samples)
             path.append(self.prescribed())
         return np.array([field.part(values).array_r.reshape(-1, dim).copy() for values in path])
+
+    def _held_axes(self) -> Mask:
+        """Along which axes (dim,) supports hold any node: friction alone may have to elsewhere."""
+        free, _ = prescribed(self._whole, self._conditions)
+        held = (~free[self.interface.field.owned]).any(axis=0)
+        self.interface.comm.Allreduce(MPI.IN_PLACE, held, MPI.LOR)
+        return held
 
     def release(self) -> None:
         if self._system is not None:
