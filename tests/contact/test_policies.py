@@ -1,5 +1,7 @@
 """The policies of the active-set iteration, each alone."""
 
+from types import SimpleNamespace
+
 from mpi4py import MPI
 
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 
 from pw_elements.contact import OPEN, SLIP, STICK, Coulomb, NotFound
 from pw_elements.contact.iteration import ActiveSet, Contact
-from pw_elements.contact.iteration.policy import Cycles
+from pw_elements.contact.iteration.policy import Cycles, Patience
 from pw_elements.contact.model import Cone
 
 SELF = MPI.COMM_SELF
@@ -49,3 +51,26 @@ def test_points_that_cycle_change_one_at_a_time():
     assert not cycles.repeats(b)
     with pytest.raises(NotFound, match="2 active sets"):
         cycles.repeats(a)
+
+
+def test_a_set_that_comes_back_is_kept_until_its_equations_are_solved():
+    patience = Patience(SELF)
+    one, other = active(SLIP, STICK, direction=1.0), active(OPEN, STICK)
+    assert [patience.keeps(active(SLIP, STICK), 1.0) for _ in range(8)] == [False] * 8  # it stays
+    kept = [patience.keeps((one, other)[k % 2], 1.0) for k in range(6)]
+    assert kept == [False] * 5 + [True]
+    assert patience.keeps(other, 1e-3)
+    assert not patience.keeps(other, 1e-9)  # solved
+    assert [patience.keeps(one, 1.0) for _ in range(6)] == [True] * 5 + [False]  # not for ever
+
+
+def test_cycle_names_the_nodes_that_change():
+    patience, two = Patience(SELF), (active(SLIP, STICK, direction=1.0), active(OPEN, STICK))
+    points = SimpleNamespace(
+        pair=np.zeros(2), position=np.array([[3.0, 1.0], [4.0, 1.0]]), gathered=lambda x: x
+    )
+    assert patience.describe_cycle(points) == ""
+    for k in range(8):
+        patience.keeps(two[k % 2], 1.0)
+    words = patience.describe_cycle(points)
+    assert "2 sets come back, which differ at 1 of the nodes, at (3, 1)" in words

@@ -93,3 +93,14 @@ def test_outside_arithmetic_sees_what_is_wrong(rubbed, name):
     tool = replace(pressed.tool, friction=factor * pressed.tool.friction)
     found = replace(pressed, tool=tool).violations([*history[:-1], changed], nothing)
     assert found[name] > 10 * TOLERANCE
+
+
+# seeds whose sets came back for ever, and the sets' solutions that were left too early
+CYCLING = (365,)
+
+
+@pytest.mark.parametrize("seed", CYCLING)
+def test_problems_whose_active_sets_cycle_are_solved(seed):
+    found, error = flaws(seed)
+    assert error is None
+    assert found == {}

@@ -536,6 +536,7 @@ def _iterated(
         active = policy.taken(wanted, active, now.contact)
     raise NotFound(
         f"no active set satisfies the contact conditions after {most} iterations (max_iterations)"
+        f"{patience.describe_cycle(increment.interface)}"
     )
 
 

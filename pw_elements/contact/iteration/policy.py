@@ -3,6 +3,7 @@
 The active set that an increment starts from is chosen here, too.
 """
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from hashlib import blake2b
@@ -12,6 +13,7 @@ from mpi4py import MPI
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
+from pw_elements.checks import listed
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.law import (
     HELD,
@@ -36,6 +38,8 @@ _DIGITS = 10
 _RETURNS_OF_A_CYCLE = 4
 _SOLVED_CHANGE = 1e-6
 _MOST_KEPT = 6
+# Changes of the active set among which a cycle is looked for
+_RECENT = 8
 
 # A gap up to this part of the contact nodes' extent counts as closed where no active set is known
 _TOUCHING_GAP = 1e-9
@@ -97,6 +101,7 @@ class Patience:
         self._comm = comm
         self._visited: set[bytes] = set()
         self._last, self._returns, self._kept = b"", 0, 0
+        self._recent: deque[tuple[bytes, ActiveSet]] = deque(maxlen=_RECENT)
 
     def keeps(self, active: ActiveSet, change: float) -> bool:
         """Note an active set that was solved for; True if it is to stay for the next iteration.
@@ -109,12 +114,32 @@ class Patience:
         digest.update((np.round(active.direction) + 0.0).tobytes())
         key = b"".join(self._comm.allgather(digest.digest()))
         if key != self._last:
+            self._recent.append((key, active))
             self._returns += key in self._visited
             self._visited.add(key)
             self._last, self._kept = key, 0
         self._kept += 1
-        cycles = self._returns >= _RETURNS_OF_A_CYCLE
-        return cycles and change > _SOLVED_CHANGE and self._kept < _MOST_KEPT
+        return self._cycles and change > _SOLVED_CHANGE and self._kept < _MOST_KEPT
+
+    @property
+    def _cycles(self) -> bool:
+        return self._returns >= _RETURNS_OF_A_CYCLE
+
+    def describe_cycle(self, interface: Interface) -> str:
+        """Words on the nodes whose statuses change in turn, if sets have come back."""
+        if not self._cycles:
+            return ""
+        changing = np.zeros(len(interface.pair), dtype=bool)
+        for _, one in self._recent:
+            changing |= one.status != self._recent[-1][1].status
+            turned = np.round(one.direction) != np.round(self._recent[-1][1].direction)
+            changing |= turned.any(axis=1)
+        places = interface.gathered(interface.position[changing])
+        sets = len({key for key, _ in self._recent})
+        return (
+            f": {sets} sets come back, which differ at {len(places)} of the nodes, at "
+            f"{listed(places)}, and the law holds in none of them"
+        )
 
 
 class LastHold:
