@@ -29,6 +29,7 @@ from pw_elements.contact.model import (
     KNOWN_BODIES,
     Cone,
     NotFound,
+    RigidBody,
     Surface,
     wrong_derivatives,
 )
@@ -371,6 +372,7 @@ class Interface:
                 mine = (self.pair == k) & pressed
                 if k in self.mortars or type(surface) in KNOWN_BODIES or not mine.any():
                     continue
+                assert isinstance(surface, RigidBody), "others are refused before"
                 whose = f"the closest points of the surface of contact pair {k}"
                 wrong = answer(self.comm, whose, wrong_derivatives, surface, x[mine], step)
                 if wrong:

@@ -205,7 +205,7 @@ class FiniteStepping:
     def _held_axes(self) -> Mask:
         """Along which axes (dim,) supports hold any node: friction alone may have to elsewhere."""
         free, _ = prescribed(self._whole, self._conditions)
-        held = (~free[self.interface.field.owned]).any(axis=0)
+        held: Mask = np.any(~free[self.interface.field.owned], axis=0)
         self.interface.comm.Allreduce(MPI.IN_PLACE, held, MPI.LOR)
         return held
 

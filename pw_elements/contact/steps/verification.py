@@ -154,7 +154,7 @@ def _meet_bodies(
         moved[mortar.slaves :] += state.translations[k] if one is state else before.translations[k]
         x.append(mortar.x + moved)
     met = mortar.meet(x[1])
-    slips, _ = met.motions(mortar.start(x[0]), x[1])
+    slips, _ = met.motions(mortar.make_reference(x[0]), x[1])
     faced = met.faced[among]
     places.gap[own] = np.where(faced, met.gaps[among], np.inf)
     places.normal[own] = met.normals[among]
