@@ -69,8 +69,8 @@ def test_cycle_names_the_nodes_that_change():
     points = SimpleNamespace(
         pair=np.zeros(2), position=np.array([[3.0, 1.0], [4.0, 1.0]]), gathered=lambda x: x
     )
-    assert patience.describe_cycle(points) == ""
+    assert str(patience.make_error("no set", points)) == "no set"
     for k in range(8):
         patience.keeps(two[k % 2], 1.0)
-    words = patience.describe_cycle(points)
+    words = str(patience.make_error("no set", points))
     assert "2 sets come back, which differ at 1 of the nodes, at (3, 1)" in words

@@ -534,10 +534,8 @@ def _iterated(
         if more := not now.exact and same(wanted, active, system.comm):
             continue
         active = policy.taken(wanted, active, now.contact)
-    raise NotFound(
-        f"no active set satisfies the contact conditions after {most} iterations (max_iterations)"
-        f"{patience.describe_cycle(increment.interface)}"
-    )
+    words = f"no active set satisfies the contact conditions after {most} iterations"
+    raise patience.make_error(f"{words} (max_iterations)", increment.interface)
 
 
 def contact_state(

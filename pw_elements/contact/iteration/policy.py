@@ -13,7 +13,6 @@ from mpi4py import MPI
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import listed
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.law import (
     HELD,
@@ -125,10 +124,10 @@ class Patience:
     def _cycles(self) -> bool:
         return self._returns >= _RETURNS_OF_A_CYCLE
 
-    def describe_cycle(self, interface: Interface) -> str:
-        """Words on the nodes whose statuses change in turn, if sets have come back."""
+    def make_error(self, words: str, interface: Interface) -> NotFound:
+        """Return the error, with the nodes whose statuses change in turn if sets have come back."""
         if not self._cycles:
-            return ""
+            return NotFound(words)
         changing = np.zeros(len(interface.pair), dtype=bool)
         for _, one in self._recent:
             changing |= one.status != self._recent[-1][1].status
@@ -136,9 +135,10 @@ class Patience:
             changing |= turned.any(axis=1)
         places = interface.gathered(interface.position[changing])
         sets = len({key for key, _ in self._recent})
-        return (
-            f": {sets} sets come back, which differ at {len(places)} of the nodes, at "
-            f"{listed(places)}, and the law holds in none of them"
+        return NotFound.at(
+            f"{words}: {sets} sets come back, which differ at {len(places)} of the nodes, at {{}}, "
+            "and the law holds in none of them",
+            places,
         )
 
 
