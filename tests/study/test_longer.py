@@ -4,7 +4,9 @@ import json
 
 import pytest
 
+import study.command
 from study.core.cases import load_section
+from study.cost import measure
 from study.verification import longer, recorded
 
 QUICK, TIMED = "V13/square-own-64", "Q/seconds-penalty-16"
@@ -47,3 +49,28 @@ def test_unknown_cases_are_refused(capsys):
     with pytest.raises(SystemExit):
         longer.main(["V13/square-own-65"])
     assert "no longer case V13/square-own-65" in capsys.readouterr().err
+
+
+def test_costs_are_measured_anew_on_demand(tmp_path, monkeypatch):
+    """Each row once; those of CalculiX stay read from the record."""
+    record = json.loads(measure.RECORD.read_text())["rows"]
+    known = {measure.Row(**entry["row"]): entry["measured"] for entry in record}
+    measured = []
+
+    def median(row):
+        measured.append(row.name)
+        return {**known[row], "whole_seconds": 2 * known[row]["whole_seconds"]}
+
+    monkeypatch.setattr(measure, "_median", median)
+    monkeypatch.setattr(measure, "rows", lambda: [row for row in known if row.method != "CalculiX"])
+    tracked = load_section("K").cases
+    again = study.command._recomputed(tracked, tmp_path)
+    assert [case.name for case in again] == [case.name for case in tracked]
+    assert len(measured) == len({*measured}) > 100
+    for case, before in zip(again, tracked, strict=True):
+        assert before.record == "study/cost/record.json"
+        ours = case.name in measured
+        assert bool(case.record) is not ours
+        assert case.run(**case.parameters).dofs == before.run(**before.parameters).dofs
+        seconds = [one.parameters["measured"]["whole_seconds"] for one in (case, before)]
+        assert seconds[0] == (2 if ours else 1) * seconds[1]
