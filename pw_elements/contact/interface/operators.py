@@ -213,11 +213,14 @@ class Interface:
             "one facet away from the support",
         )
 
-    def check_supports_between(self, prescribed: PETSc.Vec, translations: Array) -> None:
+    def check_supports_between(
+        self, prescribed: PETSc.Vec, translations: Array, pressed: Mask
+    ) -> None:
         """Raise ValueError where supports move the sides of a rough pair of bodies unlike.
 
-        Where they move alike, as on a plane of symmetry, there is no friction along the supports.
-        With what supports prescribe, (n,), and translations (pairs, dim), NaN where they are free.
+        Only nodes (m,) that are `pressed` on the other body matter. Where supports move both alike,
+        as on a plane of symmetry, there is no friction along them. `prescribed` (n,) is what they
+        prescribe, translations are (pairs, dim), NaN where they are free.
         """
         held, counterpart = self._held_between, self._counterpart
         every = np.unique(self.gathered(counterpart[held]))
@@ -232,7 +235,7 @@ class Interface:
         own = self.field.part(prescribed).array_r.reshape(-1, dim)[self.node - first]
         apart = np.where(counterpart < 0, np.inf, np.abs(own - theirs))
         allowed = _UNLIKE * (np.abs(own) + np.abs(theirs)) + ROUND_OFF * self.extent
-        wrong = held & ~(apart <= allowed)
+        wrong = held & pressed[:, None] & ~(apart <= allowed)
         places = self.gathered(self.position[wrong.any(axis=1)])
         if len(places):
             raise ValueError(

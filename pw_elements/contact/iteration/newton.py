@@ -41,8 +41,9 @@ from pw_elements.solvers import SingularSystem, SolverReport
 # What of the violation may be round-off over stiffness x displacement; over stiffness x coordinate
 # it is `ROUND_OFF`, for a gap is a difference of coordinates
 _LOST = 1e-13
-# Stiffness of friction on supports against a surface that is free to slide, over that of nodes
-_FRICTION_STIFFNESS = 1e3
+# Stiffness of friction on supports against a surface that is free to slide, over that of nodes:
+# where all tangents are held, and where others are free, whose friction is solved for in turn
+_FRICTION_STIFFNESS, _FRICTION_STIFFNESS_BESIDE = 1e3, 3.0
 # Slip over a node's coordinates and displacement that is no more than round-off
 _NO_SLIP = 1e-13
 # Derivative of a slip by a free motion of the surface that counts as none
@@ -240,16 +241,17 @@ class Increment:
         interface, system = self.interface, self.system
         if not (interface.holds_friction and system.free):
             return self.totals, None
-        dim, stiffness = interface.position.shape[1], _FRICTION_STIFFNESS * system.scale[:, None]
+        dim, factor = interface.position.shape[1], _friction_stiffness(place)
+        stiffness = (factor * system.scale)[:, None]
         held = interface.held_components
         moved = np.where(held, self.supported - place.at[:, :dim], 0.0)
         slip = place.slip + np.einsum("nta,na->nt", place.moved[:, 1:, :dim], moved)
         closed = (active.status != OPEN)[:, None]
-        iterated = closed & place.held & self._coupled(place)[:, None]
+        iterated = closed & place.held & self._coupled(place).any(axis=1, keepdims=True)
         sticks = (active.status == STICK)[:, None]
         # of slip that turns by l / |v|, which is c M / (1 - M)
         turns = system.scale * active.turning
-        turns = turns / np.maximum(1 - active.turning, 1 / _FRICTION_STIFFNESS)
+        turns = turns / np.maximum(1 - active.turning, 1 / factor) + active.bend
         turns = turns[:, None] * (1 - active.direction**2)
         rise = np.where(iterated, np.where(sticks, stiffness, turns), 0.0)
         friction = np.where(closed, active.friction, 0.0)
@@ -262,10 +264,10 @@ class Increment:
         return self.totals - total + springs * reached, springs
 
     def _coupled(self, place: Place) -> Mask:
-        """Points (m,) whose slip along a support depends on a free motion of their surface."""
+        """Return along which held tangents (m, dim - 1) slip depends on a surface's free motion."""
         free = np.isnan(self.prescribed)[self.interface.pair]
         depends = (np.abs(place.followed[:, 1:]) > _INDEPENDENT) & free[:, None]
-        return np.asarray((depends & place.held[:, :, None]).any(axis=(1, 2)))
+        return np.asarray(depends.any(axis=2) & place.held)
 
     def past_friction(self, place: Place) -> Array:
         """Friction (m, dim - 1) at the increment's start, along tangents that supports hold."""
@@ -283,18 +285,17 @@ class Increment:
         """
         interface, scale, held = self.interface, self.system.scale, place.held
         components = interface.held_components
-        some = held.any(axis=1)
-        coupled = self._coupled(place)
+        tangents_coupled = self._coupled(place)
+        coupled = tangents_coupled.any(axis=1)
         size = np.abs(interface.position) + np.abs(place.at[:, : force.shape[1]])
         size = size.sum(axis=1) + np.abs(place.translations).sum(axis=1)[interface.pair]
         nothing = TOLERANCE * _largest(self, np.abs(force)) / scale + _NO_SLIP * size
-        speed = np.linalg.norm(np.where(held, contact.slip, 0.0), axis=1)
-        dragged = some & ~coupled & (speed > nothing)
-        contact = replace(contact, dragged=dragged, coupled=coupled & some)
+        speed = np.linalg.norm(np.where(held & ~tangents_coupled, contact.slip, 0.0), axis=1)
+        contact = replace(contact, dragged=speed > nothing, coupled=coupled)
         rests = contact.rests
         contact = replace(contact, slip=np.where(rests, 0.0, contact.slip))
         friction = np.where(rests, self.past_friction(place), friction)
-        stiffness = np.where(coupled, _FRICTION_STIFFNESS, 1.0) * scale
+        stiffness = np.where(coupled, _friction_stiffness(place), 1.0) * scale
         tangents = np.where(held[:, :, None], place.frame[:, 1:], 0.0)
         within = np.linalg.pinv(np.where(components[:, None], tangents, 0.0))
         read, others = np.einsum("nta,na->nt", tangents, force), contact.force
@@ -668,6 +669,11 @@ def reference_sizes(
     length = length if length > ROUND_OFF * extent else extent
     force = scale.force or _largest(increment, increment.system.scale) * length
     return scale, force, length
+
+
+def _friction_stiffness(place: Place) -> Array:
+    every = place.held.all(axis=1)
+    return np.where(every, _FRICTION_STIFFNESS, _FRICTION_STIFFNESS_BESIDE)
 
 
 def _largest(increment: Increment, values: Array) -> float:

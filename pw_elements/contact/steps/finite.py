@@ -218,7 +218,7 @@ class FiniteStepping:
         self, state: ContactState, goal: Target, system: ContactSystem, reporter: Reporter
     ) -> ContactState:
         interface, translations = self.interface, goal.translations
-        increment, _, kinematics = self._begun(state, goal, system, state.unknowns)
+        increment, equilibrium, kinematics = self._begun(state, goal, system, state.unknowns)
         past = increment.past
         moved = np.where(np.isnan(translations), past.translations, translations)
         system.start(lambda: state.unknowns, moved)
@@ -231,7 +231,9 @@ class FiniteStepping:
         now = newton(increment, first, place, policy, self._most, reporter.iteration)
         if reporter.iteration:
             reporter.violation = increment.violation(now)
-        kinematics.check_surfaces(now.place, now.contact.pressing > 0)
+        pressed = now.contact.pressing > 0
+        kinematics.check_surfaces(now.place, pressed)
+        interface.check_supports_between(equilibrium.offset, goal.translations, pressed)
         lost = kinematics.lost(now.place, now.contact.pressing > 0)
         jumped = interface.gathered(interface.position[lost])
         if len(jumped):
@@ -289,7 +291,6 @@ class FiniteStepping:
         if interface.mortars:
             sliding = Sliding(interface, state.unknowns, past.translations, goal.translations)
         reduction = replace(self._reduction, offset=self.prescribed())
-        interface.check_supports_between(reduction.offset, goal.translations)
         equilibrium = FiniteEquilibrium(self._body, system, reduction, self._guard, at, sliding)
         kinematics = DeformedKinematics(interface, self._tools, past, sliding)
         increment = Increment(

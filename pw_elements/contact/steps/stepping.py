@@ -416,6 +416,8 @@ class Stepping:
         if reporter.iteration:
             reporter.violation = increment.violation(now)
         self.interface.check_supports(now.translations)
+        given = increment.equilibrium.offset, target.translations, now.contact.pressing > 0
+        self.interface.check_supports_between(*given)
         smallness = self._watch.after(increment, now, state)
         iterations, report = self._spent(target.free, before)
         slides = rigid.slides(now.contact, increment.allowed(now))
@@ -506,7 +508,6 @@ class Stepping:
         translations = np.where(np.isnan(prescribed), begin, prescribed)
         system.start(lambda: state.unknowns, translations)
         interface.check_supports(translations)
-        interface.check_supports_between(equilibrium.offset, target.translations)
         self._watch.before(increment)
         place = increment.kinematics(translations, past.displacement, past.force)
         return increment, place, policy
