@@ -373,7 +373,8 @@ class Interface:
         with collective(self.comm):
             for k, surface in enumerate(self.surfaces):
                 mine = (self.pair == k) & pressed
-                if k in self.mortars or type(surface) in KNOWN_BODIES or not mine.any():
+                known = k in self.mortars or type(surface) in KNOWN_BODIES
+                if known or not isinstance(surface, RigidBody) or not mine.any():
                     continue
                 assert isinstance(surface, RigidBody), "others are refused before"
                 whose = f"the closest points of the surface of contact pair {k}"

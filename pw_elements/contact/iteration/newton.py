@@ -286,7 +286,7 @@ class Increment:
         interface, scale, held = self.interface, self.system.scale, place.held
         components = interface.held_components
         tangents_coupled = self._coupled(place)
-        coupled = tangents_coupled.any(axis=1)
+        coupled = np.asarray(tangents_coupled.any(axis=1))
         size = np.abs(interface.position) + np.abs(place.at[:, : force.shape[1]])
         size = size.sum(axis=1) + np.abs(place.translations).sum(axis=1)[interface.pair]
         nothing = TOLERANCE * _largest(self, np.abs(force)) / scale + _NO_SLIP * size
