@@ -1,5 +1,6 @@
 """Two deformable bodies at large sliding: kernel, objectivity, balance, friction, restart."""
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from pw_elements.contact import (
     Motion,
 )
 from pw_elements.contact.interface import SlidingMortar, Trace
+from pw_elements.contact.steps.slip import SlipCheck
 from tests.contact.cases import at
 from tests.contact.sliding import PATH, STORED, Bodies, die, slid, two
 
@@ -182,6 +184,51 @@ def test_a_die_slides_off_its_block(upper_is_slave):
         assert np.abs(pair.force_vector).max() < 1e-12
         assert (pair.status == OPEN).all()
         assert np.abs(pair.displacement - np.array(end) * upper_is_slave).max() < 1e-9
+
+
+def test_slip_is_that_of_the_path(whole, caplog):
+    """Of material points, by other formulas; what is told where slip is lost."""
+    bodies, states, _ = whole
+    for state in states[2:]:
+        (pair,) = state.pairs
+        apart = np.linalg.norm(pair.slip - pair.path_slip, axis=1)
+        size = np.linalg.norm(pair.path_slip, axis=1)
+        moved = size > 0.01
+        assert moved.sum() > 5
+        assert (apart < 0.06 * size)[moved].all()
+    check = SlipCheck(bodies.problem._finite.interface)
+    with caplog.at_level(logging.WARNING, "pw_elements.contact"):
+        check.check(states[-1])
+        assert not caplog.records
+        (pair,) = states[-1].pairs
+        lost = replace(states[-1], pairs=(replace(pair, slip=0 * pair.slip),))
+        check.check(lost)
+        check.check(lost)
+    (record,) = caplog.records
+    assert record.getMessage().startswith("increment 3, contact pair 0: slip differs")
+    smooth = replace(pair, slip=0 * pair.slip, friction=0 * pair.friction)
+    SlipCheck(bodies.problem._finite.interface).check(replace(lost, pairs=(smooth,)))
+    assert len(caplog.records) == 1
+
+
+def test_slip_from_the_closest_point_would_be_told(caplog, monkeypatch):
+    """Of nodes beyond the master's end, which a mean over the covered part is not next to."""
+    make_reference = SlidingMortar.make_reference
+
+    def by_closest_points(mortar, x):
+        reference = make_reference(mortar, x)
+        ends, parts = mortar._find_closest(x)
+        rows = reference.rows.tolil()
+        for j in np.flatnonzero(~reference.faced):
+            rows[j, j], rows[j, ends[j]] = 1.0, -parts[j]
+        return replace(reference, rows=rows.tocsr(), faced=np.ones_like(reference.faced))
+
+    monkeypatch.setattr(SlidingMortar, "make_reference", by_closest_points)
+    with caplog.at_level(logging.WARNING, "pw_elements.contact"):
+        slid(flat_punch(6), [(0.0, -0.11)])
+    (record,) = caplog.records
+    assert "by up to 0.25" in record.getMessage()
+    assert "at 2 contact nodes" in record.getMessage()
 
 
 def test_both_sides_may_be_the_slave(whole):

@@ -1,5 +1,6 @@
 """Rigid tools that turn: derivatives, poses that are one, torques, restart, refusals."""
 
+import logging
 from dataclasses import replace
 from itertools import pairwise
 
@@ -179,6 +180,24 @@ def test_whole_turns_are_not_forgotten(angle):
     assert len(at_once.substates) >= pieces - 1
 
 
+def test_a_turn_that_slip_does_not_see_would_be_told(caplog, monkeypatch):
+    """The path knows whole turns."""
+    problem = roller((0.0, 0.6)).problem
+    pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
+    with caplog.at_level(logging.WARNING, "pw_elements.contact"):
+        (pair,) = turned_on(problem, pressed, 0.1, 2 * np.pi, 1).pairs
+        assert np.abs(pair.slip - pair.path_slip).max() < 0.01 * np.abs(pair.slip).max()
+        assert not caplog.records
+        monkeypatch.setattr(finite, "MAX_TURN", np.inf)
+        (pair,) = turned_on(problem, pressed, 0.1, 2 * np.pi, 1).pairs
+    closed = pair.status != OPEN
+    path = np.linalg.norm(pair.path_slip[closed], axis=1)
+    assert path == pytest.approx(2 * np.pi * 0.6, rel=0.05)  # less what eight chords are shorter
+    assert np.abs(pair.slip).max() < 1e-12
+    (record,) = caplog.records
+    assert "slip differs from that of the path by up to" in record.getMessage()
+
+
 def test_rolling_in_smaller_and_smaller_pieces_converges():
     """A wheel that rolls with 5 % of slip sticks in places: shears depend on the pieces."""
     problem = roller((0.0, 0.6), friction=0.9).problem
@@ -259,6 +278,8 @@ def test_a_ball_turns_about_an_axis():
     still, spun = (state.pairs[0] for state in smooth)
     assert np.abs(still.force_vector - spun.force_vector).max() < 1e-9
     assert abs(spun.torque) < 1e-12
+    assert np.abs(spun.slip).max() > 0.1
+    assert np.abs(spun.slip - spun.path_slip).max() < 0.03 * np.abs(spun.slip).max()
     rough = ball(0.5)
     pressed, driven = walked(rough, [Motion(down), Motion(down, rotation=0.05)])
     (pair,) = driven.pairs

@@ -350,7 +350,18 @@ class Interface:
         """Gap (m,), normal (m, dim), its derivative (m, dim, dim) of points that have moved.
 
         They are zero in pairs of bodies.
+
+        Raises:
+            NotFound: if a point has no closest point.
         """
+        gap, normal, bend = self.look_for_closest(moved)
+        lost = self.gathered(self.position[np.isnan(gap)])
+        if len(lost):
+            raise NotFound.at("contact nodes first at {} have no closest point", lost)
+        return gap, normal, bend
+
+    def look_for_closest(self, moved: Array) -> tuple[Array, Array, Array]:
+        """Return the same as `closest`, with NaN for points that have no closest point."""
         dim = moved.shape[1]
         layout = "it takes points as rows (n, dim), gives (n,), (n, dim) and (n, dim, dim)"
         found = [np.zeros((len(moved), *shape)) for shape in ((), (dim,), (dim, dim))]
@@ -359,9 +370,8 @@ class Interface:
         gap, normal, bend = found
         known = np.isfinite(gap) & np.isfinite(normal).all(axis=1)
         known &= np.isfinite(bend).all(axis=(1, 2))
-        lost = self.gathered(self.position[~known])
-        if len(lost):
-            raise NotFound.at("contact nodes first at {} have no closest point", lost)
+        for values in found:
+            values[~known] = np.nan
         return gap, normal, bend
 
     def check_closest(self, moved: Array, pressed: Mask) -> None:

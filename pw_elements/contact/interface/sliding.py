@@ -24,6 +24,8 @@ from pw_elements.contact.interface.mortar import FACING, Trace
 
 # Of a cubic, such as two weights and a radius, along segments; directions are no polynomials
 _PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+# Pieces of the straight path on which slip is integrated
+PATH_PIECES = 8
 # Part of a facet that has to face the other side: of less the duals are lost in round-off
 _COVERED = 1e-6
 
@@ -319,6 +321,44 @@ class SlidingMortar:
         """Return what slip counts from, at positions (m + k, 2)."""
         met = self.meet(x)
         return SlidingReference(met.rows, met.faced, x, met.tangents)
+
+    def integrate_slip(self, start: Array, end: Array) -> Array:
+        """Return slip (m, 2) on the straight path from positions (n, 2) to others.
+
+        On each piece of the path a slave node moves along what is closest to it at the end of the
+        piece: t·(x_j - x_p) there, less the same at the beginning of the piece.
+        """
+        slip, before, tangents = np.zeros(self.slaves), start, self._tangents(start)
+        for share in np.arange(1, PATH_PIECES + 1) / PATH_PIECES:
+            now = (1 - share) * start + share * end
+            ends, parts = self._find_closest(now)
+            turned = self._tangents(now)
+            for x, along, sign in ((now, turned, 1.0), (before, tangents, -1.0)):
+                closest = np.einsum("jk,jkx->jx", parts, x[ends])
+                slip += sign * np.sum(along * (x[: self.slaves] - closest), axis=1)
+            before, tangents = now, turned
+        return slip[:, None] * tangents
+
+    def measure_facets(self) -> Array:
+        """Return the length (m,) of the shortest facet at each slave node, undeformed."""
+        shortest = np.full(self.slaves, np.inf)
+        edges = np.diff(self.x[self._one], axis=1)[:, 0]
+        for end in self._one.T:
+            np.minimum.at(shortest, end, np.linalg.norm(edges, axis=1))
+        return shortest
+
+    def _tangents(self, x: Array) -> Array:
+        normals = self._normals(x)[0]
+        return np.stack([-normals[:, 1], normals[:, 0]], axis=1)
+
+    def _find_closest(self, x: Array) -> tuple[Indices, Array]:
+        """Return the master's nodes (m, 2) and their parts (m, 2) in the slave's closest points."""
+        first, edge = x[self._other[:, 0]], x[self._other[:, 1]] - x[self._other[:, 0]]
+        away = x[: self.slaves, None] - first
+        along = np.clip(np.sum(away * edge, axis=2) / np.sum(edge**2, axis=1), 0.0, 1.0)
+        nearest = np.linalg.norm(away - along[..., None] * edge, axis=2).argmin(axis=1)
+        share = along[np.arange(self.slaves), nearest]
+        return self._other[nearest], np.stack([1 - share, share], axis=1)
 
     def _unit(self, across: Vector, node: Any) -> Vector:  # noqa: ANN401
         kept = across[0] * self.kept[node, 0], across[1] * self.kept[node, 1]

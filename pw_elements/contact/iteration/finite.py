@@ -29,7 +29,7 @@ from ufl.algorithms import extract_elements
 from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction, System
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import RIGID, ROUND_OFF, Interface
+from pw_elements.contact.interface import PATH_PIECES, RIGID, ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import (
     TOLERANCE,
     Levers,
@@ -153,6 +153,14 @@ class Sliding:
         self.motion = interface.rows(sp.csr_matrix((value, (row, column)), shape))
         return replace(place, frame=frame, gap=gap, slip=slip, at=at, moved=moved, turned=turned)
 
+    def integrate_slip(self, slip: Array) -> Array:
+        """Return slip (m, dim) with that of these pairs' points on the path from the start."""
+        slip = slip.copy()
+        for k, mortar in self._interface.mortars.items():
+            path = mortar.integrate_slip(self._start[k].x, self._x[k])
+            slip[self._own[k]] = path[self._among[k]]
+        return slip
+
     def _place(self, pair: int, unknowns: PETSc.Vec, translations: Array) -> Array:
         """Positions (nodes, dim) of both sides of a pair, of all processes."""
         mortar = self._interface.mortars[pair]
@@ -200,6 +208,7 @@ class DeformedKinematics:
         self, interface: Interface, tools: Tools, past: Reference, sliding: Sliding | None = None
     ) -> None:
         self._interface, self._tools, self._sliding = interface, tools, sliding
+        self._past = past
         self._start = tools.within(past.translations, past.displacement)
         gap, self._normal, self._bend = interface.closest(self._start)
         self._point = interface.position + self._start - gap[:, None] * self._normal
@@ -267,6 +276,32 @@ class DeformedKinematics:
         turned = (rise / factor)[:, None, None] * place.slip[:, :, None] * turning[:, None]
         return -factor[:, None, None] * (tangents @ point) - turned
 
+    def integrate_slip(self, places: Array, displacement: Array) -> Array:
+        """Return slip (m, dim) on the straight path to placements and motions (m, dim).
+
+        In the frame of a tool, closest points go along it in `PATH_PIECES` chords. Vectors in its
+        tangent plane turn as the normal does, about an axis that is at right angles to it.
+        """
+        interface, tools, past = self._interface, self._tools, self._past
+        normal, point, slip = self._normal, self._point, np.zeros_like(displacement)
+        for share in np.arange(1, PATH_PIECES + 1) / PATH_PIECES:
+            at = tools.within(
+                (1 - share) * past.translations + share * places,
+                (1 - share) * past.displacement + share * displacement,
+            )
+            gap, toward, _ = interface.look_for_closest(at)
+            known = np.isfinite(gap)[:, None]  # others are left out
+            toward = np.where(known, toward, normal)
+            on = np.where(known, interface.position + at - gap[:, None] * toward, point)
+            middle = normal + toward
+            middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), _SMALL_TURN)
+            chord = on - point
+            chord -= np.sum(chord * middle, axis=1, keepdims=True) * middle
+            slip = _carry(slip, normal, toward) + _carry(chord, middle, toward)
+            normal, point = toward, on
+        slip += np.einsum("nab,nb->na", tools.turned(places), slip)
+        return slip if self._sliding is None else self._sliding.integrate_slip(slip)
+
     def lost(self, place: Place, pressed: Mask) -> Mask:
         """Points (m,) whose normals have turned by a right angle, pressed or past their surface."""
         interface = self._interface
@@ -279,6 +314,13 @@ class DeformedKinematics:
                     interface.closest((1 - share) * self._start + share * end)[0] < 0
                 )
         return jumped & pressed
+
+
+def _carry(vectors: Array, normal: Array, toward: Array) -> Array:
+    """Return tangential vectors (m, dim), turned as unit normals turn from one to the other."""
+    cosine = 1 + np.sum(normal * toward, axis=1, keepdims=True)
+    ahead = np.sum(vectors * toward, axis=1, keepdims=True)
+    return vectors - ahead / np.maximum(cosine, _SMALL_TURN) * (normal + toward)
 
 
 def _arc(s: Array) -> tuple[Array, Array]:

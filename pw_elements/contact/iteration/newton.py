@@ -156,6 +156,16 @@ class LinearEquilibrium:
         return full
 
 
+class Kinematics(Protocol):
+    """Gap, slip and frames of the deformed body, and slip along the path to it."""
+
+    def __call__(self, places: Array, displacement: Array, force: Array) -> Place:
+        """Linearise at placements (pairs, dim + 1), motions and forces (m, dim)."""
+
+    def integrate_slip(self, places: Array, displacement: Array) -> Array:
+        """Return slip (m, dim) on the straight path there from the start of the increment."""
+
+
 class Increment:
     """The equations of one increment."""
 
@@ -170,7 +180,7 @@ class Increment:
         past: Reference,
         stated: float = 1.0,  # share of what supports and interference prescribe
         # kinematics of the deformed body, taken anew in each iteration; else of the undeformed one
-        deformed: Callable[[Array, Array, Array], Place] | None = None,
+        deformed: Kinematics | None = None,
     ) -> None:
         self.system, self.past = system, past
         self.interface: Interface = system.interface
@@ -601,6 +611,8 @@ def _pairs(increment: Increment, now: Iterate) -> tuple[PairState, ...]:
         return np.einsum("nab,na->nb", tangents, values)
 
     slip = np.where((status == HELD)[:, None], along, vectors(contact.slip))
+    if increment.deformed is not None:
+        along = increment.deformed.integrate_slip(now.translations, now.displacement)
     return pair_states(
         interface,
         now.translations,
@@ -611,6 +623,7 @@ def _pairs(increment: Increment, now: Iterate) -> tuple[PairState, ...]:
         torque=now.place.levers.forces(now.force)[:, dim:].sum(axis=1),
         gap=contact.gap,
         slip=slip * (status != OPEN)[:, None],
+        path_slip=along * (status != OPEN)[:, None],
         friction=interface.cone.coefficient(contact.force[:, 0]),
         status=status,
         displacement=now.displacement,
@@ -628,7 +641,9 @@ def pair_states(
     """
     zero, dim = np.zeros_like(force), force.shape[1]
     at = {name: getattr(interface, name) for name in ("position", "node", "faced")}
-    at |= dict.fromkeys(("force_tangential", "slip", "displacement", "direction"), zero)
+    at |= dict.fromkeys(
+        ("force_tangential", "slip", "path_slip", "displacement", "direction"), zero
+    )
     at |= dict.fromkeys(("force_normal", "turning", "torque"), zero[:, 0])
     at |= {"status": np.full(len(zero), OPEN, dtype=np.int8)} | points
     torque = at.pop("torque")

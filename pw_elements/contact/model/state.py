@@ -31,6 +31,9 @@ class PairState:
         gap: (m,), infinite for nodes that nothing faces.
         slip: (m, dim), tangential displacement relative to the surface in this increment;
             zero for open nodes.
+        path_slip: (m, dim), the same from the straight path of the material points of both sides
+            in this increment, by other formulas than the law's; zero for open nodes. A warning is
+            logged where both are apart.
         friction: (m,), Coulomb's mu; of another law its limit over the normal force.
         status: (m,), OPEN, STICK or SLIP; or HELD, of nodes in rough contact with a deformable
             surface where supports move both sides alike: there is no friction along them. Nodes
@@ -57,6 +60,7 @@ class PairState:
     force_tangential: Array
     gap: Array
     slip: Array
+    path_slip: Array
     friction: Array
     status: npt.NDArray[np.int8]
     translation: Array

@@ -50,6 +50,7 @@ from pw_elements.contact.model import (
     exhausted_friction,
 )
 from pw_elements.contact.steps.sensitivity import Linearised, Part
+from pw_elements.contact.steps.slip import SlipCheck
 from pw_elements.contact.steps.stepping import Callback, Reporter, Target, between, divided, joined
 from pw_elements.contact.steps.verification import (
     Sizes,
@@ -111,7 +112,7 @@ class FiniteStepping:
             )
         self.space, self._tools = self.interface.field.space, Tools(self.interface, pairs)
         self._pairs = list(pairs)
-        self._guard = CellGuard(problem.u, problem.form)
+        self._guard, self._slips = CellGuard(problem.u, problem.form), SlipCheck(self.interface)
         self.history, self._update = list(history), update
         self._system: ContactSystem | None = None
         self._watch: TangentWatch | None = None
@@ -170,6 +171,7 @@ class FiniteStepping:
                 raise error from failed
         solved, report = system.solved - before[0], system.report.since(before[1])
         found = replace(joined(parts), iterations=solved, report=report)
+        self._slips.check(found)
         reporter.ended(found, perf_counter() - begun)
         return found
 

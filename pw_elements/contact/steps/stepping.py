@@ -57,6 +57,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.rescue import RigidMotions, by_springs, no_equilibrium, rescue
 from pw_elements.contact.steps.sensitivity import Linearised, Part
+from pw_elements.contact.steps.slip import SlipCheck
 from pw_elements.contact.steps.smallness import SmallnessCheck
 from pw_elements.contact.steps.verification import (
     DISPLACEMENT_ROUND_OFF,
@@ -210,11 +211,15 @@ def divided(
 
 
 def joined(parts: Sequence[tuple[float, ContactState]]) -> ContactState:
-    """The last part, with the slip of all."""
+    """The last part, with the slips of all."""
     last, pairs = parts[-1][1], []
     for k, pair in enumerate(last.pairs):
-        slip = sum(part.pairs[k].slip for _, part in parts)
-        pairs.append(replace(pair, slip=np.where((pair.status == OPEN)[:, None], 0.0, slip)))
+        closed = (pair.status != OPEN)[:, None]
+        slips = {
+            name: closed * np.sum([getattr(part.pairs[k], name) for _, part in parts], axis=0)
+            for name in ("slip", "path_slip")
+        }
+        pairs.append(replace(pair, **slips))
     return replace(last, pairs=tuple(pairs), substates=tuple(parts[:-1]))
 
 
@@ -325,6 +330,7 @@ class Stepping:
         check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
         self._watch = SmallnessCheck(self.interface, self.space)
+        self._slips = SlipCheck(self.interface)
         self._system: tuple[ContactSystem, RigidMotions] | None = None
         self._soft: ContactSystem | None = None  # with springs
 
@@ -350,6 +356,7 @@ class Stepping:
                     failure.reached = done, found
                     failure.args = (f"{failure}. In parts {done:.3g} of it was reached",)
                     raise
+        self._slips.check(found)
         reporter.ended(found, perf_counter() - begun)
         return found
 
