@@ -33,6 +33,7 @@ from pw_elements.contact import (
     Plane,
     SignedDistance,
     Sphere,
+    SurfacePassed,
     plot,
     write,
 )
@@ -199,6 +200,20 @@ def test_no_cell_is_turned(stress):
     assert reached.pairs[0].translation[1] <= states[-1].pairs[0].translation[1]
     assert np.array_equal(rubber.u.x.array, reached.unknowns.array_r)
     assert guard.smallest() > 0
+
+
+@pytest.mark.parametrize("first", [0.0, 0.2])
+def test_a_tool_is_not_led_through_supports(first):
+    """Without any linear system."""
+    solved = []
+    problem = Rubber(callback=solved.append).problem
+    (pressed,) = walked(problem, [Motion((0.0, -first))])
+    del solved[:]
+    with pytest.raises(SurfacePassed, match=r"through the supports at .* passes"):
+        problem.step(pressed, motions=Motion((0.1, -3.0)))
+    assert not solved
+    beside = walked(problem, [Motion((3.0, 0.0)), Motion((3.0, -3.0)), Motion((0.0, -3.0))])
+    assert np.abs(beside[-1].pairs[0].force_vector).max() < 1e-15
 
 
 def test_history_belongs_to_the_state():

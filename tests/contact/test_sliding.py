@@ -16,6 +16,7 @@ from pw_elements.contact import (
     ContactProblem,
     DeformableSurface,
     Motion,
+    SurfacePassed,
 )
 from pw_elements.contact.interface import SlidingMortar, Trace
 from pw_elements.contact.steps.slip import SlipCheck
@@ -229,6 +230,42 @@ def test_slip_from_the_closest_point_would_be_told(caplog, monkeypatch):
     (record,) = caplog.records
     assert "by up to 0.25" in record.getMessage()
     assert "at 2 contact nodes" in record.getMessage()
+
+
+@pytest.mark.parametrize("upper_is_slave", [True, False])
+@pytest.mark.parametrize("path", [[(0.0, -3.0)], [(0.0, -0.12), (0.1, -3.0)]])
+def test_bodies_are_not_driven_through_each_other(upper_is_slave, path):
+    """Without any linear system, where supports are led past each other; beside them they may."""
+    solved = []
+    bodies = die(upper_is_slave=upper_is_slave, callback=solved.append)
+    start = slid(bodies, path[:-1])
+    start = start[-1] if start else bodies.problem.undeformed
+    del solved[:]
+    with pytest.raises(SurfacePassed, match="pass each other by 1: the bodies are driven through"):
+        bodies.problem.step(start, lambda share: bodies.hold(share * np.array(path[-1]), 0.0))
+    assert not solved
+
+
+def test_a_body_that_goes_down_beside_another_one_is_not_driven_through_it():
+    bodies = die()
+    above, beside = slid(bodies, [(3.0, 0.0), (3.0, -3.0)])
+    assert not above.substates
+    assert np.abs(beside.pairs[0].displacement - [3.0, -3.0]).max() < 1e-12
+
+
+def test_depth_of_what_goes_through_a_side():
+    """Between its ends only, and of what was outside at first."""
+    one = arc(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
+    other = arc(3, lambda s: 0.0 * s, 100, 1.0)
+    mortar = SlidingMortar(one, other, False)
+    slaves = (np.arange(len(mortar.x)) < mortar.slaves)[:, None]
+    down, beside = mortar.x - slaves * [0.0, 0.52], mortar.x + slaves * [2.5, 0.0]
+    depth = mortar.measure_depth(mortar.x, down)
+    assert depth[1:-1] == pytest.approx(0.5)
+    assert not mortar.measure_depth(beside, beside - slaves * [0.0, 0.52]).any()
+    assert not mortar.measure_depth(down, down).any()
+    passed = mortar.measure_depth(mortar.x, mortar.x - slaves * [0.0, 3.0])
+    assert passed[mortar.x[: mortar.slaves, 0] == 0.0] == pytest.approx(2.98)
 
 
 def test_both_sides_may_be_the_slave(whole):

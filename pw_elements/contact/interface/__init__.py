@@ -22,4 +22,4 @@ from pw_elements.contact.interface.operators import (
     Interface,
     NoContactStated,
 )
-from pw_elements.contact.interface.sliding import PATH_PIECES, SlidingMortar
+from pw_elements.contact.interface.sliding import PATH_PIECES, SlidingMortar, SlidingReference

@@ -339,6 +339,27 @@ class SlidingMortar:
             before, tangents = now, turned
         return slip[:, None] * tangents
 
+    def measure_depth(self, start: Array, end: Array) -> Array:
+        """Return how deep (m,) slave nodes that begin outside get into the master's side.
+
+        On the straight path between positions (n, 2), in `2 PATH_PIECES` pieces. What is next to
+        an end of the master is on neither side.
+        """
+        rims = np.setdiff1d(*self._other.T), np.setdiff1d(*self._other.T[::-1])
+        deepest, outside = np.zeros(self.slaves), np.zeros(self.slaves, dtype=bool)
+        for piece, share in enumerate(np.linspace(0, 1, 2 * PATH_PIECES + 1)):
+            x = (1 - share) * start + share * end
+            ends, parts = self._find_closest(x)
+            edge = x[ends[:, 1]] - x[ends[:, 0]]
+            away = x[: self.slaves] - np.einsum("jk,jkx->jx", parts, x[ends])
+            height = np.sum(edge[:, ::-1] * [1, -1] * away, axis=1)
+            height /= np.linalg.norm(edge, axis=1)
+            at_rim = (np.isin(ends, np.concatenate(rims)) & (parts == 1)).any(axis=1)
+            if piece == 0:
+                outside = height > -self.measure_facets()
+            deepest = np.maximum(deepest, np.where(at_rim, 0.0, -height))
+        return np.where(outside, deepest, 0.0)
+
     def measure_facets(self) -> Array:
         """Return the length (m,) of the shortest facet at each slave node, undeformed."""
         shortest = np.full(self.slaves, np.inf)

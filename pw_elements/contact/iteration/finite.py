@@ -29,7 +29,13 @@ from ufl.algorithms import extract_elements
 from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction, System
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import PATH_PIECES, RIGID, ROUND_OFF, Interface
+from pw_elements.contact.interface import (
+    PATH_PIECES,
+    RIGID,
+    ROUND_OFF,
+    Interface,
+    SlidingReference,
+)
 from pw_elements.contact.iteration.law import (
     TOLERANCE,
     Levers,
@@ -153,6 +159,16 @@ class Sliding:
         self.motion = interface.rows(sp.csr_matrix((value, (row, column)), shape))
         return replace(place, frame=frame, gap=gap, slip=slip, at=at, moved=moved, turned=turned)
 
+    @property
+    def references(self) -> dict[int, SlidingReference]:
+        """What slip of each pair counts from."""
+        return self._start
+
+    @property
+    def positions(self) -> dict[int, Array]:
+        """Positions (nodes, dim) of both sides of each pair, where they met last."""
+        return self._x
+
     def integrate_slip(self, slip: Array) -> Array:
         """Return slip (m, dim) with that of these pairs' points on the path from the start."""
         slip = slip.copy()
@@ -174,7 +190,8 @@ class Tools:
 
     def __init__(self, interface: Interface, pairs: Sequence[ContactPair]) -> None:
         self._pair, dim = interface.pair, interface.position.shape[1]
-        pivots, spins = zip(*(pair.spin(dim) for pair in pairs), strict=True)
+        self._pivots = [pair.spin(dim) for pair in pairs]
+        pivots, spins = zip(*self._pivots, strict=True)
         self._away = interface.position - np.array(pivots)[self._pair]
         self._spin = np.array(spins)[self._pair]  # J v = w x v, (m, dim, dim)
 
@@ -187,6 +204,14 @@ class Tools:
         """Way y - X (m, dim) of points that have moved by a."""
         at = displacement - places[self._pair, :-1]
         return at + np.einsum("nba,nb->na", self.turned(places), at + self._away)
+
+    def see_from_surface(self, pair: int, place: Array, x: Array) -> Array:
+        """Return positions (n, dim) of any points in the frame of a pair's surface at its start."""
+        dim = x.shape[1]
+        pivot, J = self._pivots[pair]
+        angle = place[dim]
+        R = np.eye(dim) + np.sin(angle) * J + 2 * np.sin(angle / 2) ** 2 * J @ J
+        return np.asarray(pivot + (x - place[:dim] - pivot) @ R)
 
     def carried(self, places: Array, within: Array) -> Array:
         """Displacements (m, dim) of what has gone such a way."""
@@ -432,6 +457,14 @@ class FiniteEquilibrium:
         self._at, self._reached = there, share == 1
         self._arrive()
         return share
+
+    @property
+    def sides(self) -> dict[int, tuple[SlidingReference, Array]]:
+        """What slip counts from and positions (nodes, dim) now, of each pair of bodies."""
+        if self._sliding is None:
+            return {}
+        positions = self._sliding.positions
+        return {k: (start, positions[k]) for k, start in self._sliding.references.items()}
 
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
         return self._residual

@@ -49,6 +49,11 @@ from pw_elements.contact.model import (
     Scale,
     exhausted_friction,
 )
+from pw_elements.contact.steps.passing import (
+    find_passed,
+    refuse_supports_through_each_other,
+    refuse_tools_through_supports,
+)
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.slip import SlipCheck
 from pw_elements.contact.steps.stepping import Callback, Reporter, Target, between, divided, joined
@@ -74,6 +79,8 @@ MAX_TURN = np.pi / 4
 # Largest path over distance of a prescribed displacement in one part: that of an arc of a right
 # angle. Samples of the path per increment, and the distance over the largest one that counts
 _MAX_DETOUR, _PATH_SAMPLES, _MAX_PATH_SAMPLES, _MIN_PATH = np.pi / np.sqrt(8), 16, 256, 1e-3
+# Fewest samples of the ways of supports and surfaces that must not pass each other
+_WAY_SAMPLES = 64
 # What the logarithm of a number of parts may be off by round-off
 _LOG_ROUND_OFF = 1e-9
 
@@ -139,7 +146,9 @@ class FiniteStepping:
             if self._watch is not None and not state.increment:  # others are looked at in the end
                 self._restore(state)
                 self._watch.is_beyond_limit()
-            pieces = self._count_pieces(state, start, end, load)
+            path = self._trace_supports(state, load)
+            self._refuse_passing(state, start, end, path)
+            pieces = self._count_pieces(start, end, path)
             if pieces > 1:
                 words = f"in {pieces} parts, as slip is not seen from its ends alone"
                 told(interface.comm, logging.INFO, words, ".contact")
@@ -175,24 +184,47 @@ class FiniteStepping:
         reporter.ended(found, perf_counter() - begun)
         return found
 
-    def _count_pieces(
-        self, state: ContactState, start: Target, end: Target, load: Loading | None
-    ) -> int:
+    def _count_pieces(self, start: Target, end: Target, path: Array) -> int:
         """Return a power of two: of parts in which slip can be seen from the ends."""
         angles = np.nan_to_num(end.translations - start.translations)[:, -1]
         turns = float(np.abs(angles).max(initial=0.0)) / MAX_TURN
-        pieces = _round_up_to_power_of_two(turns)
-        samples = _PATH_SAMPLES
-        while load is not None and samples <= _MAX_PATH_SAMPLES:
-            by_supports = _count_straight_pieces(
-                self._sample_supports(state, load, samples), self.interface.comm
-            )
-            if 2 * by_supports <= samples:
-                return max(pieces, by_supports)
-            samples *= 4
-        return pieces if load is None else max(pieces, _MAX_PATH_SAMPLES // 2)
+        straight = _count_straight_pieces(path, self.interface.comm)
+        return max(_round_up_to_power_of_two(turns), straight)
 
-    def _sample_supports(self, state: ContactState, load: Loading, samples: int) -> Array:
+    def _trace_supports(self, state: ContactState, load: Loading | None) -> Array:
+        """Return prescribed displacements (samples + 1, nodes, dim) on the way to the end."""
+        if load is None:
+            return self._sample_supports(state, None, 1)
+        samples = _PATH_SAMPLES
+        path = self._sample_supports(state, load, samples)
+        while (
+            2 * _count_straight_pieces(path, self.interface.comm) > samples
+            and samples < _MAX_PATH_SAMPLES
+        ):
+            samples *= 4
+            path = self._sample_supports(state, load, samples)
+        return path
+
+    def _refuse_passing(self, state: ContactState, start: Target, end: Target, path: Array) -> None:
+        """Raise SurfacePassed if supports and surfaces are led through each other."""
+        interface, past = self.interface, self._reference(state)
+        dim, owned = interface.position.shape[1], path.shape[1]
+        positions = self.space.tabulate_dof_coordinates()[:owned, :dim]
+        free, _ = prescribed(self._whole, self._conditions)
+        held = self._body.matrix.createVecRight()
+        held.setArray(np.where(free, 0.0, 1.0))
+        fixed = interface.field.part(held).array_r.reshape(-1, dim).all(axis=1)
+        samples = max(len(path) - 1, _WAY_SAMPLES)
+        shares: Array = np.linspace(0, 1, samples + 1, dtype=float)
+        path = _interpolate(path, shares)
+        ways = np.array([(1 - s) * start.translations + s * end.translations for s in shares])
+        nodes = positions, fixed
+        refuse_tools_through_supports(interface, self._tools, *nodes, ways, path)
+        if interface.mortars:
+            sliding = Sliding(interface, state.unknowns, past.translations, past.translations)
+            refuse_supports_through_each_other(interface, sliding.references, *nodes, path)
+
+    def _sample_supports(self, state: ContactState, load: Loading | None, samples: int) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim), zero where they are free."""
         field, dim = self.interface.field, self.interface.position.shape[1]
         free, _ = prescribed(self._whole, self._conditions)
@@ -241,6 +273,10 @@ class FiniteStepping:
         if len(jumped):
             words = "jumped to another sheet of their surface, or slid round by a right angle"
             raise NotFound.at(f"contact nodes first at {{}} have {words}", jumped)
+        for k, (reference, x) in equilibrium.sides.items():
+            passed = find_passed(interface, k, reference.x, x)
+            if len(passed):
+                raise NotFound.at("contact nodes first at {} pass through the other side", passed)
         turned = np.abs(now.translations - past.translations)[:, -1]
         if (turned[np.isnan(translations[:, -1])] > MAX_TURN).any():
             raise NotFound(
@@ -362,6 +398,14 @@ class FiniteStepping:
             with collective(self.interface.comm):
                 answer(self.interface.comm, "the update of the history", self._update)
         return tuple(function.x.array.copy() for function in self.history)
+
+
+def _interpolate(path: Array, shares: Array) -> Array:
+    """Return values (k, ...) at shares (k,) of a path (samples + 1, ...) by straight pieces."""
+    place = shares * (len(path) - 1)
+    before = np.minimum(place.astype(int), len(path) - 2)
+    after = (place - before).reshape(-1, *[1] * (path.ndim - 1))
+    return np.asarray((1 - after) * path[before] + after * path[before + 1])
 
 
 def _round_up_to_power_of_two(number: float) -> int:

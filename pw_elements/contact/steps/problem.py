@@ -352,7 +352,9 @@ class ContactProblem:
             NotUnique: if the tangent is singular at a solution: the friction is too large, or the
                 body is loose.
             NotFound: if no state has been found, though there may be one; `state` came nearest.
-            SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
+            SurfacePassed: if a rigid surface goes through the body, or pushes it outwards. With a
+                residual: if a surface is led through supports, or those of two bodies through each
+                other; nothing is solved then.
             NotConverged: if an iterative solver fails, perhaps for a singular tangent; "auto" then
                 goes on with factors if there is memory for them, and stays with them. With a
                 residual smaller parts are tried instead, and NotFound is raised in the end.
