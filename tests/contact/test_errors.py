@@ -24,7 +24,7 @@ from pw_elements.contact import (
     Sphere,
 )
 from pw_elements.elasticity import nodal_load
-from pw_elements.meshes import triangles
+from pw_elements.meshes import mapped, triangles
 from tests.contact.cases import Block, Elastic, Greco, at
 
 BLOCK, FLOOR, BELOW = Block(4), Plane((0, 0), (0, 1)), at(1, 0.0)
@@ -226,3 +226,68 @@ def test_nodes_without_a_facet_are_told_before_anything_is_solved(caplog):
     assert "write and plot will refuse the states" in record.getMessage()
     BLOCK.problem(floor(nodes=lambda x: np.isclose(x[1], 0) & (x[0] < 1.1)))
     assert len(caplog.records) == 1
+
+
+class Groove:
+    """A block with slanted sides in a groove of two planes that fits it, held by nothing else."""
+
+    def __init__(self, mu=0.1):
+        mesh = triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2))
+        mapped(mesh, lambda x: np.column_stack([x[:, 0] * (1 + x[:, 1]) / 2, x[:, 1]]))
+        self.body = Elastic(mesh, E=1e4)
+        sides = [lambda x, s=s: np.isclose(x[0], s * (1 + x[1]) / 2) for s in (-1, 1)]
+        planes = [Plane((s / 2, 0.0), (-s * 2.0, 1.0)) for s in (-1, 1)]
+        pairs = [ContactPair(side, plane, mu) for side, plane in zip(sides, planes, strict=True)]
+        self.problem = self.body.problem(pairs, self.body.held())
+        self.weight = self.body.load((0.0, -1.0), at(1, 1.0))
+        self.sunk = self.problem.step(self.problem.undeformed, self.weight)
+
+
+MOVED = {
+    "unloaded": [None, None],
+    "the groove sinks": [Motion((0.0, -0.1))] * 2,
+    "the groove opens": [Motion((-0.1, 0.0)), Motion((0.1, 0.0))],
+    "one side goes": [Motion((-0.1, 0.0)), None],
+    "pressed out": [Motion((0.01, 0.0)), Motion((-0.01, 0.0))],
+}
+
+
+@pytest.mark.parametrize("moved", MOVED)
+def test_a_body_that_ends_clear_of_all_forces_has_no_unique_position(moved):
+    """There is another state: the one that is reached, moved to where it closes no gap."""
+    groove = Groove()
+    assert groove.sunk.pairs[0].force[1] == pytest.approx(1.0)
+    with pytest.raises(NotUnique, match=r"the body is loose.*Nothing stops") as caught:
+        groove.problem.step(groove.sunk, 0.0 * groove.weight, MOVED[moved])
+    state = caught.value.state
+    assert not state.converged
+    assert max(np.abs(pair.force_vector).max() for pair in state.pairs) < 1e-9
+    assert min(pair.gap.min() for pair in state.pairs) > -1e-9
+    # loaded again it is held
+    again = groove.problem.step(groove.sunk, 0.5 * groove.weight, [Motion((0.0, -0.1))] * 2)
+    assert sum(pair.force[1] for pair in again.pairs) == pytest.approx(1.0)
+
+
+def test_what_touches_without_a_force_may_stop_a_body_all_the_same():
+    """A square in a frame that fits it, without load: only where it closes no gap may it go."""
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
+    body = Elastic(mesh, E=1e4)
+    sides = {(0, 0.0): (1, 0), (0, 1.0): (-1, 0), (1, 0.0): (0, 1), (1, 1.0): (0, -1)}
+
+    def step(*names):
+        where = {name: at(*name) for name in names}
+        corners = lambda x: np.isclose(np.abs(x[0] - 0.5) + np.abs(x[1] - 0.5), 1.0)  # noqa: E731
+        pairs = [
+            ContactPair(
+                lambda x, name=name: where[name](x) & ~corners(x),
+                Plane(np.eye(2)[name[0]] * name[1], sides[name]),
+            )
+            for name in names
+        ]
+        problem = body.problem(pairs, body.held())
+        return problem.step(problem.undeformed, 0.0 * body.load((0.0, 1.0), at(1, 1.0)))
+
+    assert step(*sides).residuals.largest() < 1e-9  # stopped all around
+    for missing in ((0, 1.0), (1, 0.0)):
+        with pytest.raises((NotUnique, FreeBody)):
+            step(*(name for name in sides if name != missing))

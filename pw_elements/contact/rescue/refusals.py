@@ -235,6 +235,23 @@ def no_equilibrium(increment: Increment, place: Place, rigid: RigidMotions) -> N
     return comm.bcast(error)
 
 
+def check_loose(
+    increment: Increment,
+    now: Iterate,
+    rigid: RigidMotions,
+    before: ContactState,
+    spent: Callable[[], tuple[int, SolverReport]],
+) -> None:
+    """Raise NotUnique for a solution in which a body is clear of all contact forces and loose."""
+    if not (motions := rigid.loose(now.contact, increment.allowed(now))):
+        return
+    iterations, report = spent()
+    size = Smallness(np.nan, np.nan, np.nan)
+    failure = NotUnique(f"{_LOOSE}. Nothing stops a {', '.join(motions)}")
+    failure.state = contact_state(increment, now, iterations, before, report, size, converged=False)
+    raise failure
+
+
 def rescue(
     failure: ContactFailed | NotConverged,
     increment: Increment,

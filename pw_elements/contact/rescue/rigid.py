@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from dolfinx import fem
 from scipy.linalg import qr
+from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import listed
@@ -181,6 +182,35 @@ class RigidMotions:
         # a single motion has to go against all friction of what does not slip yet, or its reverse
         return len(free) > 1 or (len(free) == 1 and np.max(ends, axis=0).min() <= _FREE_STIFFNESS)
 
+    def loose(self, contact: Contact, lost: float) -> list[str]:
+        """Names of motions of pieces that no contact force holds, and that no surface stops.
+
+        Forces up to `lost` are none. Points that touch without a force stop a motion into their
+        surface, and no other one.
+        """
+        comm, (m, dim, _) = self._system.comm, contact.frame.shape
+        pressed = contact.force[:, 0] > lost
+        at_pressed = sp.diags_array(np.repeat(pressed.astype(float), dim)) @ abs(self._relative)
+        held = comm.allreduce(np.asarray(at_pressed.sum(axis=0)).ravel(), MPI.SUM) > 0
+        held[self.modes.of_pieces :] = True
+        group = self.modes.group
+        held = np.isin(group, group[held])
+        if held.all():
+            return []
+        fixed = np.eye(self.modes.number)[held]
+        dense = isinstance(self._held, np.ndarray)
+        free = null_space(
+            _stacked([self._held, fixed if dense else sp.csr_array(fixed)]), _FREE_STIFFNESS
+        )
+        if not len(free):
+            return []
+        moved = (self._relative @ free.T).reshape(m, dim, len(free))
+        touching = np.isfinite(contact.gap) & (contact.scale * contact.gap <= lost) & ~pressed
+        opening = np.einsum("na,nak->nk", contact.frame[:, 0], moved)[touching]
+        opening = np.concatenate(comm.allgather(opening))
+        motion = comm.bcast(unstopped(opening) if comm.rank == 0 else None)
+        return [] if motion is None else [self.modes.name(motion @ free)]
+
     def virtual(self) -> tuple[Basis, Array]:
         """Motions in which no forces but loads and contact's do work, whatever the strains.
 
@@ -253,6 +283,16 @@ class RigidMotions:
         surfaces = border_columns(modes.free, interface.pair, dim)
         still = sp.csr_array((len(interface.pair) * dim, modes.of_pieces))
         return sp.csr_array(of_pieces - sp.hstack([still, surfaces]))
+
+
+def unstopped(opening: Array) -> Array | None:
+    """Return a motion z (k,) that closes no gap, `opening` (m, k) @ z >= 0; None if all do."""
+    k = opening.shape[1]
+    for way in (*np.eye(k), *-np.eye(k)):
+        found = linprog(-way, A_ub=-opening, b_ub=np.zeros(len(opening)), bounds=(-1, 1))
+        if found.success and found.x @ way > NOTHING:
+            return np.asarray(found.x, dtype=float)
+    return None
 
 
 def _stacked(parts: Sequence[sp.csr_array | Array]) -> sp.csr_array | Array:

@@ -55,7 +55,13 @@ from pw_elements.contact.model import (
     NotFound,
     Scale,
 )
-from pw_elements.contact.rescue import RigidMotions, by_springs, no_equilibrium, rescue
+from pw_elements.contact.rescue import (
+    RigidMotions,
+    by_springs,
+    check_loose,
+    no_equilibrium,
+    rescue,
+)
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.slip import SlipCheck
 from pw_elements.contact.steps.smallness import SmallnessCheck
@@ -425,6 +431,7 @@ class Stepping:
         self.interface.check_supports(now.translations)
         given = increment.equilibrium.offset, target.translations, now.contact.pressing > 0
         self.interface.check_supports_between(*given)
+        check_loose(increment, now, rigid, state, lambda: self._spent(target.free, before))
         smallness = self._watch.after(increment, now, state)
         iterations, report = self._spent(target.free, before)
         slides = rigid.slides(now.contact, increment.allowed(now))
