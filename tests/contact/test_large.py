@@ -519,3 +519,55 @@ def test_a_surface_whose_derivatives_are_none_is_refused(kind, words):
     assert right.converged
     with pytest.raises(ValueError, match=words):
         rubber.step(rubber.touching(surface=kind((0.0, 0.6), 0.6)))
+
+
+def flat_face(half_width, outside):
+    """A face at y = 0 above the body, as a signed distance, and its gradient."""
+
+    def distance(x):
+        return np.where(np.abs(x[:, 0]) <= half_width, -x[:, 1], outside)
+
+    def gradient(x):
+        return np.tile([0.0, -1.0], (len(x), 1))
+
+    return distance, gradient
+
+
+@pytest.mark.parametrize("with_gradient", [True, False])
+def test_nothing_faces_points_where_a_signed_distance_is_infinite(with_gradient):
+    """As against a plane whose pair has the nodes below the face only; then they leave it."""
+    half_width = 0.53  # no node passes its edge
+
+    def solved(surface, nodes, way):
+        mesh = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 4))
+        spaces = Spaces.petrov_galerkin(mesh)
+        u, residual = at_large_strains(spaces)
+        held = [prescribe(spaces.trial, k, at(1, -1.0)) for k in (0, 1)]
+        pair = ContactPair(nodes, surface, 0.3)
+        problem = ContactProblem.of_residual(residual, u, held, pair)
+        states = [problem.undeformed]
+        for place in way:
+            states.append(problem.step(states[-1], motions=Motion(place)))
+        return states
+
+    distance, gradient = flat_face(half_width, np.inf)
+    face = SignedDistance(distance, gradient if with_gradient else None)
+    way = [(0.0, -0.02), (0.01, -0.05), (0.02, -0.05)]
+    below = lambda x: at(1, 0.0)(x) & (np.abs(x[0]) < half_width)  # noqa: E731
+    known = solved(Plane((0.0, 0.0), (0.0, -1.0)), below, way)
+    found = solved(face, at(1, 0.0), way)
+    for one, other in zip(found[1:], known[1:], strict=True):
+        assert (one.unknowns - other.unknowns).norm() < 1e-9
+        assert np.abs(one.pairs[0].force - other.pairs[0].force).max() < 1e-9
+        (pair,) = one.pairs
+        away = np.isinf(pair.gap)
+        assert away.sum() == len(pair.gap) - len(other.pairs[0].gap)
+        assert np.abs(pair.force_vector[away]).max() < 1e-10
+    # slid by more than the width of a facet, so that nodes leave the face and others come below it
+    *_, last = solved(face, at(1, 0.0), [(0.0, -0.02), (0.1, -0.02), (0.2, -0.02)])
+    (pair,) = last.pairs
+    x = pair.position[:, 0] + pair.displacement[:, 0] - 0.2
+    assert np.array_equal(np.isinf(pair.gap), np.abs(x) > half_width)
+    assert np.abs(pair.force_vector[np.abs(x) > half_width]).max() < 1e-10
+    assert pair.force[1] < 0
+    assert last.residuals.largest() < 1e-8

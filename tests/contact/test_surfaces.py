@@ -1,9 +1,21 @@
 from decimal import Decimal, getcontext
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 
-from pw_elements.contact import FlatPunch, Parabola, Plane, SignedDistance, Sphere
+from pw_elements.contact import (
+    ContactPair,
+    FlatPunch,
+    Motion,
+    Parabola,
+    Plane,
+    SignedDistance,
+    Sphere,
+)
+from pw_elements.meshes import triangles
+from tests.contact.cases import Elastic, at
 from tests.contact.polyline import Polyline
 
 RANDOM = np.random.default_rng(5)
@@ -119,3 +131,56 @@ def test_a_centre_has_no_closest_point(dim):
     assert np.isnan(gap).tolist() == [True, False]
     assert all(np.isnan(values[0]).all() for values in (normal, bend))
     assert all(np.isfinite(values[1]).all() for values in (normal, bend))
+
+
+def test_a_step_of_differences_that_is_too_large_is_told(caplog):
+    """Differences of a distance err by a sixth of (step / radius)^2 at most points of a circle."""
+    body = Elastic(triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2)))
+    held = body.clamped(at(1, 0.0))
+
+    def distance(x):
+        return np.hypot(x[:, 0], x[:, 1] - 4.0) - 3.0
+
+    def gradient(x):
+        away = x - [0.0, 4.0]
+        return away / np.linalg.norm(away, axis=1, keepdims=True)
+
+    def force(surface):
+        caplog.clear()
+        problem = body.problem(ContactPair(at(1, 1.0), surface), held)
+        state = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
+        return state.pairs[0].force[1], "half the step of differences" in caplog.text
+
+    exact, told = force(SignedDistance(distance, gradient, step=1.0))
+    assert not told
+    for step in (1.0, 0.1):
+        found, told = force(SignedDistance(distance, step=step))
+        assert found != pytest.approx(exact, rel=1e-6)
+        assert told
+        assert f"{step:.3g}" in caplog.text
+        assert "Give a smaller step" in caplog.text
+    for step in (1e-3, None):
+        found, told = force(SignedDistance(distance, step=step))
+        assert found == pytest.approx(exact, rel=1e-6)
+        assert not told
+    x = RANDOM.uniform(-1, 1, (20, 2))
+    flat = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1] - 1e4 - 1) - 1e4, step=1e-6)
+    assert flat.step_error(x) < 1e-5
+
+
+def test_closest_points_are_infinitely_far_where_nothing_faces_x():
+    """Differences next to the edge are one-sided, those elsewhere as ever."""
+
+    def half(x):
+        return np.where(x[:, 0] <= 0.5, np.hypot(x[:, 0], x[:, 1]) - 1.0, np.inf)
+
+    whole = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1]) - 1.0)
+    x = np.array([[0.1, 1.2], [-0.7, 0.9], [0.5, np.sqrt(0.75)], [0.500001, 1.0], [2.0, 0.0]])
+    found, known = SignedDistance(half).closest(x), whole.closest(x)
+    assert np.array_equal(np.isposinf(found[0]), [False, False, False, True, True])
+    faced = np.isfinite(found[0])
+    assert found[0][faced] == pytest.approx(known[0][faced], abs=1e-8)
+    assert found[1][faced] == pytest.approx(known[1][faced], abs=1e-5)
+    assert found[2][:2] == pytest.approx(known[2][:2], abs=1e-3)
+    assert not found[2][~faced].any()
+    assert np.linalg.norm(found[1][~faced], axis=1) == pytest.approx(1)

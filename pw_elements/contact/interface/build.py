@@ -23,10 +23,12 @@ from pw_elements.contact.interface.mortar import Overlap, Trace, gathered_trace
 from pw_elements.contact.interface.operators import DEFORMABLE, RIGID, Interface, Points, extents
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
+    MAX_STEP_ERROR,
     Cone,
     ContactPair,
     DeformableSurface,
     MatchingNodes,
+    SignedDistance,
     Surface,
     with_step,
 )
@@ -180,7 +182,28 @@ def nodal_interface(
     interface = Interface(points, shapes, body.field, interfering, inverse, mortars)
     _check_nodes(body, np.concatenate([*found, *faced]))
     interface.check(body.diagonal)
+    _warn_of_coarse_steps(interface)
     return interface
+
+
+def _warn_of_coarse_steps(interface: Interface) -> None:
+    """Log signed distances whose step of differences is too large for their curvature."""
+    comm = interface.comm
+    for k, surface in enumerate(interface.surfaces):
+        if not isinstance(surface, SignedDistance):
+            continue
+        x = interface.position[interface.pair == k]
+        with collective(comm):
+            error = answer(comm, f"the surface of contact pair {k}", surface.step_error, x)
+        error = comm.allreduce(error, MPI.MAX)
+        if error > MAX_STEP_ERROR:
+            words = (
+                f"contact pair {k}: half the step of differences, {surface.step:.3g}, changes the "
+                f"gradient of its SignedDistance by {error:.1e} of its size, and gaps and normals "
+                "likewise. Give a smaller step (a small part of the smallest radius), none, or "
+                "the gradient"
+            )
+            told(comm, logging.WARNING, words, ".contact")
 
 
 def _tell_of_lone(name: str, node: Local, body: BodyNodes) -> None:

@@ -349,7 +349,7 @@ class Interface:
     def closest(self, moved: Array) -> tuple[Array, Array, Array]:
         """Gap (m,), normal (m, dim), its derivative (m, dim, dim) of points that have moved.
 
-        They are zero in pairs of bodies.
+        They are zero in pairs of bodies; gaps are infinite where nothing faces a point.
 
         Raises:
             NotFound: if a point has no closest point.
@@ -368,8 +368,8 @@ class Interface:
         # surfaces without closest points are refused before
         self._ask("closest", self.position + moved, found, layout)
         gap, normal, bend = found
-        known = np.isfinite(gap) & np.isfinite(normal).all(axis=1)
-        known &= np.isfinite(bend).all(axis=(1, 2))
+        known = np.isfinite(gap) & np.isfinite(bend).all(axis=(1, 2)) | np.isposinf(gap)
+        known &= np.isfinite(normal).all(axis=1)
         for values in found:
             values[~known] = np.nan
         return gap, normal, bend

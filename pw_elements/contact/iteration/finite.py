@@ -236,8 +236,10 @@ class DeformedKinematics:
         self._past = past
         self._start = tools.within(past.translations, past.displacement)
         gap, self._normal, self._bend = interface.closest(self._start)
-        self._point = interface.position + self._start - gap[:, None] * self._normal
-        self._gap = gap
+        # slip of what faces nothing at first counts from where it is then, as along its surface
+        self._faced = np.isfinite(gap)
+        self._gap = np.where(self._faced, gap, 0.0)
+        self._point = interface.position + self._start - self._gap[:, None] * self._normal
 
     def stuck(self, places: Array, displacement: Array, closed: Mask) -> Array:
         """Displacements (m, dim) of closed points that have gone with their surfaces."""
@@ -254,13 +256,15 @@ class DeformedKinematics:
         levers, force = tools.levers(places, displacement, force), np.where(held, 0.0, force)
         tangents = frame[:, 1:] @ R
         bent = tangents @ bend  # t·N
-        chord = interface.position + at - gap[:, None] * normal - self._point
-        s = np.linalg.norm(normal - self._normal, axis=1) / 2
+        away = np.where(np.isfinite(gap), gap, 0.0)  # of what faces nothing, which bears no force
+        chord = interface.position + at - away[:, None] * normal - self._point
+        before = self._normals_before(normal, gap)
+        s = np.linalg.norm(normal - before, axis=1) / 2
         factor, rise = _arc(np.minimum(s, _FARTHEST))
         along = np.einsum("nta,na->nt", tangents, chord)
         across = np.sum(normal * chord, axis=1)
-        turning = np.einsum("na,nab->nb", self._normal, bend) / 4
-        slipped = factor[:, None, None] * (tangents - (gap + across)[:, None, None] * bent)
+        turning = np.einsum("na,nab->nb", before, bend) / 4
+        slipped = factor[:, None, None] * (tangents - (away + across)[:, None, None] * bent)
         slipped -= (rise[:, None] * along)[:, :, None] * turning[:, None]
         pressed, back = np.sum(frame[:, 0] * force, axis=1), np.swapaxes(R, 1, 2)
         by_turn = np.einsum("na,nab->nb", force, R @ bend)[:, None], -pressed[:, None, None] * bent
@@ -290,12 +294,18 @@ class DeformedKinematics:
         end = self._tools.within(place.translations, place.at[:, : self._start.shape[1]])
         self._interface.check_closest(end, pressed)
 
+    def _normals_before(self, normal: Array, gap: Array) -> Array:
+        """Normals (m, dim) at the start, those of now where nothing faces a point then or now."""
+        return np.where((self._faced & np.isfinite(gap))[:, None], self._normal, normal)
+
     def by_start(self, place: Place) -> Array:
         """Derivatives (m, dim - 1, dim) of a place's slip by the motions where it began."""
         normal, tangents = place.frame[:, 0], place.frame[:, 1:]
-        s = np.linalg.norm(normal - self._normal, axis=1) / 2
+        before = self._normals_before(normal, place.gap)
+        s = np.linalg.norm(normal - before, axis=1) / 2
         factor, rise = _arc(np.minimum(s, _FARTHEST))
-        point = np.eye(normal.shape[1]) - self._normal[:, :, None] * self._normal[:, None, :]
+        across = self._normal[:, :, None] * self._normal[:, None, :]
+        point = np.eye(normal.shape[1]) - np.where(self._faced[:, None, None], across, 0.0)
         point -= self._gap[:, None, None] * self._bend  # of the closest point there
         turning = np.einsum("na,nab->nb", normal, self._bend) / 4
         turned = (rise / factor)[:, None, None] * place.slip[:, :, None] * turning[:, None]
@@ -331,7 +341,8 @@ class DeformedKinematics:
         """Points (m,) whose normals have turned by a right angle, pressed or past their surface."""
         interface = self._interface
         end = self._tools.within(place.translations, place.at[:, : self._start.shape[1]])
-        turned = np.linalg.norm(interface.closest(end)[1] - self._normal, axis=1)
+        gap, normal, _ = interface.closest(end)
+        turned = np.linalg.norm(normal - self._normals_before(normal, gap), axis=1)
         jumped = turned > 2 * _RIGHT_ANGLE
         if len(interface.gathered(jumped[jumped])):
             for share in _WAY:

@@ -25,6 +25,7 @@ from pw_elements.contact.model.state import (
 )
 from pw_elements.contact.model.surfaces import (
     KNOWN_BODIES,
+    MAX_STEP_ERROR,
     FlatPunch,
     Parabola,
     Plane,

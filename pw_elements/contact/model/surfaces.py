@@ -29,6 +29,9 @@ _GRADIENT, _LOST_DIGITS = 1e-5, 64
 _DERIVATIVE = 1e-4
 # Distance from the centre over a sphere's radius at which there is no closest point
 _AT_CENTRE = 1e-12
+# Relative change of a gradient by differences, if the step is halved, above which the step is told:
+# that of the default step is round-off of the function, up to 1e-6 of a radius of 1e4 bodies
+MAX_STEP_ERROR = 1e-5
 
 
 def unit(direction: Sequence[float]) -> Array:
@@ -67,8 +70,9 @@ class RigidBody(Surface, Protocol):
 
         Returns:
             Distance (n,), negative inside, normal (n, dim), and its derivative by x (n, dim, dim);
-            NaN where there is no closest point. Where nodes touch, the normal has to be the
-            distance's derivative, and both are compared with differences.
+            Infinite distance, any normal and a derivative of zero where nothing faces x; NaN where
+            there is no closest point. Where nodes touch, the normal has to be the distance's
+            derivative, and both are compared with differences.
         """
 
 
@@ -238,7 +242,8 @@ class SignedDistance:
         gradient: of points as rows, (n, dim) to (n, dim), by default central differences, with
             which a given one is compared where it is used.
         step: of the differences, a small part of the smallest radius of the surface; by default
-            1e-6 of the largest coordinate, in contact that of the mesh.
+            1e-6 of the largest coordinate, in contact that of the mesh. Contact warns where half
+            the step changes the gradient by more than 1e-5.
 
     Raises:
         TypeError: for anything but functions.
@@ -278,8 +283,18 @@ class SignedDistance:
         By Newton's method on p + l grad f(p) = x, f(p) = 0, with p the closest point.
 
         The Hessian is made of differences of the gradient; without a gradient function it has half
-        of the digits.
+        of the digits. Where the function is infinite nothing faces x; next to such points
+        differences are one-sided.
         """
+        n, dim = x.shape
+        faced = ~np.isposinf(self._values(x))
+        gap, normal = np.full(n, np.inf), np.tile(np.eye(dim)[-1], (n, 1))
+        shape = np.zeros((n, dim, dim))
+        if faced.any():
+            gap[faced], normal[faced], shape[faced] = self._closest(x[faced])
+        return gap, normal, shape
+
+    def _closest(self, x: Points) -> tuple[Array, Points, Array]:
         n, dim = x.shape
         self._check_gradient(x)
         one, p = np.eye(dim), x.copy()
@@ -294,9 +309,11 @@ class SignedDistance:
             system[:, :dim, dim] = system[:, dim, :dim] = slope
             wrong = x - p - length[:, None] * slope
             right = np.concatenate([wrong, -self._values(p)[:, None]], axis=1)
+            known = np.isfinite(system).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
+            system[~known], right[~known] = np.eye(dim + 1), np.nan
             step = np.linalg.solve(system, right[:, :, None])[:, :, 0]
-            p += step[:, :dim]
-            length += step[:, dim]
+            p[known] += step[known, :dim]
+            length[known] += step[known, dim]
             found = np.abs(step[:, :dim]).max(axis=1) <= small
             if found.all():
                 break
@@ -308,6 +325,22 @@ class SignedDistance:
         shape = across @ bend @ across / size[:, None, None]
         normal[~found] = gap[~found] = np.nan
         return gap, normal, np.linalg.solve(one + gap[:, None, None] * shape, shape)
+
+    def step_error(self, x: Points) -> float:
+        """Return the largest relative change of the gradient if the step of differences is halved.
+
+        It is that at the surface, at the first-order closest points of points x (n, dim); zero with
+        a gradient function.
+        """
+        faced = np.isfinite(self._values(x))
+        if self.gradient is not None or not faced.any():
+            return 0.0
+        at = x[faced]
+        at = at - self.gap(at)[:, None] * self.normal(at)
+        slope = self._slope(at)
+        finer = replace(self, step=self._step(at) / 2)._slope(at)
+        change = np.linalg.norm(slope - finer, axis=1) / np.linalg.norm(finer, axis=1)
+        return float(np.max(change, where=np.isfinite(change), initial=0.0))
 
     def _values(self, x: Points) -> Array:
         layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
@@ -321,9 +354,9 @@ class SignedDistance:
             layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
             given = self.gradient(x)
             return arguments.field("the gradient of a signed distance", given, x.shape, layout)
-        step = self._step(x)
-        differences = [self._values(x + h) - self._values(x - h) for h in step * np.eye(x.shape[1])]
-        return np.asarray(np.array(differences).T / (2 * step), dtype=float)
+        steps, here = self._step(x) * np.eye(x.shape[1]), self._values(x)
+        slopes = [_differences(self._values, x, here, h) for h in steps]
+        return np.asarray(np.array(slopes).T, dtype=float)
 
     def _check_gradient(self, x: Points) -> None:
         """Raise ValueError if the given gradient is none of the function at points x (n, dim).
@@ -364,8 +397,8 @@ class SignedDistance:
     def _bend(self, x: Points) -> Array:
         """Second derivatives (n, dim, dim) of the function."""
         step = self._step(x) * (1 if self.gradient is not None else _COARSER)
-        steps = step * np.eye(x.shape[1])
-        bend = np.array([self._slope(x + h) - self._slope(x - h) for h in steps]) / (2 * step)
+        steps, here = step * np.eye(x.shape[1]), self._slope(x)
+        bend = np.array([_differences(self._slope, x, here, h) for h in steps])
         return np.asarray(bend.transpose(1, 0, 2) + bend.transpose(1, 2, 0)) / 2
 
 
@@ -404,6 +437,19 @@ def wrong_derivatives(surface: RigidBody, x: Points, step: float) -> str:
         f"{what} {np.squeeze(given[k, part]).tolist()} at {x[k].tolist()}, but differences give "
         f"{np.squeeze(mean[k, part]).tolist()}"
     )
+
+
+def _differences(function: Callable[[Points], Array], x: Points, here: Array, h: Array) -> Array:
+    """Return the derivative (n, ...) along h (dim,), from the finite side next to infinity."""
+    size = np.linalg.norm(h)
+    with np.errstate(invalid="ignore"):
+        after, before = function(x + h), function(x - h)
+        central = (after - before) / (2 * size)
+        if np.isfinite(central).all():
+            return central
+        forward, backward = (after - here) / size, (here - before) / size
+    one_sided = np.where(np.isfinite(forward), forward, backward)
+    return np.where(np.isfinite(central), central, one_sided)
 
 
 def with_step(surface: Surface, largest: float) -> Surface:
