@@ -128,6 +128,10 @@ class Newton:
         self.corrections: list[float] = []
         self._singular: SingularSystem | None = None
         system.assemble()
+        for name, values in (("the tangent", system.matrix), ("the residual", system.forces())):
+            size = values.norm(PETSc.NormType.INFINITY)
+            if np.isfinite(size):  # the iteration says where it is not
+                arguments.check_range(f"{name} at the start", size)
         self._scale = equilibration(system.u.function_space, system.matrix)
         system.matrix.diagonalScale(self._scale, self._scale)
         self._x.pointwiseDivide(self._x, self._scale)

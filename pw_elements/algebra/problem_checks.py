@@ -18,6 +18,8 @@ from pw_elements.checks import arguments, collective
 from pw_elements.spaces import Assembled, SubSpace
 
 _STIFFNESS = "the stiffness"
+_FROBENIUS, _INFINITY = PETSc.NormType.FROBENIUS, PETSc.NormType.INFINITY
+_LARGEST = 1e100  # of a sum in a row, whose square may be infinite
 
 
 def check_problem(
@@ -63,11 +65,14 @@ def check_problem(
             _check_likeness(name, thing, K)
     for name, matrix in matrices.items():
         # sums of squares keep NaN, on whichever process it is; largest values may lose it
-        if not np.isfinite(matrix.norm(PETSc.NormType.FROBENIUS)):
+        size, largest = (matrix.norm(kind) for kind in (_FROBENIUS, _INFINITY))
+        if not np.isfinite(size) and not _LARGEST < largest < np.inf:
             raise ValueError(f"{name} has entries that are not finite")
+        arguments.check_range(name, largest)
     for name, vector in every.items():
         if not is_finite(vector):
             raise ValueError(f"{name} is not finite")
+        arguments.check_range(name, vector.norm(_INFINITY))
 
 
 def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
@@ -78,6 +83,7 @@ def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
         _check_likeness(name, load, K)
     if not is_finite(load):
         raise ValueError(f"{name} is not finite")
+    arguments.check_range(name, load.norm(_INFINITY))
 
 
 def _check_mesh(name: str, mesh: Any, K: PETSc.Mat) -> None:  # noqa: ANN401

@@ -74,6 +74,8 @@ def prescribed(
             values[dofs] = own[dofs]
         if not np.isfinite(values[:owned]).all():
             raise ValueError("a prescribed value is not a finite number")
+        size = np.abs(values[:owned]).max(initial=0.0)
+        arguments.check_range("the largest prescribed value", float(size), least=0.0)
     places = np.zeros((0, space.mesh.geometry.dim))
     for field in fields_of(space):
         largest = comm.allreduce(np.abs(values[field.owned]).max(initial=0.0), MPI.MAX)

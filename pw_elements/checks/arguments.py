@@ -23,6 +23,10 @@ from pw_elements.checks.guard import collective, processes
 
 Sizes = tuple[int, int]  # of vectors, own and global
 
+# Range of the sizes of numbers that are given: squares of their quotients are numbers, too. Beyond
+# it norms become zero or infinite, and results lose their digits without a word
+SMALLEST, LARGEST = 1e-75, 1e75
+
 
 def is_number(value: Any) -> bool:  # noqa: ANN401
     """Whether a value is one real number, a 0-d array being one, too: no truth value, no text."""
@@ -35,15 +39,26 @@ def is_function(value: object) -> TypeGuard[Callable[..., Any]]:
     return callable(value) and not isinstance(value, Expr | type)
 
 
+def check_range(name: str, size: float, least: float = SMALLEST) -> None:
+    """Raise ValueError for a size that is neither zero nor in the range of serviceable numbers."""
+    if size > LARGEST or 0 < size < least:
+        raise ValueError(
+            f"{name} is of the size {size:.3g}, out of the range {SMALLEST:g} to {LARGEST:g} in "
+            "which numbers keep their digits: choose units in which it is nearer to one"
+        )
+
+
 def number(name: str, value: Any) -> float:  # noqa: ANN401
     if not (is_number(value) and np.isfinite(value)):
         raise ValueError(f"{name} = {value!r}: has to be a finite number")
+    check_range(name, abs(float(value)), least=0.0)
     return float(value)
 
 
 def positive(name: str, value: Any) -> float:  # noqa: ANN401
     if not number(name, value) > 0:
         raise ValueError(f"{name} = {value!r}: has to be positive")
+    check_range(name, float(value))
     return float(value)
 
 
@@ -62,7 +77,9 @@ def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa:
     if not (each and finite and len(each) == (length or len(each))):
         count = f"{length} finite" if length else "finite"
         raise ValueError(f"{name} {values!r}: it needs {count} components")
-    return np.array(each, dtype=float)
+    found = np.array(each, dtype=float)
+    check_range(name, float(np.abs(found).max()), least=0.0)
+    return found
 
 
 def real_array(name: str, values: Any, shape: tuple[int, ...]) -> Array:  # noqa: ANN401
@@ -173,7 +190,12 @@ def coefficient(
 
 
 def positive_coefficient(name: str, value: object, comm: MPI.Comm = MPI.COMM_SELF) -> float | Expr:
-    return coefficient(name, value, lambda values: values > 0, "has to be positive", comm)
+    checked = coefficient(name, value, lambda values: values > 0, "has to be positive", comm)
+    with collective(processes(comm, value)):
+        values = known_values(checked)
+        for size in (values.min(initial=1.0), values.max(initial=1.0)):
+            check_range(name, float(size))
+    return checked
 
 
 def known_values(value: float | Expr) -> Array:

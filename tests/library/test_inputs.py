@@ -4,10 +4,21 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices, meshtags
 
-from pw_elements import Body, Reduction, Spaces, assemble_vector, boundary_measure, prescribe
+from pw_elements import (
+    Body,
+    Material,
+    PetrovGalerkinProblem,
+    Reduction,
+    Spaces,
+    assemble_vector,
+    boundary_measure,
+    prescribe,
+    solve,
+)
 from pw_elements.checks import answer, collective
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Plane, Sphere, solve_contact
 from pw_elements.elasticity import StressState
@@ -113,3 +124,78 @@ def test_errors_of_users_functions_are_the_cause_of_the_librarys():
     with pytest.raises(ValueError, match=words) as caught, collective(comm):
         answer(comm, "the marker", {}.__getitem__, "x")
     assert isinstance(caught.value.__cause__, KeyError)
+
+
+def scaled_load(size):
+    load = BLOCK.pressure.copy()
+    load.scale(size / load.norm(3))
+    return load
+
+
+def stretched_by(value):
+    held = [prescribe(U, k, at(1, 0.0)) for k in (0, 1)]
+    return Reduction.dirichlet(U, [*held, prescribe(U, 1, at(1, 1.0), value)])
+
+
+def rubber(modulus=1.0, load=0.0, depth=0.0, contact=False):
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
+    spaces = Spaces.petrov_galerkin(mesh)
+    E, pull = fem.Constant(mesh, modulus), fem.Constant(mesh, load)
+    u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
+    residual = E * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) * ufl.dx - pull * v[0] * ufl.dx
+    held = [prescribe(spaces.trial, k, at(1, 0.0)) for k in (0, 1)]
+    if not contact:
+        held.append(prescribe(spaces.trial, 1, at(1, 1.0), depth))
+        return PetrovGalerkinProblem(residual, u, held).solve()
+    above = ContactPair(at(1, 1.0), Plane((0, 1), (0, -1)))
+    problem = ContactProblem.of_residual(residual, u, held, above)
+    return problem.step(problem.undeformed, motions=Motion((0.0, -depth)))
+
+
+OUT_OF_RANGE = {
+    "a small load": lambda: solve(K, scaled_load(1e-300), BLOCK.clamped(BOTTOM)),
+    "a large load": lambda: solve(K, scaled_load(1e300), BLOCK.clamped(BOTTOM)),
+    "a load of contact": lambda: contact_under(scaled_load(1e-300)),
+    "a modulus": lambda: Material(1e-300),
+    "a modulus's nodal values": lambda: Material(constant_function(1e-300)),
+    "a stiffness": lambda: solve(1e-300 * K, BLOCK.pressure, BLOCK.clamped(BOTTOM)),
+    "a large stiffness": lambda: solve(1e300 * K, BLOCK.pressure, BLOCK.clamped(BOTTOM)),
+    "a prescribed displacement": lambda: stretched_by(1e300),
+    "a motion": lambda: Motion((0.0, 1e300)),
+    "a force on a surface": lambda: Motion((0.0, None), (0.0, 1e300)),
+    "a traction": lambda: BLOCK.body.surface_load((0, 1e300), boundary_measure(MESH, FACETS)),
+    "a residual's modulus": lambda: rubber(modulus=1e-300),
+    "a residual's load": lambda: rubber(load=1e-300),
+    "a residual's condition": lambda: rubber(depth=1e300),
+    "a residual's modulus in contact": lambda: rubber(1e-300, contact=True),
+    "a residual's load in contact": lambda: rubber(load=1e-300, contact=True),
+}
+
+
+def contact_under(load):
+    solve_contact(K, load, BLOCK.free, ContactPair(BOTTOM, FLOOR, 0.3), U)
+
+
+def constant_function(value):
+    function = fem.Function(fem.functionspace(MESH, ("Lagrange", 1)))
+    function.x.array[:] = value
+    return function
+
+
+@pytest.mark.parametrize("what", OUT_OF_RANGE)
+def test_numbers_that_lose_their_digits_are_refused(what):
+    """Squares of 1e-300 are zero and of 1e300 infinite: so are norms, and what depends on them."""
+    with pytest.raises(ValueError, match="choose units in which it is nearer to one"):
+        OUT_OF_RANGE[what]()
+
+
+@pytest.mark.parametrize("unit", [1e-60, 1e60])
+def test_numbers_in_range_keep_their_digits(unit):
+    known = solve(K, BLOCK.pressure, BLOCK.clamped(BOTTOM))
+    found = solve(unit * K, BLOCK.pressure, BLOCK.clamped(BOTTOM))
+    found.scale(unit)
+    assert (found - known).norm() < 1e-10 * known.norm()
+    small = min(unit, 1 / unit)
+    one, other = rubber(load=1.0), rubber(load=small)
+    assert other.x.array / small == pytest.approx(one.x.array, rel=1e-9, abs=1e-15)
+    assert rubber(depth=0.01, contact=True).pairs[0].force[1] < 0

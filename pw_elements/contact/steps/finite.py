@@ -21,7 +21,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, equilibrated, masked, prescribed
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import answer, collective
+from pw_elements.checks import answer, arguments, collective
 from pw_elements.contact.interface import ROUND_OFF, nodal_interface
 from pw_elements.contact.iteration import (
     OPEN,
@@ -156,6 +156,9 @@ class FiniteStepping:
             def part(now: ContactState, share: float) -> ContactState:
                 self._restore(now)
                 self._apply(load, share)
+                if not state.increment and now is state:
+                    forces = self._body.forces().norm(PETSc.NormType.INFINITY)
+                    arguments.check_range("the load of the undeformed body", forces)
                 try:
                     found = self._solved(now, between(start, end, share), system, reporter)
                 except NotConverged as failed:
