@@ -30,6 +30,7 @@ from pw_elements.contact.model import (
     MatchingNodes,
     SignedDistance,
     Surface,
+    step_error,
     with_step,
 )
 from pw_elements.elasticity import StressState, by_position, facet_nodes, facets_between
@@ -194,7 +195,7 @@ def _warn_of_coarse_steps(interface: Interface) -> None:
             continue
         x = interface.position[interface.pair == k]
         with collective(comm):
-            error = answer(comm, f"the surface of contact pair {k}", surface.step_error, x)
+            error = answer(comm, f"the surface of contact pair {k}", step_error, surface, x)
         error = comm.allreduce(error, MPI.MAX)
         if error > MAX_STEP_ERROR:
             words = (

@@ -33,6 +33,7 @@ from pw_elements.contact.model.surfaces import (
     SignedDistance,
     Sphere,
     Surface,
+    step_error,
     with_step,
     wrong_derivatives,
 )

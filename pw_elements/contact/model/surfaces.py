@@ -326,22 +326,6 @@ class SignedDistance:
         normal[~found] = gap[~found] = np.nan
         return gap, normal, np.linalg.solve(one + gap[:, None, None] * shape, shape)
 
-    def step_error(self, x: Points) -> float:
-        """Return the largest relative change of the gradient if the step of differences is halved.
-
-        It is that at the surface, at the first-order closest points of points x (n, dim); zero with
-        a gradient function.
-        """
-        faced = np.isfinite(self._values(x))
-        if self.gradient is not None or not faced.any():
-            return 0.0
-        at = x[faced]
-        at = at - self.gap(at)[:, None] * self.normal(at)
-        slope = self._slope(at)
-        finer = replace(self, step=self._step(at) / 2)._slope(at)
-        change = np.linalg.norm(slope - finer, axis=1) / np.linalg.norm(finer, axis=1)
-        return float(np.max(change, where=np.isfinite(change), initial=0.0))
-
     def _values(self, x: Points) -> Array:
         layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
         return arguments.field(
@@ -450,6 +434,23 @@ def _differences(function: Callable[[Points], Array], x: Points, here: Array, h:
         forward, backward = (after - here) / size, (here - before) / size
     one_sided = np.where(np.isfinite(forward), forward, backward)
     return np.where(np.isfinite(central), central, one_sided)
+
+
+def step_error(surface: SignedDistance, x: Points) -> float:
+    """Return the largest relative change of the gradient if the step of differences is halved.
+
+    It is that at the surface, at the first-order closest points of points x (n, dim); zero with a
+    gradient function.
+    """
+    faced = np.isfinite(surface._values(x))
+    if surface.gradient is not None or not faced.any():
+        return 0.0
+    at = x[faced]
+    at = at - surface.gap(at)[:, None] * surface.normal(at)
+    slope = surface._slope(at)
+    finer = replace(surface, step=surface._step(at) / 2)._slope(at)
+    change = np.linalg.norm(slope - finer, axis=1) / np.linalg.norm(finer, axis=1)
+    return float(np.max(change, where=np.isfinite(change), initial=0.0))
 
 
 def with_step(surface: Surface, largest: float) -> Surface:
