@@ -207,11 +207,11 @@ class RigidProblem:
         )
         pressed, history = (
             Pressed(body, self.tool, self.touching, self.held),
-            [self._moment(states[0])],
+            [self.moment(states[0])],
         )
         for step, start, end in zip(plan.steps, states, states[1:], strict=False):
             for share, part in (*end.substates, (1.0, end)):
-                history.append(self._moment(part))
+                history.append(self.moment(part))
                 prescribed = np.zeros_like(self.nodes)
                 prescribed[:, 0] = (1 - share) * before + share * step.moved
                 found = pressed.violations(history, prescribed)
@@ -258,7 +258,7 @@ class RigidProblem:
             held[:, 0] |= (np.abs(x) > 0.6) & np.isclose(y, 0.0)
         return held
 
-    def _moment(self, state: ContactState) -> Moment:
+    def moment(self, state: ContactState) -> Moment:
         (pair,) = state.pairs
         force = np.zeros_like(self.nodes)
         force[pair.node] = pair.force_vector

@@ -8,7 +8,7 @@ import pytest
 
 from pw_elements.contact import NotFound
 from tests.oracle.large import Rubber
-from tests.oracle.random_sliding import RULE, problem, sketch
+from tests.oracle.random_sliding import RULE, RigidProblem, problem, sketch
 from tests.oracle.tools import Pressed
 
 # Stated before any value was seen: of the largest force, and of all problems
@@ -58,21 +58,25 @@ def test_problems_are_of_all_kinds_and_do_not_change_with_numpy():
     assert sketch(3).friction == pytest.approx(FRICTION_OF_SEED_3, abs=0)
 
 
-@pytest.fixture(scope="module", params=[7, 2], ids=["circle", "plane"])
-def rubbed(request):
-    """A problem with slipping nodes: what presses, its history and what supports prescribe."""
-    stated = problem(request.param)
-    states, error = stated.solution
-    assert error is None
+def laws(stated):
+    """What judges a problem with a tool, and its history."""
+    states, _ = stated.solution
     parts = [states[0]] + [
         part for state in states[1:] for part in (*(at for _, at in state.substates), state)
     ]
-    history = [stated._moment(state) for state in parts]
     plan = stated.sketch
-    body = Rubber(
-        stated.nodes, stated.cells, plan.linear_weights, 2 * plan.nu / (1 - 2 * plan.nu), RULE
-    )
-    return Pressed(body, stated.tool, stated.touching, stated.held), history
+    lame = 2 * plan.nu / (1 - 2 * plan.nu)
+    body = Rubber(stated.nodes, stated.cells, plan.linear_weights, lame, RULE)
+    pressed = Pressed(body, stated.tool, stated.touching, stated.held)
+    return pressed, [stated.moment(part) for part in parts]
+
+
+@pytest.fixture(scope="module", params=[7, 2], ids=["circle", "plane"])
+def rubbed(request):
+    """A problem with slipping nodes: what presses, and its history."""
+    stated = problem(request.param)
+    assert stated.solution[1] is None
+    return laws(stated)
 
 
 WRONG = {  # line that sees it: change of the last translation, of the angle, factor of mu
@@ -104,3 +108,25 @@ def test_problems_whose_active_sets_cycle_are_solved(seed):
     found, error = flaws(seed)
     assert error is None
     assert found == {}
+
+
+@pytest.mark.parametrize("seed", [3, 7, 12, 71])
+def test_unloading_leaves_nothing_wrong_beside_the_forces_that_are_left(seed):
+    """Measured against the forces of the last two states, not against those of the history."""
+    plan = sketch(seed)
+    last = plan.steps[-1]
+    stages = tuple(replace(last, down=share * last.down) for share in (0.5, 0.1, 0.01, 0.0, -0.01))
+    stated = RigidProblem(replace(plan, steps=(*plan.steps, *stages)))
+    states, error = stated.solution
+    assert error is None
+    pressed, history = laws(stated)
+    largest = [np.abs(pressed.body.forces(one.displacement)).max() for one in history]
+    judged, nothing = 0, np.zeros_like(pressed.body.nodes)
+    for k in range(len(history) - len(stages), len(history)):
+        if largest[k] > 1e-9 * max(largest):  # else there is round-off alone
+            judged += 1
+            found = pressed.violations(history[k - 1 : k + 1], nothing)
+            assert max(found.values()) < TOLERANCE, k
+    assert judged > 0
+    assert largest[-1] < 1e-12 * max(largest)
+    assert not any(pair.status.any() for pair in states[-1].pairs)
