@@ -460,6 +460,7 @@ def newton(
     most: int,
     told: Callable[[int, ActiveSet, float], None] | None = None,
     doubt: Callable[[], None] | None = None,
+    patient: bool = False,
 ) -> Iterate:
     """Iterates from an active set and a place of linearisation until all conditions hold.
 
@@ -470,6 +471,9 @@ def newton(
     `told`, if it is given, is called with each iteration's number, active set and violation,
     `doubt` once, after more iterations than most increments take: it may raise a NoEquilibrium.
 
+    A deformed body's equations are solved for a set before it changes, once sets have come back, if
+    the iteration is `patient`.
+
     If it fails with an iterative solver, whose solutions are inexact on the way, it is tried once
     more with exact ones.
 
@@ -477,13 +481,13 @@ def newton(
         NotUnique, NotFound: as `solve_contact` says.
     """
     try:
-        return _iterated(increment, active, place, policy, most, told, doubt)
+        return _iterated(increment, active, place, policy, most, told, doubt, patient)
     except ContactFailed as failure:
         proved = isinstance(failure, NoEquilibrium)
         if increment.precise or increment.deformed is not None or proved:
             raise
         increment.precise = True
-        return _iterated(increment, active, place, policy, most, told, doubt)
+        return _iterated(increment, active, place, policy, most, told, doubt, patient)
 
 
 def _iterated(
@@ -494,6 +498,7 @@ def _iterated(
     most: int,
     told: Callable[[int, ActiveSet, float], None] | None,
     doubt: Callable[[], None] | None,
+    patient: bool,
 ) -> Iterate:
     system = increment.system
     if increment.interface.holds_friction:
@@ -516,7 +521,8 @@ def _iterated(
             policy.restart()  # Newton's method may stay with a set
             change = _largest(increment, np.abs(now.displacement - last))
             last = now.displacement
-            if patience.keeps(active, change / (_largest(increment, np.abs(last)) or 1.0)):
+            kept = patience.keeps(active, change / (_largest(increment, np.abs(last)) or 1.0))
+            if patient and kept:
                 continue
         elif violation <= 1:
             if more := not now.final:  # equilibrium may lag behind

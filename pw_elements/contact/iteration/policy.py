@@ -25,7 +25,7 @@ from pw_elements.contact.iteration.law import (
     mixed,
     sticking,
 )
-from pw_elements.contact.model import ContactState, FreeBody, LostHold, NotFound
+from pw_elements.contact.model import ContactState, Cycling, FreeBody, LostHold, NotFound
 
 FreeMotions = Callable[[ActiveSet, Array], list[str]]  # of an active set in frames, by name
 
@@ -135,7 +135,7 @@ class Patience:
             changing |= turned.any(axis=1)
         places = interface.gathered(interface.position[changing])
         sets = len({key for key, _ in self._recent})
-        return NotFound.at(
+        return Cycling.at(
             f"{words}: {sets} sets come back, which differ at {len(places)} of the nodes, at {{}}, "
             "and the law holds in none of them",
             places,

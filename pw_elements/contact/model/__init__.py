@@ -2,6 +2,7 @@
 
 from pw_elements.contact.model.errors import (
     ContactFailed,
+    Cycling,
     FreeBody,
     LostHold,
     MissingForce,

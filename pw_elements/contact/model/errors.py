@@ -106,6 +106,10 @@ class NotFound(ContactFailed):
         return cls(words.format(listed(places)))
 
 
+class Cycling(NotFound):
+    """Active sets come back, and the law holds in none of them."""
+
+
 class LostHold(NotFound):
     """A body or surface that contact alone holds would be let go."""
 

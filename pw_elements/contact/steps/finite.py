@@ -10,6 +10,7 @@ increment in which a tool turns, or supports move, by more than an eighth of a t
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import TypeAlias
 
@@ -43,6 +44,7 @@ from pw_elements.contact.iteration import (
 from pw_elements.contact.model import (
     ContactPair,
     ContactState,
+    Cycling,
     Free,
     Motion,
     NotFound,
@@ -153,19 +155,27 @@ class FiniteStepping:
                 words = f"in {pieces} parts, as slip is not seen from its ends alone"
                 told(interface.comm, logging.INFO, words, ".contact")
 
-            def part(now: ContactState, share: float) -> ContactState:
+            def part(now: ContactState, share: float, patient: bool = False) -> ContactState:
                 self._restore(now)
                 self._apply(load, share)
                 if not state.increment and now is state:
                     forces = self._body.forces().norm(PETSc.NormType.INFINITY)
                     arguments.check_range("the load of the undeformed body", forces)
                 try:
-                    found = self._solved(now, between(start, end, share), system, reporter)
+                    goal = between(start, end, share)
+                    found = self._solved(now, goal, system, reporter, patient)
                 except NotConverged as failed:
                     raise NotFound(str(failed)) from failed
                 return replace(found, history=self._updated())
 
-            parts, failure = divided(part, state, (1 / pieces, _SMALLEST / pieces, 2.0))
+            sizes = (1 / pieces, _SMALLEST / pieces, 2.0)
+            parts, failure = divided(part, state, sizes)
+            if failure is not None and isinstance(failure[1], Cycling):
+                # from the start: a state beyond a snap may be out of reach of small parts
+                again = partial(part, patient=True)
+                patient_parts, patient_failure = divided(again, state, sizes)
+                if patient_failure is None:
+                    parts, failure = patient_parts, None
             if failure is not None:
                 done, now = parts[-1] if parts else (0.0, state)
                 self._restore(now)
@@ -252,7 +262,12 @@ class FiniteStepping:
             self._system = None
 
     def _solved(
-        self, state: ContactState, goal: Target, system: ContactSystem, reporter: Reporter
+        self,
+        state: ContactState,
+        goal: Target,
+        system: ContactSystem,
+        reporter: Reporter,
+        patient: bool,
     ) -> ContactState:
         interface, translations = self.interface, goal.translations
         increment, equilibrium, kinematics = self._begun(state, goal, system, state.unknowns)
@@ -265,7 +280,9 @@ class FiniteStepping:
         first = sticking(closed | (place.gap < 0), interface.cone, place.frame.shape[1] - 1)
         policy = Policy(lambda *_: [], interface)
         met = len(system.tangent.solver.orientations)
-        now = newton(increment, first, place, policy, self._most, reporter.iteration)
+        now = newton(
+            increment, first, place, policy, self._most, reporter.iteration, patient=patient
+        )
         if reporter.iteration:
             reporter.violation = increment.violation(now)
         pressed = now.contact.pressing > 0
