@@ -489,9 +489,10 @@ class FiniteEquilibrium:
         Round-off of forces is allowed for: a body that has left its tool may have moved far, with
         no force to compare with. Equations of pressures are volumes, which have round-off, too.
         """
-        moved = self._field.part(full).norm(PETSc.NormType.INFINITY)
-        allowed = TOLERANCE * self._size + self._lost + self._lost_volumes
-        allowed = allowed + ROUND_OFF * self._row_sum * moved
+        moved = self._field.part(self._at).norm(PETSc.NormType.INFINITY)
+        of_volumes = np.asarray(self._lost_volumes)
+        allowed = TOLERANCE * self._size + self._lost + of_volumes
+        allowed = allowed + np.where(of_volumes > 0, 0.0, ROUND_OFF * self._row_sum * moved)
         return float(np.max(unbalanced / allowed, initial=0.0)) if self._reached else np.inf
 
     @property

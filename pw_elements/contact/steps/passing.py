@@ -38,8 +38,8 @@ def refuse_tools_through_supports(
         if k in interface.mortars or np.isnan(ways[:, k]).any():
             continue
         within = [
-            tools.see_from_surface(k, place[k], positions[fixed] + moved[fixed])
-            for place, moved in zip(ways, paths, strict=True)
+            tools.see_from_surface(k, ways[j, k], positions[fixed] + paths[j][fixed])
+            for j in range(len(ways))
         ]
         gaps: Array = np.full((len(within), int(fixed.sum())), np.inf)
         with collective(interface.comm), np.errstate(all="ignore"):
