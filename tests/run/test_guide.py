@@ -39,3 +39,22 @@ def test_links_within_the_guide_lead_somewhere():
                 continue
             path = page.parent / target
             assert path.is_file() or path.with_suffix(".md").is_file(), f"{page.name}: {target}"
+
+
+def heading_anchors(page):
+    """Return the anchors that MyST makes of a page's headings."""
+    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+    heads = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+def test_anchors_within_the_guide_lead_to_headings():
+    """Only a file's name with its ending, or none, may stand before an anchor."""
+    checked = 0
+    for page in DOCS.rglob("*.md"):
+        for target, anchor in re.findall(r"\]\(([^)#:]*)#([^)]*)\)", page.read_text()):
+            path = page.parent / target if target else page
+            assert path.is_file(), f"{page.name}: {target}#{anchor}"
+            assert anchor in heading_anchors(path), f"{page.name}: {target}#{anchor}"
+            checked += 1
+    assert checked > 4
