@@ -327,7 +327,8 @@ class DeformedKinematics:
             gap, toward, _ = interface.look_for_closest(at)
             known = np.isfinite(gap)[:, None]  # others are left out
             toward = np.where(known, toward, normal)
-            on = np.where(known, interface.position + at - gap[:, None] * toward, point)
+            away = np.where(known[:, 0], gap, 0.0)
+            on = np.where(known, interface.position + at - away[:, None] * toward, point)
             middle = normal + toward
             middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), _SMALL_TURN)
             chord = on - point

@@ -32,6 +32,9 @@ TOLERANCE = 1e-9
 _STEP = 1e-4
 # Part of a tangent along held components from which on supports hold it
 _ALONG = 0.5
+# Passes in which friction along a support that is not along the surface finds its limit, and its
+# change over the limit that ends them
+_FRICTION_PASSES, _FRICTION_ROUND_OFF = 60, 1e-13
 
 
 @dataclass(frozen=True)
@@ -408,3 +411,48 @@ class Place:
         of_force = A @ (self.frame * stated[:, :, None])
         E, C, D, c = (to_nodes @ part for part in (of_force, C, D, c[:, :, None]))
         return LinearisedLaw(E, C, D, c[:, :, 0])
+
+
+def add_support_friction(
+    contact: Contact,
+    place: Place,
+    force: Array,
+    friction: Array,
+    *,
+    stiffness: Array,
+    components: Mask,
+) -> tuple[Contact, Array]:
+    """Add to the forces of nodes the friction that the law gives along tangents that are held.
+
+    A support that is not along the surface then bears part of the normal force, too, on which the
+    limit of friction depends: the two are found by passes.
+
+    Args:
+        contact: the nodes, with the forces that their own equations tell.
+        place: the kinematics.
+        force: (m, dim), the same forces in global components.
+        friction: (m, dim - 1), of the iteration before, along the tangents.
+        stiffness: (m,), of friction against slip.
+        components: (m, dim), which global components supports hold.
+
+    Returns:
+        The nodes with all forces, and these in global components (m, dim).
+    """
+    held, others = place.held, contact.force
+    tangents = np.where(held[:, :, None], place.frame[:, 1:], 0.0)
+    within = np.linalg.pinv(np.where(components[:, None], tangents, 0.0))
+    equation_forces = np.einsum("nta,na->nt", tangents, force)
+    tangential = np.where(held, friction, others[:, 1:])
+    for _ in range(_FRICTION_PASSES):
+        added = np.einsum("nat,nt->na", within, np.where(held, tangential - equation_forces, 0.0))
+        normal = others[:, 0] + np.einsum("na,na->n", place.frame[:, 0], added)
+        trial_force = np.column_stack([normal, np.where(held, friction, others[:, 1:])])
+        trial = replace(contact, force=trial_force)
+        limit = trial.limits[0]
+        admitted = replace(trial, scale=stiffness).admitted_friction(limit)
+        before, tangential = tangential, np.where(held, admitted, others[:, 1:])
+        if not np.any(np.abs(tangential - before) > _FRICTION_ROUND_OFF * limit[:, None]):
+            break
+    added = np.einsum("nat,nt->na", within, np.where(held, tangential - equation_forces, 0.0))
+    normal = others[:, 0] + np.einsum("na,na->n", place.frame[:, 0], added)
+    return replace(contact, force=np.column_stack([normal, tangential])), force + added

@@ -21,6 +21,7 @@ from pw_elements.contact.iteration.law import (
     ActiveSet,
     Contact,
     Place,
+    add_support_friction,
     turned,
 )
 from pw_elements.contact.iteration.policy import Patience, Policy, counted, same
@@ -48,8 +49,6 @@ _FRICTION_STIFFNESS, _FRICTION_STIFFNESS_BESIDE = 1e3, 3.0
 _NO_SLIP = 1e-13
 # Derivative of a slip by a free motion of the surface that counts as none
 _INDEPENDENT = 1e-9
-# Passes in which friction along a support that is not along the surface finds its limit
-_FRICTION_PASSES = 60
 # Iterations, more than most increments take
 _DOUBTFUL = 12
 # Relative change of friction beside a singular tangent, and of a solution that goes on there
@@ -306,25 +305,9 @@ class Increment:
         contact = replace(contact, slip=np.where(rests, 0.0, contact.slip))
         friction = np.where(rests, self.past_friction(place), friction)
         stiffness = np.where(coupled, _friction_stiffness(place), 1.0) * scale
-        tangents = np.where(held[:, :, None], place.frame[:, 1:], 0.0)
-        within = np.linalg.pinv(np.where(components[:, None], tangents, 0.0))
-        read, others = np.einsum("nta,na->nt", tangents, force), contact.force
-        now = np.where(held, friction, others[:, 1:])
-        for _ in range(_FRICTION_PASSES):
-            added = np.einsum("nat,nt->na", within, np.where(held, now - read, 0.0))
-            normal = others[:, 0] + np.einsum("na,na->n", place.frame[:, 0], added)
-            trial = replace(
-                contact,
-                force=np.column_stack([normal, np.where(held, friction, others[:, 1:])]),
-            )
-            limit = trial.limits[0]
-            admitted = replace(trial, scale=stiffness).admitted_friction(limit)
-            before, now = now, np.where(held, admitted, others[:, 1:])
-            if not np.any(np.abs(now - before) > _NO_SLIP * limit[:, None]):
-                break
-        added = np.einsum("nat,nt->na", within, np.where(held, now - read, 0.0))
-        normal = others[:, 0] + np.einsum("na,na->n", place.frame[:, 0], added)
-        return replace(contact, force=np.column_stack([normal, now])), force + added
+        return add_support_friction(
+            contact, place, force, friction, stiffness=stiffness, components=components
+        )
 
     def _singular(
         self, active: ActiveSet, place: Place, error: SingularSystem

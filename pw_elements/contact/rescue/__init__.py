@@ -1,5 +1,10 @@
-"""What is tried after the iteration has failed, and proofs that no state exists."""
+"""What is tried after the iteration has failed, and proofs and refusals where no state exists."""
 
+from pw_elements.contact.rescue.passing import (
+    find_passed,
+    refuse_supports_through_each_other,
+    refuse_tools_through_supports,
+)
 from pw_elements.contact.rescue.refusals import (
     by_springs,
     check_loose,

@@ -51,7 +51,7 @@ from pw_elements.contact.model import (
     Scale,
     exhausted_friction,
 )
-from pw_elements.contact.steps.passing import (
+from pw_elements.contact.rescue import (
     find_passed,
     refuse_supports_through_each_other,
     refuse_tools_through_supports,

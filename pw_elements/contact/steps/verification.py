@@ -109,8 +109,12 @@ def places_deformed(
     (gap_0, normal_0, _), (gap, normal, _) = (interface.closest(y) for y in within)
     shift = _NOISE_SHIFT * (interface.extent or 1.0)
     noise = np.abs(interface.closest(within[1] + shift)[1] - normal).max(axis=1, initial=0.0)
+    # what faces nothing at one end slips as along the surface at the other
+    faced = np.isfinite(gap_0) & np.isfinite(gap)
+    normal_0 = np.where(faced[:, None], normal_0, normal)
     points = [
-        y - g[:, None] * n for y, g, n in zip(within, (gap_0, gap), (normal_0, normal), strict=True)
+        y - np.where(np.isfinite(g), g, 0.0)[:, None] * n
+        for y, g, n in zip(within, (gap_0, gap), (normal_0, normal), strict=True)
     ]
     chord = points[1] - points[0]
     angle = _angle_along(normal_0, normal)
