@@ -8,6 +8,7 @@ from dolfinx.mesh import CellType, create_rectangle
 
 from pw_elements import Body, Material, Spaces
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
+from pw_elements.contact.interface import measure_facing, measure_gap_and_slip
 from tests.contact.cases import at, at_large_strains
 from tests.contact.two_bodies import joined
 
@@ -98,3 +99,33 @@ def die(
 
     sides = (under, at(1, 0.0)) if upper_is_slave else (at(1, 0.0), under)
     return Bodies(mesh, *sides, at(1, -1.0), at(1, 1.0), friction, **options)
+
+
+def kernel_differences(mortar, start, end):
+    """Largest differences of what checks measure on two sides and what the iteration's kernel does.
+
+    Sides move from positions (n, 2) to others; gaps and slips are over the longest facet.
+    """
+    met, before = mortar.meet(end), mortar.meet(start)
+    slip, _ = met.motions(mortar.make_reference(start), end)
+    parts = [measure_facing(mortar.sides, x) for x in (start, end)]
+    gap, slip_vector = measure_gap_and_slip(*parts, start, end)
+    assert np.array_equal(parts[0].faced, before.faced)
+    assert np.array_equal(np.isfinite(gap), met.faced)
+    length = np.linalg.norm(np.diff(end[mortar.sides.slave_facets], axis=1), axis=2).max()
+    slip = np.where(met.faced, slip, 0.0)[:, None] * met.tangents
+    return {
+        "gap": np.abs(gap - met.gaps)[met.faced].max(initial=0.0) / length,
+        "slip": np.abs(slip_vector - slip).max() / length,
+        "normal": np.abs(parts[1].normals - met.normals).max(),
+        "area": np.abs(parts[1].areas - met.areas).max() / met.areas.max(initial=length),
+        "parts": np.abs((parts[1].master_parts - met.parts).toarray()).max(),
+    }
+
+
+def positions_along(bodies, states):
+    """The kernel of both bodies' sides, and their nodes' positions (n, 2) in states and parts."""
+    mortar = bodies.problem._finite.interface.mortars[0]
+    every = [part for state in states for part in (*(at for _, at in state.substates), state)]
+    moved = [part.displacement.array_r.reshape(-1, 2)[mortar.nodes] for part in every]
+    return mortar, [mortar.x + u for u in moved]

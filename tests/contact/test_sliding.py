@@ -1,6 +1,8 @@
 """Two deformable bodies at large sliding: kernel, objectivity, balance, friction, restart."""
 
+import itertools
 import logging
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -16,12 +18,23 @@ from pw_elements.contact import (
     ContactProblem,
     DeformableSurface,
     Motion,
+    NotFound,
     SurfacePassed,
 )
-from pw_elements.contact.interface import SlidingMortar, Trace
+from pw_elements.contact.interface import SlidingMortar, Trace, measure_facing
+from pw_elements.contact.steps import finite
 from pw_elements.contact.steps.slip import SlipCheck
 from tests.contact.cases import at
-from tests.contact.sliding import PATH, STORED, Bodies, die, slid, two
+from tests.contact.sliding import (
+    PATH,
+    STORED,
+    Bodies,
+    die,
+    kernel_differences,
+    positions_along,
+    slid,
+    two,
+)
 
 FRICTION = 0.3
 
@@ -75,6 +88,39 @@ def test_derivatives_are_those_of_central_differences(revolved):
             assert np.abs((ahead - behind) / (2 * h) - column).max() < 1e-7 * abs(slope).max()
 
 
+@pytest.mark.parametrize("revolved", [False, True])
+@pytest.mark.parametrize("at_ends", [(True, True), (False, True), (True, False)])
+@pytest.mark.parametrize("seed", range(5))
+def test_checks_measure_what_the_kernel_does(revolved, at_ends, seed):
+    """On disturbed sides that shift and turn; normals of ends may lie in planes of symmetry."""
+    mortar, x = sides(revolved)
+    ends = np.setxor1d(*mortar.sides.slave_facets.T)
+    mortar.kept[ends[0]], mortar.kept[ends[1], 0] = at_ends, seed % 2 == 0
+    rng = np.random.default_rng(seed)
+    slaves = (np.arange(len(x)) < mortar.slaves)[:, None]
+    before = x + rng.normal(size=x.shape) * 0.01 + slaves * rng.uniform(-0.6, 0.6, 2) * [1.0, 0.1]
+    if not revolved:
+        before = before @ turn(rng.uniform(0, 360)).T
+    for start, end in ((x, before), (before, x), (x, x)):
+        assert max(kernel_differences(mortar, start, end).values()) < 1e-12
+    assert mortar.meet(x).faced.any()
+
+
+def test_checks_of_fine_sides_take_little_time():
+    """Less than the kernel with its derivatives: some ms for a hundred facets."""
+    one = arc(50, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
+    mortar = SlidingMortar(one, arc(40, lambda s: 0.08 * np.sin(3 * s), 1000, 1.0), False)
+    seconds = []
+    for measure in (mortar.meet, lambda x: measure_facing(mortar.sides, x)):
+        times = []
+        for _ in range(5):
+            begun = time.process_time()
+            measure(mortar.x)
+            times.append(time.process_time() - begun)
+        seconds.append(min(times))
+    assert seconds[1] < seconds[0]
+
+
 @pytest.mark.parametrize("degrees", [90, 170])
 def test_a_rigid_motion_of_both_is_no_slip(degrees):
     """Operators are those from before, so that what was paired stays together."""
@@ -111,6 +157,13 @@ def whole():
 
     bodies = die(friction=FRICTION, callback=told)
     return bodies, slid(bodies), tuple(violations)
+
+
+def test_checks_of_states_measure_what_the_iteration_does(whole):
+    bodies, states, _ = whole
+    mortar, positions = positions_along(bodies, states)
+    for start, end in itertools.pairwise([mortar.x, *positions]):
+        assert max(kernel_differences(mortar, start, end).values()) < 1e-10
 
 
 def cone(state):
@@ -212,7 +265,7 @@ def test_slip_is_that_of_the_path(whole, caplog):
     assert len(caplog.records) == 1
 
 
-def test_slip_from_the_closest_point_would_be_told(caplog, monkeypatch):
+def test_slip_from_the_closest_point_is_refused_and_would_be_told(caplog, monkeypatch):
     """Of nodes beyond the master's end, which a mean over the covered part is not next to."""
     make_reference = SlidingMortar.make_reference
 
@@ -225,6 +278,9 @@ def test_slip_from_the_closest_point_would_be_told(caplog, monkeypatch):
         return replace(reference, rows=rows.tocsr(), faced=np.ones_like(reference.faced))
 
     monkeypatch.setattr(SlidingMortar, "make_reference", by_closest_points)
+    with pytest.raises(NotFound, match="computed anew"):
+        slid(flat_punch(6), [(0.0, -0.11)])
+    monkeypatch.setattr(finite, "verify_state", lambda found, *_: found)
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
         slid(flat_punch(6), [(0.0, -0.11)])
     (record,) = caplog.records

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import ContactFailed, ContactPair, Motion, NotFound, Plane
+from pw_elements.contact.interface.sliding import Meeting, SlidingMortar
 from pw_elements.contact.iteration import DeformedKinematics, Increment
 from pw_elements.contact.iteration.law import Place
 from pw_elements.contact.steps.verification import Sizes, measure_residuals, places_undeformed
 from pw_elements.meshes import triangles
 from tests.contact.cases import Block, Greco, Punch, at
-from tests.contact.sliding import PATH, die, sliding
+from tests.contact.sliding import PATH, die, slid, sliding
 from tests.contact.test_large import Rubber
 from tests.contact.test_refusals import SELF, Stated, block, floor
 from tests.contact.test_turning import WAY, roller
@@ -91,6 +92,33 @@ def test_kinematics_of_small_displacements_that_are_wrong_lead_to_no_state(wrong
     monkeypatch.setattr(Place, "undeformed", moved)
     with pytest.raises(NotFound, match="computed anew"):
         HISTORIES["punch"]()
+
+
+WRONG_KERNELS = {
+    "gap": lambda met: replace(met, places=met.places + 1e-4 * met.normals),
+    "normal": lambda met: replace(met, normals=met.normals @ turned_by(1e-3).T),
+    "parts": lambda met: replace(
+        met, parts=1.001 * met.parts, turned=lambda r: 1.001 * met.turned(r)
+    ),
+}
+
+
+@pytest.mark.parametrize("wrong", [*WRONG_KERNELS, "slip"])
+def test_kernels_of_two_bodies_that_are_wrong_lead_to_no_state(wrong, monkeypatch):
+    """Checks measure gap, normal, slip and forces on the master by code of their own."""
+    bodies = die(friction=0.3)
+    seen, moved = SlidingMortar.meet, Meeting.motions
+    if wrong == "slip":
+
+        def slip_too_far(met, *arguments):
+            slip, derivatives = moved(met, *arguments)
+            return slip + 1e-4 * met.faced, derivatives
+
+        monkeypatch.setattr(Meeting, "motions", slip_too_far)
+    else:
+        monkeypatch.setattr(SlidingMortar, "meet", lambda *a: WRONG_KERNELS[wrong](seen(*a)))
+    with pytest.raises(NotFound, match="computed anew"):
+        slid(bodies, PATH[:2])
 
 
 def test_residual_of_the_wrong_sign_is_refused_at_once():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import NotFound
+from tests.contact.sliding import kernel_differences, positions_along
 from tests.oracle.large import Rubber
 from tests.oracle.random_sliding import RULE, RigidProblem, problem, sketch
 from tests.oracle.tools import Pressed
@@ -56,6 +57,22 @@ def test_problems_are_of_all_kinds_and_do_not_change_with_numpy():
     kinds = Counter(sketch(seed).kind for seed in SEEDS)
     assert {kind: kinds[kind] for kind in sorted(kinds)} == KINDS
     assert sketch(3).friction == pytest.approx(FRICTION_OF_SEED_3, abs=0)
+
+
+BODIES = [seed for seed in SEEDS if sketch(seed).kind == "bodies"][:15]
+
+
+@pytest.mark.random
+@pytest.mark.parametrize("seed", BODIES)
+def test_checks_of_two_bodies_measure_what_the_iteration_does(seed):
+    """By formulas and code of their own; sides of states that do not follow each other, too."""
+    stated = problem(seed)
+    states, _ = stated.solution
+    mortar, positions = positions_along(stated.bodies, states)
+    assert len(positions) > 1
+    for k, end in enumerate(positions):
+        for start in positions[:k] or [end]:
+            assert max(kernel_differences(mortar, start, end).values()) < 1e-10
 
 
 def laws(stated):

@@ -6,6 +6,12 @@ from pw_elements.contact.interface.build import (
     midpoints_around,
     nodal_interface,
 )
+from pw_elements.contact.interface.facing import (
+    FacedParts,
+    Sides,
+    measure_facing,
+    measure_gap_and_slip,
+)
 from pw_elements.contact.interface.mortar import (
     Overlap,
     Trace,

@@ -20,6 +20,7 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
+from pw_elements.contact.interface.facing import Sides
 from pw_elements.contact.interface.mortar import FACING, Trace
 
 # Of a cubic, such as two weights and a radius, along segments; directions are no polynomials
@@ -206,6 +207,11 @@ class SlidingMortar:
         # nodes before and behind, which are themselves at ends
         self._before, self._behind = (np.arange(self.slaves) for _ in range(2))
         self._before[b], self._behind[a] = a, b
+
+    @property
+    def sides(self) -> Sides:
+        """Facets and directions that no state changes."""
+        return Sides(self._one, self._other, self.kept, self._revolved)
 
     def meet(self, x: Array) -> Meeting:
         """Where nodes are at positions (n, 2)."""

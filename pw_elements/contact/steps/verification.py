@@ -7,7 +7,8 @@ tolerance and what may be round-off is refused, however it was found.
 With R = K u - f, or the residual F(u), the force of a point is what R has at its node, and R - H r
 has to vanish in all free equations. Gap and normal are what the surface says of the place of a
 node, and slip is the way of that place along the surface since the increment's start, as the
-guide's page on theory has it ("Contact", "Large strains").
+guide's page on theory has it ("Contact", "Large strains"). Of bodies at large sliding all of these
+and H are measured from positions by `interface.facing`, not by the kernel of the iteration.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,10 +18,17 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import scipy.sparse as sp
 
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import ROUND_OFF, Interface
+from pw_elements.contact.interface import (
+    ROUND_OFF,
+    FacedParts,
+    Interface,
+    measure_facing,
+    measure_gap_and_slip,
+)
 from pw_elements.contact.iteration import TOLERANCE
 from pw_elements.contact.model import ContactPair, ContactState, NotFound, Residuals
 
@@ -58,12 +66,16 @@ class Places:
         normal: (m, dim).
         slip: (m, dim), since the increment's start, along the surface.
         noise: (m,), of the normal, which differences of a surface's function leave.
+        force_operator: H, (n, m dim), forces on all unknowns from those on the points.
+        parts_error: (m,), round-off of what others get of a point's force, over that force.
     """
 
     gap: Array
     normal: Array
     slip: Array
     noise: Array
+    force_operator: PETSc.Mat
+    parts_error: Array
 
 
 def places_undeformed(
@@ -87,7 +99,8 @@ def places_undeformed(
     slip = relative - np.sum(relative * normal, axis=1)[:, None] * normal
     shift = _NOISE_SHIFT * (interface.extent or 1.0)
     noise = np.abs(interface.normals(at + shift) - normal).max(axis=1, initial=0.0)
-    return Places(gap + left_inside * interface.interference, normal, slip, noise)
+    gap = gap + left_inside * interface.interference
+    return Places(gap, normal, slip, noise, interface.force, np.zeros(len(gap)))
 
 
 def places_deformed(
@@ -131,10 +144,8 @@ def places_deformed(
     arc = np.where(bent, angle / np.where(bent, np.sin(angle), 1.0), unknown)
     slip = arc[:, None] * (chord - np.sum(chord * normal, axis=1)[:, None] * normal)
     slip, normal = (np.einsum("nab,nb->na", turns[1], part) for part in (slip, normal))
-    places = Places(gap, normal, slip, noise)
-    for k in interface.mortars:
-        _meet_bodies(interface, k, before, state, places)
-    return places
+    places = Places(gap, normal, slip, noise, interface.force, np.zeros(len(gap)))
+    return _measure_bodies(interface, before, state, places) if interface.mortars else places
 
 
 def _angle_along(start: Array, end: Array) -> Array:
@@ -146,24 +157,34 @@ def _angle_along(start: Array, end: Array) -> Array:
     return np.asarray(np.arctan2(sine, cosine))
 
 
-def _meet_bodies(
-    interface: Interface, k: int, before: ContactState, state: ContactState, places: Places
-) -> None:
-    """Fills in the points of a pair of bodies at large sliding."""
-    mortar, own = interface.mortars[k], np.flatnonzero(interface.pair == k)
-    among = np.searchsorted(mortar.nodes[: mortar.slaves], interface.node[own])
-    x = []
-    for one in (before, state):
-        moved = interface.at_nodes(mortar.nodes, one.unknowns)
-        moved[mortar.slaves :] += state.translations[k] if one is state else before.translations[k]
-        x.append(mortar.x + moved)
-    met = mortar.meet(x[1])
-    slips, _ = met.motions(mortar.make_reference(x[0]), x[1])
-    faced = met.faced[among]
-    places.gap[own] = np.where(faced, met.gaps[among], np.inf)
-    places.normal[own] = met.normals[among]
-    places.slip[own] = np.where(faced, slips[among], 0.0)[:, None] * met.tangents[among]
-    places.noise[own] = 0.0
+def _measure_bodies(
+    interface: Interface, before: ContactState, state: ContactState, places: Places
+) -> Places:
+    """Fill in the points of pairs of bodies at large sliding, whose forces the others get."""
+    dim, n_points = interface.position.shape[1], len(interface.node)
+    # what is subtracted from the unit forces of the points: (value, point, node) of each pair
+    received = []
+    for k, mortar in interface.mortars.items():
+        own = np.flatnonzero(interface.pair == k)
+        among = np.searchsorted(mortar.nodes[: mortar.slaves], interface.node[own])
+        x, parts = list[Array](), list[FacedParts]()
+        for one in (before, state):
+            moved = interface.at_nodes(mortar.nodes, one.unknowns)
+            moved[mortar.slaves :] += one.translations[k]
+            x.append(mortar.x + moved)
+            parts.append(measure_facing(mortar.sides, x[-1]))
+        gap, slip = measure_gap_and_slip(parts[0], parts[1], x[0], x[1])
+        places.gap[own], places.slip[own] = gap[among], slip[among]
+        places.normal[own], places.noise[own] = parts[1].normals[among], 0.0
+        places.parts_error[own] = parts[1].parts_error[among]
+        shares = sp.coo_array(parts[1].master_parts[among])
+        received.append((shares.data, own[shares.row], mortar.nodes[mortar.slaves + shares.col]))
+    value, point, node = (np.concatenate(each) for each in zip(*received, strict=True))
+    shape = n_points, interface.field.sizes[1] // dim
+    unit = sp.csr_matrix((np.ones(n_points), (np.arange(n_points), interface.node)), shape)
+    nodal = unit - sp.csr_matrix((value, (point, node)), shape)
+    rows = interface.rows(sp.csr_matrix(sp.kron(nodal, sp.eye_array(dim))))
+    return replace(places, force_operator=rows.transpose(PETSc.Mat()))
 
 
 def check_stiffness_sign(K: PETSc.Mat, interface: Interface, remedy: str) -> None:
@@ -244,7 +265,7 @@ def measure_residuals(
         state: of a converged iteration.
         places: of its contact points.
         unbalanced: K u - f or F(u), (n,), in free numbering.
-        interface: the contact points, whose operator H is that of the state.
+        interface: the contact points.
         reduction: supports and condensation.
         sizes: of forces and lengths.
         totals: forces and torques given on the state's free motions.
@@ -258,10 +279,13 @@ def measure_residuals(
     # what a support holds is its reaction; friction at such a point is known from the state alone
     force = np.where(stated, nodal[interface.node - first], reported)
     values, allowed = _law(state, places, force, stated | (reported != 0), interface, sizes)
-    others = _unbalanced_elsewhere(unbalanced, np.where(stated, force, 0.0), interface, reduction)
+    others = _unbalanced_elsewhere(
+        unbalanced, places.force_operator, np.where(stated, force, 0.0), interface, reduction
+    )
     values["equilibrium"] = np.atleast_1d(others / sizes.force)
     lost = float(comm.allreduce(allowed["tension"].max(initial=0.0), MPI.MAX))
-    allowed["equilibrium"] = np.atleast_1d(lost + sizes.equilibrium / sizes.force)
+    handed_on = _largest(comm, places.parts_error * np.linalg.norm(force, axis=1))
+    allowed["equilibrium"] = np.atleast_1d(lost + (sizes.equilibrium + handed_on) / sizes.force)
     values["balance"], allowed["balance"] = _balance(
         state, force, interface, sizes, totals, lever, lost
     )
@@ -347,13 +371,17 @@ def _balance(
 
 
 def _unbalanced_elsewhere(
-    unbalanced: PETSc.Vec, force: Array, interface: Interface, reduction: Reduction
+    unbalanced: PETSc.Vec,
+    operator: PETSc.Mat,
+    force: Array,
+    interface: Interface,
+    reduction: Reduction,
 ) -> float:
     """Largest force in free equations of displacements that is no contact force."""
-    points = interface.force.createVecRight()
+    points = operator.createVecRight()
     points.setArray(force.ravel())
     rest = unbalanced.copy()
-    rest.axpy(-1.0, interface.force * points)
+    rest.axpy(-1.0, operator * points)
     displacements = rest.duplicate()
     displacements.setArray(0.0)
     own = interface.field.owned.ravel()
