@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from pw_elements import Direct, PetrovGalerkinProblem, Reduction
 from pw_elements.arrays import Array, Indices
 from pw_elements.contact import ContactPair
-from pw_elements.contact.interface import SlidingMortar, Trace
+from pw_elements.contact.interface import FacedParts, SlidingMortar, Trace
 from pw_elements.contact.interface.sliding import Meeting, Varying, matrix, stacked
 from pw_elements.contact.iteration import undeformed
 from pw_elements.contact.model import ContactState
@@ -139,6 +139,11 @@ class DualQuadratic(SlidingMortar):
             changes,
             turned,
         )
+
+    def measure_facing(self, x: Array) -> FacedParts:
+        """Return what checks of states need; of this method there are no other formulas."""
+        met = self.meet(x)
+        return FacedParts(met.normals, met.areas, met.rows, met.parts, np.zeros(self.slaves))
 
     def _around(self, facet: Indices) -> Indices:
         """Nodes (q, 5) before, of and behind facets (q,)."""

@@ -8,8 +8,6 @@ from pw_elements.contact.interface.build import (
 )
 from pw_elements.contact.interface.facing import (
     FacedParts,
-    Sides,
-    measure_facing,
     measure_gap_and_slip,
 )
 from pw_elements.contact.interface.mortar import (

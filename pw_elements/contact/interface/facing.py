@@ -44,25 +44,19 @@ class Sides:
 
 @dataclass(frozen=True)
 class FacedParts:
-    """Parts (q) of the slave's facets that face one of the master's each, and their integrals.
+    """Slave nodes (m) and what they have of the master, n nodes being those of both sides.
 
     Args:
-        normals: (m, 2), of the slave's nodes, out of the master.
+        normals: (m, 2), out of the master, unit vectors.
         areas: (m,), A_j; zero of nodes that face nothing.
-        slave_nodes: (q, 2), ends of the slave's facets.
-        master_nodes: (q, 2), ends of the master's facets, among the nodes of both sides.
-        slave_integrals: (q, 2, 2), of w_j w_i.
-        master_integrals: (q, 2, 2), of w_j w_k.
+        distance_rows: S, (m, n), means of the slave's values less the master's.
         master_parts: (m, n - m), parts of a force at each slave's node that the master's get.
         parts_error: (m,), round-off of these parts, from the condition of the duals.
     """
 
     normals: Array
     areas: Array
-    slave_nodes: Indices
-    master_nodes: Indices
-    slave_integrals: Array
-    master_integrals: Array
+    distance_rows: sp.csr_array
     master_parts: sp.csr_array
     parts_error: Array
 
@@ -76,17 +70,6 @@ class FacedParts:
         """Return unit vectors (m, 2) along the slave, on the left of the normals."""
         return self.normals[:, ::-1] * [-1.0, 1.0]
 
-    def average_distance(self, y: Array) -> Array:
-        """Return S y (m, 2) of values (n, 2) at all nodes: means of the slave's less the master's.
-
-        Zero at nodes that face nothing.
-        """
-        integrals = self.slave_integrals @ y[self.slave_nodes]
-        integrals -= self.master_integrals @ y[self.master_nodes]
-        sums = np.zeros((len(self.areas), 2))
-        np.add.at(sums, self.slave_nodes, integrals)
-        return sums / np.where(self.faced, self.areas, 1.0)[:, None]
-
 
 def measure_gap_and_slip(
     start: FacedParts, end: FacedParts, x_start: Array, x_end: Array
@@ -95,12 +78,12 @@ def measure_gap_and_slip(
 
     Positions are (n, 2). A node that faces nothing at the end has not slipped.
     """
-    distance = end.average_distance(x_end)
+    distance = end.distance_rows @ x_end
     gap = np.where(end.faced, np.sum(end.normals * distance, axis=1), np.inf)
     # where a node faced something at the start: how far apart what was paired then is now
-    slip = np.sum(end.tangents * (start.average_distance(x_end) - distance), axis=1)
+    slip = np.sum(end.tangents * (start.distance_rows @ x_end - distance), axis=1)
     entered = np.sum(end.tangents * distance, axis=1)
-    entered -= np.sum(start.tangents * end.average_distance(x_start), axis=1)
+    entered -= np.sum(start.tangents * (end.distance_rows @ x_start), axis=1)
     slip = np.where(start.faced, slip, entered) * end.faced
     return gap, slip[:, None] * end.tangents
 
@@ -137,12 +120,21 @@ def measure_facing(sides: Sides, x: Array) -> FacedParts:
     parts_error = np.zeros(m)
     np.maximum.at(parts_error, slave_nodes, loss[facet][:, None])
     parts = duals[facet] @ theirs / areas[slave_nodes][:, :, None]
-    where = (slave_nodes[:, :, None], master_nodes[:, None] - m)
-    row, column = (index.ravel() for index in np.broadcast_arrays(*where))
-    master_parts = sp.csr_array(sp.coo_array((parts.ravel(), (row, column)), (m, len(x) - m)))
-    return FacedParts(
-        normals, areas, slave_nodes, master_nodes, own, theirs, master_parts, parts_error
+    scale = sp.diags_array(1 / np.where(areas > 0, areas, 1.0))
+    distance_rows = scale @ (
+        _sum_entries(own, slave_nodes, slave_nodes, (m, len(x)))
+        - _sum_entries(theirs, slave_nodes, master_nodes, (m, len(x)))
     )
+    master_parts = _sum_entries(parts, slave_nodes, master_nodes - m, (m, len(x) - m))
+    return FacedParts(normals, areas, distance_rows, master_parts, parts_error)
+
+
+def _sum_entries(
+    values: Array, rows: Indices, columns: Indices, shape: tuple[int, int]
+) -> sp.csr_array:
+    """Return the matrix of values (q, 2, 2), summed, at rows (q, 2) and columns (q, 2)."""
+    row, column = np.broadcast_arrays(rows[:, :, None], columns[:, None])
+    return sp.csr_array(sp.coo_array((values.ravel(), (row.ravel(), column.ravel())), shape))
 
 
 def _find_faced_parts(

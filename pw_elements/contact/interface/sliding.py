@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.interface.facing import Sides
+from pw_elements.contact.interface.facing import FacedParts, Sides, measure_facing
 from pw_elements.contact.interface.mortar import FACING, Trace
 
 # Of a cubic, such as two weights and a radius, along segments; directions are no polynomials
@@ -212,6 +212,10 @@ class SlidingMortar:
     def sides(self) -> Sides:
         """Facets and directions that no state changes."""
         return Sides(self._one, self._other, self.kept, self._revolved)
+
+    def measure_facing(self, x: Array) -> FacedParts:
+        """Return what checks of states need at positions (n, 2), by code of its own."""
+        return measure_facing(self.sides, x)
 
     def meet(self, x: Array) -> Meeting:
         """Where nodes are at positions (n, 2)."""

@@ -26,7 +26,6 @@ from pw_elements.contact.interface import (
     ROUND_OFF,
     FacedParts,
     Interface,
-    measure_facing,
     measure_gap_and_slip,
 )
 from pw_elements.contact.iteration import TOLERANCE
@@ -172,7 +171,7 @@ def _measure_bodies(
             moved = interface.at_nodes(mortar.nodes, one.unknowns)
             moved[mortar.slaves :] += one.translations[k]
             x.append(mortar.x + moved)
-            parts.append(measure_facing(mortar.sides, x[-1]))
+            parts.append(mortar.measure_facing(x[-1]))
         gap, slip = measure_gap_and_slip(parts[0], parts[1], x[0], x[1])
         places.gap[own], places.slip[own] = gap[among], slip[among]
         places.normal[own], places.noise[own] = parts[1].normals[among], 0.0
