@@ -166,6 +166,33 @@ def test_checks_of_states_measure_what_the_iteration_does(whole):
         assert max(kernel_differences(mortar, start, end).values()) < 1e-10
 
 
+@pytest.mark.parametrize("revolved", [False, True])
+def test_checks_of_bodies_cut_by_a_plane_of_symmetry_measure_what_the_iteration_does(revolved):
+    """Half of a die; normals at the end of its side lie in the plane, areas may be revolved."""
+
+    def bottom(x):
+        return 0.01 + 0.6 * x**2
+
+    def shape(x, y, body):
+        return (x, y) if body == 0 else (x, bottom(x) + y * (1 - bottom(x)))
+
+    def under(x):
+        return (x[0] < 0.5 + 1e-9) & (x[1] > 0.005) & (np.abs(x[1] - bottom(x[0])) < 0.02)
+
+    boxes = ((0.0, -1.0), (1.5, 0.0)), ((0.0, 0.0), (0.5, 1.0))
+    mesh = two(*boxes, ((8, 3), (5, 3)), shape)
+    half = Bodies(mesh, under, at(1, 0.0), at(1, -1.0), at(1, 1.0), FRICTION)
+    held = [*half.held, prescribe(half.space, 0, at(0, 0.0))]
+    surface = replace(half.pair.surface, revolved=revolved)
+    pair = replace(half.pair, surface=surface)
+    half.problem = ContactProblem.of_residual(half.residual, half.u, held, pair)
+    states = slid(half, [(0.0, -0.05), (0.0, -0.12), (0.0, -0.04)])
+    mortar, positions = positions_along(half, states)
+    assert not mortar.kept.all()
+    for start, end in itertools.pairwise([mortar.x, *positions]):
+        assert max(kernel_differences(mortar, start, end).values()) < 1e-10
+
+
 def cone(state):
     """How far friction is from mu p where nodes slip, and beyond it where they stick."""
     (pair,) = state.pairs
