@@ -2,7 +2,6 @@
 
 import itertools
 import logging
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -104,21 +103,6 @@ def test_checks_measure_what_the_kernel_does(revolved, at_ends, seed):
     for start, end in ((x, before), (before, x), (x, x)):
         assert max(kernel_differences(mortar, start, end).values()) < 1e-12
     assert mortar.meet(x).faced.any()
-
-
-def test_checks_of_fine_sides_take_little_time():
-    """Less than the kernel with its derivatives: some ms for a hundred facets."""
-    one = arc(50, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
-    mortar = SlidingMortar(one, arc(40, lambda s: 0.08 * np.sin(3 * s), 1000, 1.0), False)
-    seconds = []
-    for measure in (mortar.meet, mortar.measure_facing):
-        times = []
-        for _ in range(5):
-            begun = time.process_time()
-            measure(mortar.x)
-            times.append(time.process_time() - begun)
-        seconds.append(min(times))
-    assert seconds[1] < seconds[0]
 
 
 @pytest.mark.parametrize("degrees", [90, 170])
