@@ -29,6 +29,9 @@ Array = npt.NDArray[np.float64]
 SPACE_WIDTH, SPACE_HEIGHT, SPACE_FINE, SPACE_GROWTH = 1.8, 1.4, 0.85, 1.8
 RATIO, HYBRID_RATIO = 0.3, 0.4999  # Poisson's
 DEGREE = {2: 4, 3: 2}  # of quadrature
+# One increment of the standard element takes 25, the library's default: round-off would decide
+# whether it is cut, and with it what friction dissipates
+MAX_ITERATIONS = 40
 
 
 class Rubber:
@@ -162,7 +165,9 @@ def follow(
         base: marks the nodes (n,) of which supports are summed.
         loading: sets prescribed displacements by an increment's number and its share.
     """
-    problem = ContactProblem.of_residual(rubber.residual, rubber.w, held, pair)
+    problem = ContactProblem.of_residual(
+        rubber.residual, rubber.w, held, pair, max_iterations=MAX_ITERATIONS
+    )
     run = Run([problem.undeformed], [0.0], [np.zeros(rubber.dim)])
     for k, motion in enumerate(motions):
         load = None if loading is None else partial(loading, k)
