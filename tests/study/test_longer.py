@@ -1,6 +1,9 @@
 """The longer series and its record."""
 
 import json
+import operator
+import re
+from pathlib import Path
 
 import pytest
 
@@ -49,6 +52,22 @@ def test_unknown_cases_are_refused(capsys):
     with pytest.raises(SystemExit):
         longer.main(["V13/square-own-65"])
     assert "no longer case V13/square-own-65" in capsys.readouterr().err
+
+
+def test_the_documents_say_how_long_the_recorded_results_take():
+    """As the records say: CPU time of the longer series, and of all runs that measure costs."""
+    longer_minutes = round(sum(row["seconds"] for row in recorded.rows()) / 60)
+    whole = [
+        entry["measured"]["whole_seconds"]
+        for entry in json.loads(measure.RECORD.read_text())["rows"]
+        if entry["row"]["method"] != "CalculiX"
+    ]
+    repeats = [1 if seconds > measure.ONCE else measure.REPEATS for seconds in whole]
+    cost_minutes = round(sum(map(operator.mul, whole, repeats)) / 60)
+    page = (Path(__file__).parents[2] / "docs" / "study.md").read_text()
+    for text in (page, study.command.USAGE):
+        assert f"{longer_minutes} CPU minutes more" in text
+        assert re.search(rf"\b{cost_minutes} minutes (more|for the times of section K)", text)
 
 
 def test_costs_are_measured_anew_on_demand(tmp_path, monkeypatch):
