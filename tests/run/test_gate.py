@@ -37,6 +37,20 @@ def test_every_step_is_described_and_has_its_function():
         assert re.search(rf"^run_{re.sub(r'[-.]', '_', step)}\(\)", text, re.MULTILINE), step
 
 
+def test_steps_are_logged_by_their_names(clone):
+    """Whatever variables they set."""
+    (clone / "results").mkdir()
+    (clone / "results" / "report.html").write_text("")
+    (clone / "run").write_text(
+        '#!/bin/sh\n[ $# -gt 1 ] || { echo "fig01 x" && exit; }\n'
+        'for folder; do :; done\necho x >"$folder/fig01.png" && echo x >"$folder/fig01.pdf"\n'
+    )
+    (clone / "run").chmod(0o755)
+    done = start(clone, "figures")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"^   figures +\d+ s$", done.stdout, re.MULTILINE)
+
+
 def test_unknown_steps_are_refused(clone):
     done = start(clone, "studdy")
     assert done.returncode == 1
