@@ -39,6 +39,11 @@ from study.vocabulary import ELEMENTS, NO_WEIGHT, OWN, PLANE_ELEMENTS, TRIBUTARY
 HERE = Path(__file__).parent
 # What each section starts from and is judged by, in words
 HEADS: dict[str, dict[str, str]] = tomllib.loads((HERE / "heads.toml").read_text("utf-8"))
+# The same, with references and their errors in the words that the report's appendix has room for
+SHORT_HEADS: dict[str, dict[str, str]] = {
+    section: HEADS[section] | words
+    for section, words in tomllib.loads((HERE / "appendix_heads.toml").read_text("utf-8")).items()
+}
 REFERENCES: dict[str, dict[str, str]] = tomllib.loads((HERE / "references.toml").read_text("utf-8"))
 PLAIN = "/;:=,+()!*'"  # what an address may have as it is, and be shorter than by base64
 
@@ -132,7 +137,7 @@ class Texts:
             "counts": counts(self.claims),
             "fact_counts": fact_counts(self.claims),
             "graded": self.graded,
-            "heads": HEADS,
+            "heads": HEADS | SHORT_HEADS,
             "computed": lambda section: computed(results, section),
             "computed_and_recorded": lambda: computed_and_recorded(results),
             "verification_range": _verification_range(),

@@ -386,7 +386,6 @@ class Interface:
                 known = k in self.mortars or type(surface) in KNOWN_BODIES
                 if known or not isinstance(surface, RigidBody) or not mine.any():
                     continue
-                assert isinstance(surface, RigidBody), "others are refused before"
                 whose = f"the closest points of the surface of contact pair {k}"
                 wrong = answer(self.comm, whose, wrong_derivatives, surface, x[mine], step)
                 if wrong:
