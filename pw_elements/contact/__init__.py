@@ -27,7 +27,6 @@ A body that is thrown at a floor, by explicit dynamics:
     write("thrown.bp", history.frames, body, history.frame_times)
 """
 
-from pw_elements.contact.iteration import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.model import (
     ContactFailed,
     ContactPair,
@@ -45,6 +44,7 @@ from pw_elements.contact.model import (
     SurfacePassed,
 )
 from pw_elements.contact.model.friction import Coulomb
+from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.output import ContactFields, plot, write
 from pw_elements.contact.steps import ContactProblem, solve_contact, solve_impact
 

@@ -21,7 +21,7 @@ from pw_elements.arrays import Array, Indices
 from pw_elements.contact import ContactPair
 from pw_elements.contact.interface import FacedParts, SlidingMortar, Trace
 from pw_elements.contact.interface.sliding import Meeting, Varying, matrix, stacked
-from pw_elements.contact.iteration import undeformed
+from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.steps.finite import FiniteStepping
 
@@ -269,7 +269,7 @@ class DualQuadraticProblem:
         self._steps = FiniteStepping(problem, conditions, reduction, [pair], 25, told, Direct())
         interface = self._steps.interface
         interface.mortars = {0: DualQuadratic(*sides)}
-        self.undeformed = undeformed(interface, problem.system.matrix.createVecRight())
+        self.undeformed = make_undeformed_state(interface, problem.system.matrix.createVecRight())
 
     def step(self, state: ContactState, load: Callable[[float], None]) -> ContactState:
         """The state at the end of an increment."""

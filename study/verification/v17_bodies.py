@@ -21,8 +21,8 @@ from pw_elements import Spaces, SurfaceNodes, prescribe
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import OPEN, SLIP, ContactPair, ContactProblem, DeformableSurface
 from pw_elements.contact.interface import gathered_trace
-from pw_elements.contact.iteration import TOLERANCE
 from pw_elements.contact.model import ContactState, PairState
+from pw_elements.contact.nodes import TOLERANCE
 from pw_elements.meshes import curved
 from study.core.cases import Case
 from study.core.store import Result

@@ -38,15 +38,16 @@ from pw_elements.contact import (
     write,
 )
 from pw_elements.contact.interface import RIGID
-from pw_elements.contact.iteration import (
+from pw_elements.contact.iteration import CellGuard
+from pw_elements.contact.nodes import (
     SLIP,
     STICK,
-    CellGuard,
     DeformedKinematics,
-    Reference,
-    Tools,
+    IncrementStart,
+    RigidSurfaceMotion,
+    RigidSurfacesOnly,
 )
-from pw_elements.contact.iteration.krylov import KrylovTangent
+from pw_elements.contact.system.krylov import KrylovTangent
 from pw_elements.meshes import triangles
 from pw_elements.solvers import Multigrid
 from study.cost.measure import Row, alone
@@ -168,15 +169,15 @@ def test_slip_is_the_arc():
         start[:, -1] = 2.3  # above the surface
         ball = Sphere((0.0,) * dim, 2.0)
         points, still = _at_points(ball, start, dim), np.zeros((1, dim + 1))
-        tools = Tools(points, [ContactPair(above, ball)])
-        at_rest = Reference(np.zeros((3, dim)), np.zeros((3, dim)), still)
-        view = DeformedKinematics(points, tools, at_rest)
-        place = view(still, end - start, np.zeros((3, dim)))
+        surfaces = RigidSurfaceMotion(points, [ContactPair(above, ball)])
+        at_rest = IncrementStart(np.zeros((3, dim)), np.zeros((3, dim)), still)
+        kinematics = DeformedKinematics(points, surfaces, at_rest, RigidSurfacesOnly())
+        place = kinematics.linearise(still, end - start, np.zeros((3, dim)))
         assert np.abs(np.linalg.norm(place.slip, axis=1) - 2 * angle).max() < 1e-12
         pressed = np.ones(3, dtype=bool)
-        assert not view.lost(place, pressed).any()
-        far = view(still, -2.1 * start, np.zeros((3, dim)))
-        assert view.lost(far, pressed).all()
+        assert not kinematics.find_jumped(place, pressed).any()
+        far = kinematics.linearise(still, -2.1 * start, np.zeros((3, dim)))
+        assert kinematics.find_jumped(far, pressed).all()
 
 
 @pytest.mark.parametrize("stress", [neo_hookean, saint_venant])

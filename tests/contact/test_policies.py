@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import OPEN, SLIP, STICK, Coulomb, NotFound
-from pw_elements.contact.iteration import ActiveSet, Contact
-from pw_elements.contact.iteration.policy import Cycles, Patience
+from pw_elements.contact.iteration.updates import CycleGuard, SetHistory
 from pw_elements.contact.model import Cone
+from pw_elements.contact.nodes import ActiveSet, ContactNodes
 
 SELF = MPI.COMM_SELF
 N = 4
@@ -35,42 +35,46 @@ def contact(force, gap=None, slip=None, friction=0.3):
     gap = np.zeros(n) if gap is None else np.asarray(gap, dtype=float)
     slip = np.zeros(n) if slip is None else np.asarray(slip, dtype=float)
     cone, no = Cone([Coulomb(0.0)], [np.full(n, friction)]), np.zeros(n, dtype=bool)
-    return Contact(frame, gap, slip[:, None], force, cone, np.ones(n), no[:, None], no, no)
+    return ContactNodes(frame, gap, slip[:, None], force, cone, np.ones(n), no[:, None], no, no)
 
 
 def test_points_that_cycle_change_one_at_a_time():
-    cycles = Cycles(SELF)
+    cycles = CycleGuard(SELF)
     a, b = active(STICK, STICK, OPEN, OPEN), active(OPEN, OPEN, STICK, STICK)
-    assert not cycles.repeats(a)
-    assert not cycles.repeats(b)
-    assert cycles.repeats(a)
+    assert not cycles.record_and_detect(a)
+    assert not cycles.record_and_detect(b)
+    assert cycles.record_and_detect(a)
     wrong = contact([[-1.99, 0], [-2.0, 0], [0, 0], [0, 0]], gap=[0, 0, -0.5, -0.1])
-    assert wrong.active_set(a).status.tolist() == b.status.tolist()
-    assert cycles.slowed(a, wrong).status.tolist() == [STICK, OPEN, OPEN, OPEN]
-    assert not cycles.repeats(a)
-    assert not cycles.repeats(b)
+    assert wrong.next_active_set(a).status.tolist() == b.status.tolist()
+    assert cycles.propose(a, wrong).status.tolist() == [STICK, OPEN, OPEN, OPEN]
+    assert not cycles.record_and_detect(a)
+    assert not cycles.record_and_detect(b)
     with pytest.raises(NotFound, match="2 active sets"):
-        cycles.repeats(a)
+        cycles.record_and_detect(a)
 
 
 def test_a_set_that_comes_back_is_kept_until_its_equations_are_solved():
-    patience = Patience(SELF)
+    history = SetHistory(SELF)
     one, other = active(SLIP, STICK, direction=1.0), active(OPEN, STICK)
-    assert [patience.keeps(active(SLIP, STICK), 1.0) for _ in range(8)] == [False] * 8  # it stays
-    kept = [patience.keeps((one, other)[k % 2], 1.0) for k in range(6)]
+    assert [history.record_and_ask_to_keep(active(SLIP, STICK), 1.0) for _ in range(8)] == [
+        False
+    ] * 8  # it stays
+    kept = [history.record_and_ask_to_keep((one, other)[k % 2], 1.0) for k in range(6)]
     assert kept == [False] * 5 + [True]
-    assert patience.keeps(other, 1e-3)
-    assert not patience.keeps(other, 1e-9)  # solved
-    assert [patience.keeps(one, 1.0) for _ in range(6)] == [True] * 5 + [False]  # not for ever
+    assert history.record_and_ask_to_keep(other, 1e-3)
+    assert not history.record_and_ask_to_keep(other, 1e-9)  # solved
+    assert [history.record_and_ask_to_keep(one, 1.0) for _ in range(6)] == [True] * 5 + [
+        False
+    ]  # not for ever
 
 
 def test_cycle_names_the_nodes_that_change():
-    patience, two = Patience(SELF), (active(SLIP, STICK, direction=1.0), active(OPEN, STICK))
+    history, two = SetHistory(SELF), (active(SLIP, STICK, direction=1.0), active(OPEN, STICK))
     points = SimpleNamespace(
         pair=np.zeros(2), position=np.array([[3.0, 1.0], [4.0, 1.0]]), gathered=lambda x: x
     )
-    assert str(patience.make_error("no set", points)) == "no set"
+    assert str(history.make_error("no set", points)) == "no set"
     for k in range(8):
-        patience.keeps(two[k % 2], 1.0)
-    words = str(patience.make_error("no set", points))
+        history.record_and_ask_to_keep(two[k % 2], 1.0)
+    words = str(history.make_error("no set", points))
     assert "2 sets come back, which differ at 1 of the nodes, at (3, 1)" in words

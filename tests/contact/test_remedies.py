@@ -4,9 +4,8 @@ from collections import Counter
 
 import pytest
 
-from pw_elements.contact.iteration import ContactSystem
-from pw_elements.contact.iteration.system import Tangent
 from pw_elements.contact.steps.stepping import Stepping
+from pw_elements.contact.system import AssembledTangent, ContactSystem
 from pw_elements.solvers import NotConverged
 from tests.contact.residuals import Step, residuals, walked, worst
 from tests.oracle.random_contact import problem
@@ -45,14 +44,14 @@ def test_a_plate_that_slides_freely_over_nodes_that_supports_hold_is_found_in_pa
 
 def test_a_solver_that_gives_up_in_a_part_says_so(monkeypatch):
     """No smaller part is tried then: "auto" goes on with factors."""
-    stated, whole = problem(158), Stepping._solved
+    stated, whole = problem(158), Stepping._solve_part
 
     def parts_fail(self, *arguments):
         if len(arguments) == 4:  # a part has a budget
             raise NotConverged("gave up")
         return whole(self, *arguments)
 
-    monkeypatch.setattr(Stepping, "_solved", parts_fail)
+    monkeypatch.setattr(Stepping, "_solve_part", parts_fail)
     with pytest.raises(NotConverged, match="gave up"):
         stated.solve(remedies=("cutback",))
 
@@ -60,19 +59,19 @@ def test_a_solver_that_gives_up_in_a_part_says_so(monkeypatch):
 def test_increments_in_parts_have_a_true_history_and_all_systems_are_counted(monkeypatch):
     """Every part obeys the law with the slip since the part before, at its own loads."""
     solved, factorised, stated = Counter(), Counter(), problem(1134)
-    solve, solve_one = ContactSystem.solve, Tangent.solve
+    solve, solve_one = ContactSystem.solve, AssembledTangent.solve
 
-    def counted(system, *arguments):
+    def counted(system, *arguments, **named):
         solved[system] += 1
-        return solve(system, *arguments)
+        return solve(system, *arguments, **named)
 
     def told(tangent, *arguments):
         found = solve_one(tangent, *arguments)
-        factorised[tangent] += found.exact
+        factorised[tangent] += found.is_exact
         return found
 
     monkeypatch.setattr(ContactSystem, "solve", counted)
-    monkeypatch.setattr(Tangent, "solve", told)
+    monkeypatch.setattr(AssembledTangent, "solve", told)
     states = stated.solve(remedies=("cutback",))
     (cut,) = (state for state in states if state.substates)
     assert worst(residuals(*walked(stated, states))) < 1e-8

@@ -304,14 +304,14 @@ def test_interference_has_to_be_asked_for():
 def test_a_fit_in_parts_obeys_the_law_in_each_of_them(monkeypatch):
     ring = Ring(3)
     problem = ring.problem(ring.pair(0.2), ring.ends)
-    solved, first = problem._stepping._solved, problem.undeformed
+    solved, first = problem._stepping._solve_part, problem.undeformed
 
     def timid(state, target, *others):
-        if target.stated - (0.0 if state is first else 0.5) > 0.5:
+        if target.load_factor - (0.0 if state is first else 0.5) > 0.5:
             raise NotFound("too much")
         return solved(state, target, *others)
 
-    monkeypatch.setattr(problem._stepping, "_solved", timid)
+    monkeypatch.setattr(problem._stepping, "_solve_part", timid)
     cut = problem.step(first, ring.nothing)
     conditions = [prescribe(ring.space, 1, at(1, z)) for z in (0.0, HEIGHT)]
     stated = Stated(ring.K, ring.space, [ring.nothing], conditions, [ring.pair(0.2)])

@@ -21,9 +21,9 @@ from pw_elements.contact import (
     NotFound,
     Sphere,
 )
-from pw_elements.contact.iteration import contact_state, initial_active_set, newton
+from pw_elements.contact.iteration import choose_first_set, make_contact_state, solve_increment
 from pw_elements.contact.model import Residuals
-from pw_elements.contact.steps.stepping import Stepping, Target
+from pw_elements.contact.steps.stepping import IncrementTarget, Stepping
 from pw_elements.meshes import triangles
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import Assembled
@@ -98,19 +98,30 @@ def accepted():
     punch = Punch()
     stated = punch.problem(punch.pair(0.6), punch.foot)
     stepping, motion = stated._stepping, Motion((0.02, None), (0, -217.3))
-    target = Target.of(punch.nothing, [motion], stepping.interface)
-    increment, place, policy = stepping._begun(stated.undeformed, target)
-    free = stepping._bound(target.free)[1].left_free
-    active = initial_active_set(stepping.interface, place, stated.undeformed, free, target.idle)
-    return increment, newton(increment, active, place, policy(), 50), stated.undeformed
+    start = stated.undeformed
+    target = IncrementTarget.from_motions(punch.nothing, [motion], stepping.interface)
+    increment, kinematics = stepping._start_increment(start, target)
+    linearised = stepping._linearise_start(increment, kinematics, start, target)
+    rigid = stepping._system_for(target.free)[1]
+    solution = solve_increment(
+        increment,
+        choose_first_set(
+            stepping.interface, linearised, start, rigid.left_free, target.unloaded_free_surfaces
+        ),
+        linearised,
+        stepping._make_update(rigid, "rough"),
+        max_iterations=50,
+        after_iteration=lambda *_: None,
+    )
+    return increment, solution, start
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Residuals)])
 def test_no_state_is_accepted_that_its_residuals_reject(accepted, name):
     """Each condition alone is violated by 1e-7 of the largest force, then by 1e-10 of it."""
     increment, right, before = accepted
-    contact = right.contact
-    status, largest = contact.active_set().status, np.abs(right.force).max()
+    contact = right.nodes
+    status, largest = contact.active_set.status, np.abs(right.force).max()
     first = {kind: np.flatnonzero(status == kind)[0] for kind in (OPEN, STICK, SLIP)}
     for share in (1e-7, 1e-10):
         small, now = share * largest, right
@@ -130,8 +141,10 @@ def test_no_state_is_accepted_that_its_residuals_reject(accepted, name):
             way = np.sign(force[first[SLIP], 1]) * (1 if name == "cone" else -1)
             force[first[SLIP], 1] += way * small
         if now is right:
-            now = replace(right, contact=replace(contact, force=force, gap=gap, slip=slip))
-        state = contact_state(increment, now, 1, before, SolverReport("", 0), None)
+            now = replace(right, nodes=replace(contact, force=force, gap=gap, slip=slip))
+        state = make_contact_state(
+            increment, now, before, iterations=1, report=SolverReport("", 0), smallness=None
+        )
         assert (increment.violation(now) <= 1) == (share == 1e-10)
         assert getattr(state.residuals, name) > share / 100
     assert increment.violation(right) <= 1
@@ -172,7 +185,7 @@ def test_a_refusal_says_what_was_tried_and_how_far_it_got(caplog):
 def test_a_remedy_costs_as_many_first_attempts_as_it_may(monkeypatch):
     """But for what is begun before these are used up."""
     remedies, ends = [], []
-    allowed = Stepping._left
+    allowed = Stepping._budget
 
     def noted(stepping, remedy, free):
         ends.extend(left() for left, _ in remedies[-1:])  # of the one before
@@ -180,7 +193,7 @@ def test_a_remedy_costs_as_many_first_attempts_as_it_may(monkeypatch):
         remedies.append((left, left()))
         return left
 
-    monkeypatch.setattr(Stepping, "_left", noted)
+    monkeypatch.setattr(Stepping, "_budget", noted)
     for multiple in (0.1, 3.0):
         remedies.clear()
         ends.clear()

@@ -20,7 +20,12 @@ from pw_elements.contact import (
     Motion,
     Sphere,
 )
-from pw_elements.contact.iteration import DeformedKinematics, Reference, Tools
+from pw_elements.contact.nodes import (
+    DeformedKinematics,
+    IncrementStart,
+    RigidSurfaceMotion,
+    RigidSurfacesOnly,
+)
 from pw_elements.contact.steps import finite
 from tests.contact.cases import Block, at, at_large_strains
 from tests.contact.test_large import SOLVERS, SURFACES, Rubber, _at_points, above, numbers, walked
@@ -48,26 +53,28 @@ def test_what_turns_is_linearised_consistently(name):
     x = rng.normal(size=(m, dim)) * 0.2 + [*[0.3] * (dim - 1), 1.3]
     axis = (1.0, -2.0, 0.5) if dim == 3 else None
     points = _at_points(surface, x, dim)
-    tools = Tools(points, [ContactPair(above, surface, pivot=rng.normal(size=dim), axis=axis)])
+    pair = ContactPair(above, surface, pivot=rng.normal(size=dim), axis=axis)
+    surfaces = RigidSurfaceMotion(points, [pair])
     q = np.append(rng.normal(size=dim) * 0.1, 0.7)[None]
     before = np.append(rng.normal(size=dim) * 0.1, 0.5)[None]
     # in the frame of the surface all is near to its place
     starts, ends = (rng.normal(size=(m, dim)) * 0.2 for _ in range(2))
-    view = DeformedKinematics(
-        points, tools, Reference(tools.carried(before, starts), np.zeros((m, dim)), before)
-    )
-    a, r = tools.carried(q, ends), rng.normal(size=(m, dim))
-    here = view(q, a, r)
-    R, w = np.eye(dim) + tools.turned(q), here.levers.spun
+    displacement = surfaces.displacement_of(before, starts)
+    start = IncrementStart(displacement, np.zeros((m, dim)), before)
+    kinematics = DeformedKinematics(points, surfaces, start, RigidSurfacesOnly())
+    a, r = surfaces.displacement_of(q, ends), rng.normal(size=(m, dim))
+    here = kinematics.linearise(q, a, r)
+    R, w = np.eye(dim) + surfaces.rotation_change(q), here.torque_map.w
 
     def seen(share, motion, way):
         """Gap, slip and force in the surface's frame, size of the shear, and the torque."""
         there, moved = q + share * motion, a + share * way
-        place, turn = view(there, moved, r), np.eye(dim) + tools.turned(there)
+        place, turn = kinematics.linearise(there, moved, r), np.eye(dim)
+        turn = turn + surfaces.rotation_change(there)
         slip = np.einsum("nta,nt->na", place.frame[:, 1:] @ turn, place.slip)
         parts = place.gap[:, None], slip, place.frame[:, :1] @ turn, r[:, None] @ turn
         sheared = np.linalg.norm(np.einsum("nab,nb->na", place.frame, r)[:, 1:], axis=1)
-        torque = place.levers.forces(r)[:, -1]
+        torque = place.torque_map.resultants(r)[:, -1]
         return np.column_stack([*(part.reshape(m, -1) for part in parts), sheared, torque])
 
     motions = [*np.eye(dim + 1), *np.zeros((dim, dim + 1))]
@@ -77,7 +84,7 @@ def test_what_turns_is_linearised_consistently(name):
         found = (seen(h, motion, way) - seen(-h, motion, way)) / (2 * h)
         parts = np.split(found, np.cumsum([1, dim, dim, dim, 1]), axis=1)
         gap, slip, normal, force, shear, torque = parts
-        known = np.einsum("nab,nb->na", here.moved, way) + here.followed @ motion
+        known = np.einsum("nab,nb->na", here.motion_by_v, way) + here.motion_by_q @ motion
         assert np.abs(gap[:, 0] - known[:, 0]).max() < 1e-7
         tangents = here.frame[:, 1:] @ R
         assert np.abs(np.einsum("nta,na->nt", tangents, slip) - known[:, 1:]).max() < 1e-7
@@ -86,7 +93,7 @@ def test_what_turns_is_linearised_consistently(name):
         assert np.abs(force + spun).max() < 1e-7
         own = np.einsum("nb,nba->na", here.frame[:, 0], R), np.einsum("nba,nb->na", R, r)
         pressed = np.sum(normal * own[1] + force * own[0], axis=1)
-        turns = np.einsum("nab,nb->na", here.turned, way) + here.spun @ motion
+        turns = np.einsum("nab,nb->na", here.force_by_v, way) + here.force_by_q @ motion
         assert np.abs(pressed - turns[:, 0]).max() < 1e-7
         sheared = np.einsum("nab,nb->na", here.frame, r)[:, 1:]
         along = np.sum(sheared * turns[:, 1:], axis=1) / np.linalg.norm(sheared, axis=1)

@@ -7,8 +7,8 @@ import pytest
 
 from pw_elements.contact import ContactFailed, ContactPair, Motion, NotFound, Plane
 from pw_elements.contact.interface.sliding import Meeting, SlidingMortar
-from pw_elements.contact.iteration import DeformedKinematics, Increment
-from pw_elements.contact.iteration.law import Place
+from pw_elements.contact.iteration import Increment
+from pw_elements.contact.nodes import DeformedKinematics, UndeformedKinematics
 from pw_elements.contact.steps.verification import Sizes, measure_residuals, places_undeformed
 from pw_elements.meshes import triangles
 from tests.contact.cases import Block, Greco, Punch, at
@@ -60,14 +60,14 @@ def test_state_that_the_iteration_takes_too_early_is_refused(name, monkeypatch):
         HISTORIES[name]()
 
 
-def halved_slip(place):
-    return replace(place, slip=0.5 * place.slip)
+def halved_slip(kinematics):
+    return replace(kinematics, slip=0.5 * kinematics.slip)
 
 
 WRONG = {
     "slip": halved_slip,
-    "gap": lambda place: replace(place, gap=place.gap + 1e-3),
-    "normal": lambda place: replace(place, frame=place.frame @ turned_by(1e-3)),
+    "gap": lambda kinematics: replace(kinematics, gap=kinematics.gap + 1e-3),
+    "normal": lambda kinematics: replace(kinematics, frame=kinematics.frame @ turned_by(1e-3)),
 }
 
 
@@ -79,17 +79,16 @@ def turned_by(angle):
 @pytest.mark.parametrize("wrong", WRONG)
 def test_kinematics_that_are_wrong_lead_to_no_state(wrong, monkeypatch):
     """Gap, slip and normal of the iteration are off, consistently."""
-    seen, change = DeformedKinematics.__call__, WRONG[wrong]
-    monkeypatch.setattr(DeformedKinematics, "__call__", lambda *a: change(seen(*a)))
+    linearise, change = DeformedKinematics.linearise, WRONG[wrong]
+    monkeypatch.setattr(DeformedKinematics, "linearise", lambda *a: change(linearise(*a)))
     with pytest.raises(ContactFailed, match=r"computed anew|active set|singular"):
         at_large_strains()
 
 
 @pytest.mark.parametrize("wrong", ["gap", "normal"])
 def test_kinematics_of_small_displacements_that_are_wrong_lead_to_no_state(wrong, monkeypatch):
-    seen, change = Place.undeformed.__func__, WRONG[wrong]
-    moved = classmethod(lambda *a, **k: change(seen(*a, **k)))
-    monkeypatch.setattr(Place, "undeformed", moved)
+    linearise, change = UndeformedKinematics.linearise, WRONG[wrong]
+    monkeypatch.setattr(UndeformedKinematics, "linearise", lambda *a: change(linearise(*a)))
     with pytest.raises(NotFound, match="computed anew"):
         HISTORIES["punch"]()
 

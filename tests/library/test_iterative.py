@@ -33,7 +33,7 @@ from pw_elements import (
 )
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, NoEquilibrium, Plane, solve_contact
-from pw_elements.contact.iteration import krylov
+from pw_elements.contact.system import krylov
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.solvers import Multigrid, auto_solver, iterative, matrices
 from study.elements import composite

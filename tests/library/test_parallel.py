@@ -31,7 +31,7 @@ from pw_elements import (
 )
 from pw_elements.algebra import symmetric_part
 from pw_elements.contact import ContactPair, Plane, Sphere, solve_contact, solve_impact
-from pw_elements.contact.iteration import krylov
+from pw_elements.contact.system import krylov
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from pw_elements.solvers import iterative

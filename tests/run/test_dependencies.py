@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from pw_elements import Direct, Iterative
-from pw_elements.contact.iteration.newton import Increment
+from pw_elements.contact.iteration import LinearIncrement
 from pw_elements.contact.model import errors
+from pw_elements.contact.nodes import UndeformedKinematics
 from pw_elements.contact.steps import stepping
 from study.core.sources import closure, imported, source
 from tests.contact.cases import GALERKIN, PW, Block
@@ -34,6 +35,8 @@ WINGS = [  # of the library, from the lowest to the highest
     "pictures",
     "contact.model",
     "contact.interface",
+    "contact.nodes",
+    "contact.system",
     "contact.iteration",
     "contact.rescue",
     "contact.output",
@@ -178,7 +181,8 @@ def test_the_iteration_asks_for_no_type_but_of_errors():
 def test_an_iteration_enters_few_modules(monkeypatch, method, solver, most):
     """From the second on, but for the places of surfaces, which are asked once more at the end."""
     entered, solves = set(), []
-    solve, kinematics, newton = Increment.solve, Increment.kinematics, stepping.newton
+    solve, linearise = LinearIncrement.solve, UndeformedKinematics.linearise
+    solve_increment = stepping.solve_increment
 
     def watch(frame, event, _):
         path = Path(frame.f_code.co_filename)
@@ -193,18 +197,18 @@ def test_an_iteration_enters_few_modules(monkeypatch, method, solver, most):
 
     def placed(*arguments):
         sys.setprofile(None)
-        return kinematics(*arguments)
+        return linearise(*arguments)
 
-    def iterated(*arguments):
+    def iterated(*arguments, **named):
         solves.clear()
         try:
-            return newton(*arguments)
+            return solve_increment(*arguments, **named)
         finally:
             sys.setprofile(None)
 
-    monkeypatch.setattr(Increment, "solve", watched)
-    monkeypatch.setattr(Increment, "kinematics", placed)
-    monkeypatch.setattr(stepping, "newton", iterated)
+    monkeypatch.setattr(LinearIncrement, "solve", watched)
+    monkeypatch.setattr(UndeformedKinematics, "linearise", placed)
+    monkeypatch.setattr(stepping, "solve_increment", iterated)
     block = Block(8, method)
     states = block.contact(block.pair(0.3), block.free, block.pulled(10.0, 1), solver=solver)
     assert max(state.iterations for state in states) > 1

@@ -302,13 +302,16 @@ class Interface:
     def extent(self) -> float:
         return float(extents(self.comm, self.position).max())
 
-    def on_opposite(self, pair: int, force: Array) -> Array:
-        """Nodal forces (k, dim) of forces (m, dim) at a pair's points on its `opposite` nodes."""
+    def on_opposite(self, pair: int, force: Array, force_operator: PETSc.Mat) -> Array:
+        """Nodal forces (k, dim) of forces (m, dim) at a pair's points on its `opposite` nodes.
+
+        `force_operator` is H, (n, m dim).
+        """
         nodes = self.opposite[pair]
         if len(nodes):
-            points = self.force.createVecRight()
+            points = force_operator.createVecRight()
             points.setArray(np.where((self.pair == pair)[:, None], force, 0.0).ravel())
-            return self.at_nodes(nodes, self.force * points)
+            return self.at_nodes(nodes, force_operator * points)
         return np.zeros((0, force.shape[1]))
 
     def at_nodes(self, nodes: Indices, unknowns: PETSc.Vec) -> Array:

@@ -1,36 +1,23 @@
-"""The semismooth Newton iteration: law, kinematics, linear systems, active sets."""
+"""Newton's method of one increment: equilibrium, equations, active sets, the state at its end."""
 
-from pw_elements.contact.iteration.finite import (
-    CellGuard,
-    DeformedKinematics,
-    FiniteEquilibrium,
-    Sliding,
-    Tools,
-)
-from pw_elements.contact.iteration.law import (
-    HELD,
-    OPEN,
-    SLIP,
-    STICK,
-    TOLERANCE,
-    ActiveSet,
-    Contact,
-    LinearisedLaw,
-    Place,
-    equations,
-    mixed,
-    sticking,
-)
-from pw_elements.contact.iteration.newton import (
+from pw_elements.contact.iteration.finite import CellGuard, FiniteEquilibrium, SlidingEquilibrium
+from pw_elements.contact.iteration.increment import (
+    DISPLACEMENT_ROUND_OFF,
     Increment,
-    Iterate,
     LinearEquilibrium,
-    Reference,
-    contact_state,
-    newton,
-    pair_states,
-    reference_sizes,
-    undeformed,
+    LinearIncrement,
+    NewtonState,
 )
-from pw_elements.contact.iteration.policy import Policy, initial_active_set, resumed, same
-from pw_elements.contact.iteration.system import ContactSystem, Tangent, border_columns, local_rows
+from pw_elements.contact.iteration.newton import solve_increment
+from pw_elements.contact.iteration.results import (
+    make_contact_state,
+    make_pair_states,
+    make_undeformed_state,
+    reference_sizes,
+)
+from pw_elements.contact.iteration.updates import (
+    ActiveSetUpdate,
+    DeformedSetUpdate,
+    choose_first_set,
+    resume_active_set,
+)

@@ -21,8 +21,8 @@ from dolfinx import fem, io
 from pw_elements.arrays import Array, Indices, Local
 from pw_elements.checks import arguments, collective, listed, same_everywhere, sizes_of
 from pw_elements.contact.interface import Overlap, SlidingMortar, Trace, gathered_trace, whole_areas
-from pw_elements.contact.iteration import HELD, OPEN
 from pw_elements.contact.model import ContactState, PairState
+from pw_elements.contact.nodes import HELD, OPEN
 from pw_elements.contact.output.storage import checked_path
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, boundary_measure, facets_between
 from pw_elements.spaces import (

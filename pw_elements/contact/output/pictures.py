@@ -17,8 +17,8 @@ from scipy.sparse import csgraph
 
 from pw_elements.arrays import Indices
 from pw_elements.checks import arguments, collective, same_everywhere
-from pw_elements.contact.iteration import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.model import ContactState
+from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.output.fields import SideResults, check_state, mortar_sides, own_results
 from pw_elements.elasticity import Body, StressState, SurfaceNodes
 from pw_elements.pictures import SUB_TRIANGLES, check_axes

@@ -6,9 +6,9 @@ from pw_elements.contact.rescue.passing import (
     refuse_tools_through_supports,
 )
 from pw_elements.contact.rescue.refusals import (
-    by_springs,
     check_loose,
-    no_equilibrium,
+    prove_no_equilibrium,
     rescue,
+    solve_with_springs,
 )
 from pw_elements.contact.rescue.rigid import RigidMotions

@@ -13,8 +13,8 @@ import numpy as np
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks import collective, listed
 from pw_elements.contact.interface import Interface, SlidingReference
-from pw_elements.contact.iteration import Tools
 from pw_elements.contact.model import SurfacePassed
+from pw_elements.contact.nodes import RigidSurfaceMotion
 
 # Depth of a support within a tool, and of a side within another one, over the extent of the side,
 # by which it has been driven through; and the offset along the side up to which it still meets it
@@ -22,13 +22,18 @@ _SUPPORT_DEPTH, _DEPTH, _OFFSET = 0.1, 0.25, 0.5
 
 
 def refuse_tools_through_supports(
-    interface: Interface, tools: Tools, positions: Array, fixed: Mask, ways: Array, paths: Array
+    interface: Interface,
+    motion: RigidSurfaceMotion,
+    positions: Array,
+    fixed: Mask,
+    ways: Array,
+    paths: Array,
 ) -> None:
     """Raise SurfacePassed if a rigid surface is led through nodes that are held.
 
     Args:
         interface: the contact points.
-        tools: their surfaces.
+        motion: of their surfaces.
         positions: (n, dim), undeformed, of nodes of this process.
         fixed: (n,), whether all components of a node are prescribed.
         ways: (samples, pairs, dim + 1), placements of the surfaces; NaN where they are free.
@@ -38,7 +43,7 @@ def refuse_tools_through_supports(
         if k in interface.mortars or np.isnan(ways[:, k]).any():
             continue
         within = [
-            tools.see_from_surface(k, ways[j, k], positions[fixed] + paths[j][fixed])
+            motion.positions_in_surface_frame(k, ways[j, k], positions[fixed] + paths[j][fixed])
             for j in range(len(ways))
         ]
         gaps: Array = np.full((len(within), int(fixed.sum())), np.inf)

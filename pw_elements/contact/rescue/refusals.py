@@ -15,7 +15,6 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -24,15 +23,12 @@ from scipy.optimize import linprog
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective, listed
 from pw_elements.contact.iteration import (
-    TOLERANCE,
-    ActiveSet,
+    ActiveSetUpdate,
     Increment,
-    Iterate,
-    Place,
-    Policy,
-    contact_state,
-    newton,
-    same,
+    LinearIncrement,
+    NewtonState,
+    make_contact_state,
+    solve_increment,
 )
 from pw_elements.contact.model import (
     ContactFailed,
@@ -45,6 +41,13 @@ from pw_elements.contact.model import (
     RigidVelocity,
     Smallness,
     exhausted_friction,
+)
+from pw_elements.contact.nodes import (
+    TOLERANCE,
+    ActiveSet,
+    LinearisedKinematics,
+    UndeformedKinematics,
+    is_same_set,
 )
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
 from pw_elements.progress import told
@@ -88,7 +91,7 @@ _ENCLOSED = (
 
 # Makes an increment with springs of a share of the points' stiffness, which end where all unknowns
 # (n,) and the surfaces' translations (pairs, dim) are given
-Sprung = Callable[[float, PETSc.Vec, Array], Increment]
+Sprung = Callable[[float, PETSc.Vec, Array], LinearIncrement]
 
 
 @dataclass(frozen=True)
@@ -185,18 +188,18 @@ def escape(points: Points, power: Array, price: float = _PRICE) -> tuple[Array, 
     return velocity, scale * (least[:k] - least[k:])
 
 
-def gathered_points(increment: Increment, place: Place, works: Array) -> Points:
+def gather_points(increment: Increment, kinematics: LinearisedKinematics, works: Array) -> Points:
     """Points of all processes, in an order independent of them; `works` are (m, dim, k)."""
     interface, free = increment.interface, np.isnan(increment.prescribed)
-    faced = np.isfinite(place.gap) | np.any(free, axis=1)[interface.pair]
+    faced = np.isfinite(kinematics.gap) | np.any(free, axis=1)[interface.pair]
     acted_on = (interface.equation >= 0) | interface.held_components
     works = np.where(acted_on[..., None], works, 0.0)
-    tangents = place.frame[:, 1:]
+    tangents = kinematics.frame[:, 1:]
     values = (
         interface.pair,
         interface.cone.steepest,
-        _turning(increment, place),
-        np.einsum("na,nak->nk", place.frame[:, 0], works),
+        _find_turning(increment, kinematics),
+        np.einsum("na,nak->nk", kinematics.frame[:, 0], works),
         np.einsum("nta,ntb,nbk->nak", tangents, tangents, works),
         faced,
     )
@@ -207,12 +210,13 @@ def gathered_points(increment: Increment, place: Place, works: Array) -> Points:
     return Points(*points).where(some)
 
 
-def _turning(increment: Increment, place: Place) -> Mask:
+def _find_turning(increment: Increment, kinematics: LinearisedKinematics) -> Mask:
+    """Return the points (m,) whose normals turn with a free translation of their surface."""
     interface, free = increment.interface, np.isnan(increment.prescribed)
-    here, turning = interface.normals(place.translations), np.zeros(len(interface.pair), dtype=bool)
+    here, turning = interface.normals(kinematics.q0), np.zeros(len(interface.pair), dtype=bool)
     for axis in np.flatnonzero(free.any(axis=0)):
         for step in (sign * part * interface.extent for part in _TURNING_STEPS for sign in (-1, 1)):
-            moved = place.translations.copy()
+            moved = kinematics.q0.copy()
             moved[free[:, axis], axis] += step
             try:
                 change = np.abs(interface.normals(moved) - here).max(axis=1)
@@ -222,11 +226,16 @@ def _turning(increment: Increment, place: Place) -> Mask:
     return turning
 
 
-def no_equilibrium(increment: Increment, place: Place, rigid: RigidMotions) -> NoEquilibrium | None:
-    """The refusal with its proof, if there is one; the same on all processes."""
+def prove_no_equilibrium(
+    increment: Increment, load: PETSc.Vec, kinematics: LinearisedKinematics, rigid: RigidMotions
+) -> NoEquilibrium | None:
+    """Return the refusal with its proof, if there is one, under a reduced load.
+
+    It is the same on all processes.
+    """
     basis, works = rigid.virtual()
-    work, size = rigid.power(increment.equilibrium.load, increment.totals)
-    points = gathered_points(increment, place, works)
+    work, size = rigid.power(load, increment.totals)
+    points = gather_points(increment, kinematics, works)
     error: NoEquilibrium | None = None
     comm = increment.system.comm
     with collective(comm):
@@ -237,18 +246,26 @@ def no_equilibrium(increment: Increment, place: Place, rigid: RigidMotions) -> N
 
 def check_loose(
     increment: Increment,
-    now: Iterate,
+    end: NewtonState,
     rigid: RigidMotions,
     before: ContactState,
     spent: Callable[[], tuple[int, SolverReport]],
 ) -> None:
     """Raise NotUnique for a solution in which a body is clear of all contact forces and loose."""
-    if not (motions := rigid.loose(now.contact, increment.allowed(now))):
+    if not (motions := rigid.loose(end.nodes, increment.allowance(end))):
         return
     iterations, report = spent()
     size = Smallness(np.nan, np.nan, np.nan)
     failure = NotUnique(f"{_LOOSE}. Nothing stops a {', '.join(motions)}")
-    failure.state = contact_state(increment, now, iterations, before, report, size, converged=False)
+    failure.state = make_contact_state(
+        increment,
+        end,
+        before,
+        iterations=iterations,
+        report=report,
+        smallness=size,
+        converged=False,
+    )
     raise failure
 
 
@@ -256,10 +273,10 @@ def rescue(
     failure: ContactFailed | NotConverged,
     increment: Increment,
     proved: Callable[[], NoEquilibrium | None],
-    remedy: Callable[[], Iterate | None] | None,
+    remedy: Callable[[], NewtonState | None] | None,
     before: ContactState,
     spent: Callable[[], tuple[int, SolverReport]],
-) -> Iterate:
+) -> NewtonState:
     """The solution of an increment whose iteration has failed, or the refusal that says why.
 
     A remedy is tried if there is one. A failure to converge stays one, unless statics explain it.
@@ -277,11 +294,17 @@ def rescue(
             return found
     near, state = "", None
     if increment.nearest is not None:
-        now, violation = increment.nearest
-        size = Smallness(np.nan, np.nan, np.nan)  # of no solution
         iterations, report = spent()
-        state = contact_state(increment, now, iterations, before, report, size, converged=False)
-        share = f"{violation * TOLERANCE:.1g}"
+        state = make_contact_state(
+            increment,
+            increment.nearest,
+            before,
+            iterations=iterations,
+            report=report,
+            smallness=Smallness(np.nan, np.nan, np.nan),  # of no solution
+            converged=False,
+        )
+        share = f"{increment.nearest.violation * TOLERANCE:.1g}"
         near = f" The state that came nearest violates the law by {share} of its largest force."
     if not isinstance(failure, NotUnique):
         enclosed = f" {_ENCLOSED}." if increment.system.tangent.encloses() else ""
@@ -363,58 +386,94 @@ def _numbers(values: Array) -> str:
     return f"({words})" if len(values) > 1 else words
 
 
-def by_springs(
-    increment: Increment,
-    sprung: Sprung,
-    active: ActiveSet,
-    place: Place,
-    unknowns: PETSc.Vec,
-    policy: Callable[[], Policy],
-    most: int,
+def solve_with_springs(
+    increment: LinearIncrement,
+    with_springs: Sprung,
+    kinematics: UndeformedKinematics,
+    *,
+    first: tuple[ActiveSet, LinearisedKinematics, PETSc.Vec],
+    make_update: Callable[[], ActiveSetUpdate],
+    max_iterations: int,
     left: Callable[[], float],
-) -> Iterate | None:
-    """The solution of an increment, or None; it starts at a place, from all unknowns (n,) there.
+) -> NewtonState | None:
+    """Solve an increment by springs at the contact points that get softer and softer.
 
-    It goes on as long as linear systems are `left` to be solved, `most` in one iteration. Raises
-    NotUnique where tangents are singular at a solution.
+    Args:
+        increment: without springs.
+        with_springs: makes the increment with springs of a share of the points' stiffness.
+        kinematics: of the body.
+        first: active set, kinematics and all unknowns (n,) from which it starts.
+        make_update: how active sets of the increment without springs follow each other.
+        max_iterations: the most linear systems solved in one iteration.
+        left: how many may still be solved in all.
+
+    Returns:
+        The solution without springs, or None.
+
+    Raises:
+        NotUnique: where tangents are singular at a solution.
     """
 
     def at_most(some: int) -> int:
-        return int(max(1, min(some, most, left())))
+        return int(max(1, min(some, max_iterations, left())))
 
-    comm, translations = increment.interface.comm, place.translations
-    share, softer, failures, known = _FIRST, _SOFTER, 0, None
+    (active, linearised, unknowns), comm = first, increment.interface.comm
+    q, stiffness, softening, n_failures = linearised.q0, _FIRST, _SOFTER, 0
+    previous: ActiveSet | None = None
     words = f"by springs, for what {left():.0f} linear systems take at most"
     told(comm, logging.INFO, words, ".contact")
-    while share > _SOFTEST and failures < _FAILURES and left() > 0:
-        held = sprung(share, unknowns, translations)
-        free = Policy(lambda *_: [], increment.interface)
+    while stiffness > _SOFTEST and n_failures < _FAILURES and left() > 0:
+        held_by_springs = with_springs(stiffness, unknowns, q)
+        update = ActiveSetUpdate(_no_free_motions, increment.interface)
         try:
-            found = newton(held, active, place, free, at_most(_MOST))
+            sprung = solve_increment(
+                held_by_springs,
+                active,
+                linearised,
+                update,
+                max_iterations=at_most(_MOST),
+                after_iteration=_say_nothing,
+            )
         except ContactFailed as failed:
-            told(comm, logging.INFO, f"not with springs of {share:.0e}: {failed}", ".contact")
-            failures, softer = failures + 1, max(_LEAST, softer**_SLOWER)
-            share *= _STIFFER
+            told(comm, logging.INFO, f"not with springs of {stiffness:.0e}: {failed}", ".contact")
+            n_failures, softening = n_failures + 1, max(_LEAST, softening**_SLOWER)
+            stiffness *= _STIFFER
             continue
-        unknowns, translations = found.full, found.translations
-        place = increment.kinematics(translations, found.displacement, found.force)
-        now = increment.seen(found.reduced, translations, place)
-        violation = increment.violation(now)
-        if increment.nearest is None or violation < increment.nearest[1]:
-            increment.nearest = now, violation
-        active = found.contact.at_rest
-        if violation <= 1 or (known is not None and same(known, active, comm)):
+        unknowns, q = sprung.unknowns, sprung.q
+        linearised = kinematics.linearise(q, sprung.displacement, sprung.force)
+        state = increment.evaluate(sprung.reduced, q, linearised)
+        increment.record(state)
+        active = sprung.nodes.active_set
+        is_steady = previous is not None and is_same_set(previous, active, comm)
+        if state.violation <= 1 or is_steady:
             try:
-                solution = newton(increment, active, place, policy(), at_most(_CONFIRMED))
-                told(comm, logging.INFO, f"solved by springs of {share:.0e}", ".contact")
+                solution = solve_increment(
+                    increment,
+                    active,
+                    linearised,
+                    make_update(),
+                    max_iterations=at_most(_CONFIRMED),
+                    after_iteration=_say_nothing,
+                )
+                told(comm, logging.INFO, f"solved by springs of {stiffness:.0e}", ".contact")
                 return solution
             except ContactFailed as failed:
-                told(comm, logging.INFO, f"not from springs of {share:.0e}: {failed}", ".contact")
-                if violation <= 1:
+                words = f"not from springs of {stiffness:.0e}: {failed}"
+                told(comm, logging.INFO, words, ".contact")
+                if state.violation <= 1:
                     if isinstance(failed.__cause__, SingularSystem):
-                        force = comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
-                        loose = force <= increment.round_off(now)
+                        force = increment.max_over_ranks(np.abs(state.force))
+                        loose = force <= increment.round_off(state)
                         raise NotUnique(_LOOSE if loose else f"at a solution, {failed}") from failed
-                    return now  # which the iteration leaves by round-off
-        known, share = active, share / softer
+                    return state  # which the iteration leaves by round-off
+        previous, stiffness = active, stiffness / softening
     return None
+
+
+def _no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
+    """Return no motions: springs hold all of them."""
+    return []
+
+
+def _say_nothing(iteration: int, active: ActiveSet, violation: float) -> None:
+    """Ignore an iteration with springs."""

@@ -18,19 +18,17 @@ from scipy.optimize import linprog
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import listed
 from pw_elements.contact.interface import free_columns
-from pw_elements.contact.iteration import (
+from pw_elements.contact.model import Free
+from pw_elements.contact.nodes import (
     OPEN,
     SLIP,
     STICK,
     ActiveSet,
-    Contact,
-    ContactSystem,
-    border_columns,
-    equations,
-    local_rows,
-    mixed,
+    ContactNodes,
+    assemble_node_equations,
+    select_nodes,
 )
-from pw_elements.contact.model import Free
+from pw_elements.contact.system import ContactSystem, border_columns, local_rows
 from pw_elements.solvers import Pieces, destroy, null_space, triangle
 
 _AXES = "xyz"
@@ -159,37 +157,37 @@ class RigidMotions:
         free = self._free(active, frame)
         return [self.modes.name(motion) for motion in self.modes.simplest(free).motions]
 
-    def slides(self, contact: Contact, lost: float) -> bool:
+    def slides(self, nodes: ContactNodes, lost: float) -> bool:
         """Whether friction is used up, to within a force `lost`: a body may slide for ever then."""
-        comm, shear, at_rest = self._system.comm, contact.force[:, 1:], contact.at_rest
-        size, limit = np.linalg.norm(shear, axis=1), contact.limits[0]
-        used = contact.cone.rough & (at_rest.status != OPEN) & (size > lost)
+        comm, shear, active = self._system.comm, nodes.force[:, 1:], nodes.active_set
+        size, limit = np.linalg.norm(shear, axis=1), nodes.friction_limits[0]
+        used = nodes.cone.rough & (active.status != OPEN) & (size > lost)
         used &= size >= limit - lost
         if not comm.allreduce(bool(used.any()), MPI.LOR):
             return False
         direction = shear / np.where(used, size, 1.0)[:, None]
         sliding = replace(
-            at_rest,
-            status=np.full_like(at_rest.status, SLIP),
+            active,
+            status=np.full_like(active.status, SLIP),
             direction=direction,
-            **{name: np.ones(len(used)) for name in ("turning", "slope", "level")},
+            **{name: np.ones(len(used)) for name in ("turning", "slope", "intercept")},
         )
-        free = self._free(mixed(~used, at_rest, sliding), contact.frame)
-        moved = (self._relative @ free.T).reshape(*contact.frame.shape[:2], len(free))
-        along = np.einsum("nab,na,nbk->nk", contact.frame[:, 1:], direction, moved)
-        along = along[used & (at_rest.status == STICK)]
+        free = self._free(select_nodes(~used, active, sliding), nodes.frame)
+        moved = (self._relative @ free.T).reshape(*nodes.frame.shape[:2], len(free))
+        along = np.einsum("nab,na,nbk->nk", nodes.frame[:, 1:], direction, moved)
+        along = along[used & (active.status == STICK)]
         ends = comm.allgather([along.max(initial=0.0), -along.min(initial=0.0)])
         # a single motion has to go against all friction of what does not slip yet, or its reverse
         return len(free) > 1 or (len(free) == 1 and np.max(ends, axis=0).min() <= _FREE_STIFFNESS)
 
-    def loose(self, contact: Contact, lost: float) -> list[str]:
+    def loose(self, nodes: ContactNodes, lost: float) -> list[str]:
         """Names of motions of pieces that no contact force holds, and that no surface stops.
 
         Forces up to `lost` are none. Points that touch without a force stop a motion into their
         surface, and no other one.
         """
-        comm, (m, dim, _) = self._system.comm, contact.frame.shape
-        pressed = contact.force[:, 0] > lost
+        comm, (m, dim, _) = self._system.comm, nodes.frame.shape
+        pressed = nodes.force[:, 0] > lost
         at_pressed = sp.diags_array(np.repeat(pressed.astype(float), dim)) @ abs(self._relative)
         held = comm.allreduce(np.asarray(at_pressed.sum(axis=0)).ravel(), MPI.SUM) > 0
         held[self.modes.of_pieces :] = True
@@ -205,8 +203,8 @@ class RigidMotions:
         if not len(free):
             return []
         moved = (self._relative @ free.T).reshape(m, dim, len(free))
-        touching = np.isfinite(contact.gap) & (contact.scale * contact.gap <= lost) & ~pressed
-        opening = np.einsum("na,nak->nk", contact.frame[:, 0], moved)[touching]
+        touching = np.isfinite(nodes.gap) & (nodes.scale * nodes.gap <= lost) & ~pressed
+        opening = np.einsum("na,nak->nk", nodes.frame[:, 0], moved)[touching]
         opening = np.concatenate(comm.allgather(opening))
         motion = comm.bcast(unstopped(opening) if comm.rank == 0 else None)
         return [] if motion is None else [self.modes.name(motion @ free)]
@@ -240,7 +238,10 @@ class RigidMotions:
     def _free(self, active: ActiveSet, frame: Array) -> Array:
         """The motions (k, modes) that an active set in its frames (m, dim, dim) leaves free."""
         m, dim = frame.shape[:2]
-        constraints, relative = equations(active, np.ones(m))[1] @ frame, self._relative
+        constraints, relative = (
+            assemble_node_equations(active, np.ones(m))[1] @ frame,
+            self._relative,
+        )
         if isinstance(relative, np.ndarray):
             rows = constraints @ relative.reshape(m, dim, relative.shape[1])
             rows = rows.reshape(relative.shape)

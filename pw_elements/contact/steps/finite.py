@@ -25,21 +25,15 @@ from pw_elements.arrays import Array, Mask
 from pw_elements.checks import answer, arguments, collective
 from pw_elements.contact.interface import ROUND_OFF, nodal_interface
 from pw_elements.contact.iteration import (
-    OPEN,
-    TOLERANCE,
     CellGuard,
-    ContactSystem,
-    DeformedKinematics,
+    DeformedSetUpdate,
     FiniteEquilibrium,
     Increment,
-    Policy,
-    Reference,
-    Sliding,
-    Tools,
-    contact_state,
-    newton,
+    NewtonState,
+    SlidingEquilibrium,
+    make_contact_state,
     reference_sizes,
-    sticking,
+    solve_increment,
 )
 from pw_elements.contact.model import (
     ContactPair,
@@ -51,6 +45,16 @@ from pw_elements.contact.model import (
     Scale,
     exhausted_friction,
 )
+from pw_elements.contact.nodes import (
+    OPEN,
+    TOLERANCE,
+    DeformedKinematics,
+    IncrementStart,
+    MortarKinematics,
+    RigidSurfaceMotion,
+    RigidSurfacesOnly,
+    make_sticking_set,
+)
 from pw_elements.contact.rescue import (
     find_passed,
     refuse_supports_through_each_other,
@@ -58,7 +62,14 @@ from pw_elements.contact.rescue import (
 )
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.slip import SlipCheck
-from pw_elements.contact.steps.stepping import Callback, Reporter, Target, between, divided, joined
+from pw_elements.contact.steps.stepping import (
+    Callback,
+    IncrementTarget,
+    Reporter,
+    combine_substeps,
+    interpolate,
+    solve_in_substeps,
+)
 from pw_elements.contact.steps.verification import (
     Sizes,
     check_stiffness_sign,
@@ -66,6 +77,7 @@ from pw_elements.contact.steps.verification import (
     torque_of,
     verify_state,
 )
+from pw_elements.contact.system import ContactSystem
 from pw_elements.elasticity import REMEDY, TangentWatch
 from pw_elements.progress import doing, told
 from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
@@ -105,7 +117,7 @@ class FiniteStepping:
         history: Sequence[fem.Function] = (),
         update: Callable[[], None] | None = None,
     ) -> None:
-        self.solver, self._conditions, self._most = solver, conditions, max_iterations
+        self.solver, self._conditions, self._max_iterations = solver, conditions, max_iterations
         self._body, self._callback = problem.system, callback
         self.form, self.u, self._constants = problem.form, problem.u, problem.form.constants()
         reduction = masked(reduction) if is_matrix_free(solver) else reduction
@@ -119,7 +131,8 @@ class FiniteStepping:
                 "Iterative() does not serve two bodies at large sliding, whose stiffness changes "
                 "its pattern: use Direct()"
             )
-        self.space, self._tools = self.interface.field.space, Tools(self.interface, pairs)
+        self.space = self.interface.field.space
+        self._surfaces = RigidSurfaceMotion(self.interface, pairs)
         self._pairs = list(pairs)
         self._guard, self._slips = CellGuard(problem.u, problem.form), SlipCheck(self.interface)
         self.history, self._update = list(history), update
@@ -131,11 +144,11 @@ class FiniteStepping:
             self._watch = TangentWatch(self.form, self.u)
 
     def step(
-        self, state: ContactState, load: Loading | None, moved: Sequence[Motion | None]
+        self, state: ContactState, load: Loading | None, motions: Sequence[Motion | None]
     ) -> ContactState:
-        begun, interface = perf_counter(), self.interface
-        start = Target.reached(state, turning=True)
-        end = Target.of(None, moved, interface, turning=True)
+        start_time, interface = perf_counter(), self.interface
+        start = IncrementTarget.from_state(state, turning=True)
+        end = IncrementTarget.from_motions(None, motions, interface, turning=True)
         if any(pair in interface.mortars for pair, _ in end.free):
             raise ValueError(
                 "the surface of a deformed body is not free to move besides its displacements: "
@@ -143,8 +156,8 @@ class FiniteStepping:
             )
         with doing(interface.comm, f"contact increment {state.increment}"):
             reporter = Reporter(interface.comm, state.increment, self._callback)
-            system = self._bound(end.free)
-            before = system.solved, system.report
+            system = self._system_for(end.free)
+            before = system.n_solved, system.report
             if self._watch is not None and not state.increment:  # others are looked at in the end
                 self._restore(state)
                 self._watch.is_beyond_limit()
@@ -162,18 +175,18 @@ class FiniteStepping:
                     forces = self._body.forces().norm(PETSc.NormType.INFINITY)
                     arguments.check_range("the load of the undeformed body", forces)
                 try:
-                    goal = between(start, end, share)
-                    found = self._solved(now, goal, system, reporter, patient)
+                    target = interpolate(start, end, share)
+                    solution = self._solve_part(now, target, system, reporter, patient)
                 except NotConverged as failed:
                     raise NotFound(str(failed)) from failed
-                return replace(found, history=self._updated())
+                return replace(solution, history=self._updated())
 
             sizes = (1 / pieces, _SMALLEST / pieces, 2.0)
-            parts, failure = divided(part, state, sizes)
+            parts, failure = solve_in_substeps(part, state, sizes)
             if failure is not None and isinstance(failure[1], Cycling):
                 # from the start: a state beyond a snap may be out of reach of small parts
                 again = partial(part, patient=True)
-                patient_parts, patient_failure = divided(again, state, sizes)
+                patient_parts, patient_failure = solve_in_substeps(again, state, sizes)
                 if patient_failure is None:
                     parts, failure = patient_parts, None
             if failure is not None:
@@ -191,15 +204,15 @@ class FiniteStepping:
                 error = NotFound(words)
                 error.reached = (done, now) if parts else None
                 raise error from failed
-        solved, report = system.solved - before[0], system.report.since(before[1])
-        found = replace(joined(parts), iterations=solved, report=report)
-        self._slips.check(found)
-        reporter.ended(found, perf_counter() - begun)
-        return found
+        n_solved, report = system.n_solved - before[0], system.report.since(before[1])
+        solution = replace(combine_substeps(parts), iterations=n_solved, report=report)
+        self._slips.check(solution)
+        reporter.report_increment(solution, perf_counter() - start_time)
+        return solution
 
-    def _count_pieces(self, start: Target, end: Target, path: Array) -> int:
+    def _count_pieces(self, start: IncrementTarget, end: IncrementTarget, path: Array) -> int:
         """Return a power of two: of parts in which slip can be seen from the ends."""
-        angles = np.nan_to_num(end.translations - start.translations)[:, -1]
+        angles = np.nan_to_num(end.q - start.q)[:, -1]
         turns = float(np.abs(angles).max(initial=0.0)) / MAX_TURN
         straight = _count_straight_pieces(path, self.interface.comm)
         return max(_round_up_to_power_of_two(turns), straight)
@@ -218,9 +231,11 @@ class FiniteStepping:
             path = self._sample_supports(state, load, samples)
         return path
 
-    def _refuse_passing(self, state: ContactState, start: Target, end: Target, path: Array) -> None:
+    def _refuse_passing(
+        self, state: ContactState, start: IncrementTarget, end: IncrementTarget, path: Array
+    ) -> None:
         """Raise SurfacePassed if supports and surfaces are led through each other."""
-        interface, past = self.interface, self._reference(state)
+        interface, q = self.interface, state.placements
         dim, owned = interface.position.shape[1], path.shape[1]
         positions = self.space.tabulate_dof_coordinates()[:owned, :dim]
         free, _ = prescribed(self._whole, self._conditions)
@@ -230,12 +245,12 @@ class FiniteStepping:
         samples = max(len(path) - 1, _WAY_SAMPLES)
         shares: Array = np.linspace(0, 1, samples + 1, dtype=float)
         path = _interpolate(path, shares)
-        ways = np.array([(1 - s) * start.translations + s * end.translations for s in shares])
+        ways = np.array([(1 - s) * start.q + s * end.q for s in shares])
         nodes = positions, fixed
-        refuse_tools_through_supports(interface, self._tools, *nodes, ways, path)
+        refuse_tools_through_supports(interface, self._surfaces, *nodes, ways, path)
         if interface.mortars:
-            sliding = Sliding(interface, state.unknowns, past.translations, past.translations)
-            refuse_supports_through_each_other(interface, sliding.references, *nodes, path)
+            mortars = MortarKinematics(interface, state.unknowns, q, q)
+            refuse_supports_through_each_other(interface, mortars.references, *nodes, path)
 
     def _sample_supports(self, state: ContactState, load: Loading | None, samples: int) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim), zero where they are free."""
@@ -261,103 +276,135 @@ class FiniteStepping:
             self._system.tangent.release()
             self._system = None
 
-    def _solved(
+    def _solve_part(
         self,
         state: ContactState,
-        goal: Target,
+        target: IncrementTarget,
         system: ContactSystem,
         reporter: Reporter,
-        patient: bool,
+        keep_cycling_sets: bool,
     ) -> ContactState:
-        interface, translations = self.interface, goal.translations
-        increment, equilibrium, kinematics = self._begun(state, goal, system, state.unknowns)
-        past = increment.past
-        moved = np.where(np.isnan(translations), past.translations, translations)
-        system.start(lambda: state.unknowns, moved)
+        """Return the state at a target, in one piece."""
+        interface = self.interface
+        increment, kinematics = self._start_increment(state, target, system, state.unknowns)
+        start = increment.start
+        q = np.where(np.isnan(target.q), start.q, target.q)
+        system.start(lambda: state.unknowns, q)
         closed = interface.local([pair.status for pair in state.pairs]) != OPEN
-        along = kinematics.stuck(moved, past.displacement, closed)
-        place = kinematics(moved, along, past.force)
-        first = sticking(closed | (place.gap < 0), interface.cone, place.frame.shape[1] - 1)
-        policy = Policy(lambda *_: [], interface)
-        met = len(system.tangent.solver.orientations)
-        now = newton(
-            increment, first, place, policy, self._most, reporter.iteration, patient=patient
+        displacement = kinematics.carry_closed(q, start.displacement, closed)
+        linearised = kinematics.linearise(q, displacement, start.force)
+        closed |= linearised.gap < 0
+        n_signs = len(system.tangent.solver.orientations)
+        end = solve_increment(
+            increment,
+            make_sticking_set(closed, interface.cone, linearised.frame.shape[1] - 1),
+            linearised,
+            DeformedSetUpdate(interface, keep_cycling_sets),
+            max_iterations=self._max_iterations,
+            after_iteration=reporter.report_iteration,
         )
-        if reporter.iteration:
-            reporter.violation = increment.violation(now)
-        pressed = now.contact.pressing > 0
-        kinematics.check_surfaces(now.place, pressed)
-        interface.check_supports_between(equilibrium.offset, goal.translations, pressed)
-        lost = kinematics.lost(now.place, now.contact.pressing > 0)
-        jumped = interface.gathered(interface.position[lost])
+        reporter.violation = end.violation
+        self._check_end(increment, kinematics, end, target)
+        signs = self._check_stability(system, n_signs, state)
+        solution = make_contact_state(
+            increment, end, state, iterations=0, report=system.report, smallness=None
+        )
+        sizes = reference_sizes(increment, end, state.scale)
+        solution = self._verify(solution, state, target, sizes)
+        return replace(solution, unique=None, orientations=frozenset(signs[-1:]))
+
+    def _check_end(
+        self,
+        increment: Increment,
+        kinematics: DeformedKinematics,
+        end: NewtonState,
+        target: IncrementTarget,
+    ) -> None:
+        """Raise NotFound for a solution in which nodes or surfaces have jumped."""
+        interface, pressed = self.interface, end.nodes.trial_pressure > 0
+        kinematics.check_surfaces(end.kinematics, pressed)
+        interface.check_supports_between(increment.equilibrium.offset, target.q, pressed)
+        jumped = interface.gathered(
+            interface.position[kinematics.find_jumped(end.kinematics, pressed)]
+        )
         if len(jumped):
             words = "jumped to another sheet of their surface, or slid round by a right angle"
             raise NotFound.at(f"contact nodes first at {{}} have {words}", jumped)
-        for k, (reference, x) in equilibrium.sides.items():
+        for k, (reference, x) in kinematics.sides.items():
             passed = find_passed(interface, k, reference.x, x)
             if len(passed):
                 raise NotFound.at("contact nodes first at {} pass through the other side", passed)
-        turned = np.abs(now.translations - past.translations)[:, -1]
-        if (turned[np.isnan(translations[:, -1])] > MAX_TURN).any():
+        angle = np.abs(end.q - increment.start.q)[:, -1]
+        if (angle[np.isnan(target.q[:, -1])] > MAX_TURN).any():
             raise NotFound(
-                f"a surface that is free to turn has turned by {turned.max():.3g}: slip is seen up "
+                f"a surface that is free to turn has turned by {angle.max():.3g}: slip is seen up "
                 f"to {MAX_TURN:.3g}, an eighth of a turn, in one part"
             )
-        known = system.tangent.solver.orientations[met:]
-        signs = known or system.tangent.orientation()
+
+    def _check_stability(
+        self, system: ContactSystem, n_signs: int, state: ContactState
+    ) -> Sequence[int]:
+        """Return the signs of the determinants of this part's tangents.
+
+        Raises:
+            NotFound: for a tangent whose determinant has another sign than the state's before.
+        """
+        of_solver = system.tangent.solver.orientations[n_signs:]
+        signs = of_solver or system.tangent.determinant_signs()
         if self._watch is not None and self._watch.is_beyond_limit():
-            signs = ()  # they turn without any instability
-        before = state.orientations if known and state.free == system.free else frozenset()
+            signs = ()  # they change without any instability
+        is_comparable = bool(of_solver) and state.free == system.free
+        before = state.orientations if is_comparable else frozenset[int]()
         if signs and signs[-1] not in (before or signs[:1]):
             raise NotFound("the state found is unstable: its tangent's determinant has turned sign")
-        found = contact_state(increment, now, 0, state, system.report, None)
-        found = self._verified(found, state, goal, reference_sizes(increment, now, state.scale))
-        return replace(found, unique=None, orientations=frozenset(known[-1:]))
+        return of_solver
 
-    def _verified(
+    def _verify(
         self,
-        found: ContactState,
+        solution: ContactState,
         before: ContactState,
-        goal: Target,
+        target: IncrementTarget,
         sizes: tuple[Scale, float, float],
     ) -> ContactState:
-        """The state at a goal with residuals that the form, surfaces and law alone give."""
+        """Return the state with residuals that the form, surfaces and law alone give."""
         _, force, length = sizes
-        self._body.take(found.unknowns)
+        self._body.take(solution.unknowns)
         unbalanced = self._body.forces()
         assert self._system is not None
         scale, comm = self._system.scale, self.interface.comm
         largest = self.interface.field.part(unbalanced).norm(PETSc.NormType.INFINITY)
         stiffness = comm.allreduce(scale.max(initial=0.0), MPI.MAX)
-        lost = TOLERANCE * largest + ROUND_OFF * stiffness * self._guard.extent
+        round_off = TOLERANCE * largest + ROUND_OFF * stiffness * self._guard.extent
         return verify_state(
-            found,
-            places_deformed(self.interface, self._pairs, before, found),
+            solution,
+            places_deformed(self.interface, self._pairs, before, solution),
             unbalanced,
             self.interface,
             self._reduction,
-            Sizes(force, length, scale, lost),
-            goal.totals,
-            torque_of(self.interface, self._pairs, found),
+            Sizes(force, length, scale, round_off),
+            target.totals,
+            torque_of(self.interface, self._pairs, solution),
         )
 
-    def _begun(
-        self, state: ContactState, goal: Target, system: ContactSystem, at: PETSc.Vec
-    ) -> tuple[Increment, FiniteEquilibrium, DeformedKinematics]:
-        """The equations from a state to a target, the body being at all unknowns (n,)."""
-        interface, past, sliding = self.interface, self._reference(state), None
-        if interface.mortars:
-            sliding = Sliding(interface, state.unknowns, past.translations, goal.translations)
+    def _start_increment(
+        self, state: ContactState, target: IncrementTarget, system: ContactSystem, at: PETSc.Vec
+    ) -> tuple[Increment, DeformedKinematics]:
+        """Return the equations from a state to a target, the body being at all unknowns (n,)."""
+        interface = self.interface
+        start = IncrementStart.from_state(state, interface, turning=True)
         reduction = replace(self._reduction, offset=self.prescribed())
-        equilibrium = FiniteEquilibrium(self._body, system, reduction, self._guard, at, sliding)
-        kinematics = DeformedKinematics(interface, self._tools, past, sliding)
+        of_body = self._body, system, reduction, self._guard, at
+        if interface.mortars:
+            mortars = MortarKinematics(interface, state.unknowns, start.q, target.q)
+            equilibrium: FiniteEquilibrium = SlidingEquilibrium(*of_body, mortars=mortars)
+            kinematics = DeformedKinematics(interface, self._surfaces, start, mortars)
+        else:
+            equilibrium = FiniteEquilibrium(*of_body)
+            kinematics = DeformedKinematics(interface, self._surfaces, start, RigidSurfacesOnly())
         increment = Increment(
-            system, equilibrium, goal.translations, goal.totals, past, deformed=kinematics
+            system, equilibrium, kinematics, start, prescribed=target.q, totals=target.totals
         )
-        return increment, equilibrium, kinematics
-
-    def _reference(self, state: ContactState) -> Reference:
-        return replace(Reference.of(state, self.interface), translations=state.placements)
+        return increment, kinematics
 
     def prescribed(self) -> PETSc.Vec:
         return prescribed(self._whole, self._conditions)[1]
@@ -374,32 +421,39 @@ class FiniteStepping:
         single = isinstance(self._conditions, fem.DirichletBC)
         return [self._conditions] if single else self._conditions
 
-    def linearised(self, part: Part) -> Linearised:
-        """The equations at the end of a part, where it leaves u, constants and conditions."""
+    def linearise(self, part: Part) -> Linearised:
+        """Return the equations at a part's end, and leave u, constants and conditions there."""
         self._apply(part.load, part.share)
         free = part.state.free
-        system, goal = self._bound(free), Target.reached(part.state, turning=True).leaving(free)
-        begun = self._begun(part.before, goal, system, part.state.unknowns)
-        increment, equilibrium, kinematics = begun
+        system = self._system_for(free)
+        target = IncrementTarget.from_state(part.state, turning=True).with_free(free)
+        unknowns = part.state.unknowns
+        increment, kinematics = self._start_increment(part.before, target, system, unknowns)
         states, dim = (part.before, part.state), self.interface.position.shape[1]
         turned = any(pair.rotation for state in states for pair in state.pairs)
         if turned or any(axis == dim for _, axis in free):
             raise ValueError("has a surface that has turned, of which no derivatives are given")
-        now = self._reference(part.state)
-        place = kinematics(now.translations, now.displacement, now.force)
-        found = increment.seen(part.state.unknowns, now.translations, place)
-        by_start = kinematics.by_start(place)
-        return Linearised(increment, found, equilibrium.tangent, self._reduction, by_start)
+        end = IncrementStart.from_state(part.state, self.interface, turning=True)
+        linearised = kinematics.linearise(end.q, end.displacement, end.force)
+        solution = increment.evaluate(unknowns, end.q, linearised)
+        increment.equilibrium.linearise(linearised.torque_map)
+        slip_by_start = kinematics.slip_by_start(linearised)
+        return Linearised(increment, solution, self._body.matrix, self._reduction, slip_by_start)
 
-    def _bound(self, free: Free) -> ContactSystem:
+    def _system_for(self, free: Free) -> ContactSystem:
+        """Return the system for these free motions; the last one is kept."""
         if self._system is None or self._system.free != free:
             self.release()
-            K = self._body.matrix
-            nothing = np.zeros_like(self.interface.position)
-            rest = np.zeros((self.interface.pairs, nothing.shape[1] + 1))
-            levers = self._tools.levers(rest, nothing, nothing)
-            system = K, self._reduction, self.interface, free, self.solver, levers
-            self._system = ContactSystem(*system)
+            no_vector = np.zeros_like(self.interface.position)
+            rest = np.zeros((self.interface.pairs, no_vector.shape[1] + 1))
+            self._system = ContactSystem(
+                self._body.matrix,
+                self._reduction,
+                self.interface,
+                free,
+                self.solver,
+                self._surfaces.torque_map(rest, no_vector, no_vector),
+            )
         return self._system
 
     def _restore(self, state: ContactState) -> None:

@@ -16,8 +16,9 @@ from pw_elements.algebra import Reduction, check_load, check_problem, critical_s
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import answer, arguments, check_mesh, collective, same_everywhere
 from pw_elements.contact.interface import Interface, free_columns, nodal_interface
-from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states
+from pw_elements.contact.iteration import make_pair_states
 from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
+from pw_elements.contact.nodes import OPEN, SLIP, STICK
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.contact.steps.smallness import Gradients, SmallnessCheck, log_large
 from pw_elements.progress import doing
@@ -419,7 +420,9 @@ class _March:
             "status": status,
             "displacement": displacement.array_r[self._rows],
         }
-        pairs = pair_states(interface, self.places[-1], contact.force, **known)
+        pairs = make_pair_states(
+            interface, self.places[-1], contact.force, interface.force, **known
+        )
         none = Residuals(*[np.nan] * 8)
         steps = len(self.forces)
         return ContactState(displacement, pairs, residuals=none, increment=steps, converged=False)

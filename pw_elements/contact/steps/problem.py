@@ -18,7 +18,7 @@ from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load, ch
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, check_mesh, collective, same_everywhere
 from pw_elements.contact.interface import check_weights
-from pw_elements.contact.iteration import undeformed
+from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import (
     ContactFailed,
     ContactPair,
@@ -40,7 +40,7 @@ from pw_elements.contact.steps.sensitivity import (
     checked_parameters,
     parts_of,
 )
-from pw_elements.contact.steps.stepping import MULTIPLE, REMEDIES, Callback, Remedy, Stepping
+from pw_elements.contact.steps.stepping import MAX_COST_RATIO, REMEDIES, Callback, Remedy, Stepping
 from pw_elements.progress import doing, told
 from pw_elements.solvers import (
     Direct,
@@ -106,7 +106,7 @@ def checked_remedies(remedies: Remedies) -> dict[Remedy, float]:
     named = isinstance(remedies, Collection) and not isinstance(remedies, str)
     if not named or any(one not in REMEDIES for one in remedies):
         raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}")
-    some = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MULTIPLE)
+    some = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MAX_COST_RATIO)
     return {k: arguments.positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some}
 
 
@@ -238,11 +238,22 @@ class ContactProblem:
         self._K, self._space, self._asked, self._supports = K, space, solver, reduction.supports
         each = checked_remedies(remedies)
         self._by = partial(
-            Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
+            Stepping,
+            K,
+            reduction,
+            self.pairs,
+            space,
+            max_iterations=max_iterations,
+            callback=callback,
+            remedies=each,
         )
         self._seen = K.stateGet()
-        self._stepping: Stepping = self._by(auto_solver(solver, self._supports, in_contact=K))
-        self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
+        self._stepping: Stepping = self._by(
+            solver=auto_solver(solver, self._supports, in_contact=K)
+        )
+        self.undeformed: ContactState = make_undeformed_state(
+            self._stepping.interface, K.createVecRight()
+        )
 
     @classmethod
     @same_everywhere
@@ -320,7 +331,7 @@ class ContactProblem:
             functions,
             update,
         )
-        start = undeformed(own._finite.interface, K.createVecRight())
+        start = make_undeformed_state(own._finite.interface, K.createVecRight())
         values = tuple(f.x.array.copy() for f in functions)
         own.undeformed = replace(start, history=values, smallness=None)
         return own
@@ -375,7 +386,7 @@ class ContactProblem:
         def stepped(solver: LinearSolver) -> ContactState:
             if solver is not self._stepping.solver:
                 self.release()
-                self._stepping = self._by(solver)
+                self._stepping = self._by(solver=solver)
             return self._stepping.step(state, load, moved)
 
         return with_fallback(self._stepping.solver, self._asked, self._supports, stepped)
@@ -384,7 +395,7 @@ class ContactProblem:
         """Has all made anew of a stiffness that has changed, as factors are of what it was."""
         if self._finite is None and self._K.stateGet() != self._seen:
             self.release()
-            self._stepping, self._seen = self._by(self._stepping.solver), self._K.stateGet()
+            self._stepping, self._seen = self._by(solver=self._stepping.solver), self._K.stateGet()
 
     @same_everywhere
     def sensitivity(
@@ -460,7 +471,7 @@ class ContactProblem:
         if weights is not None:
             given = arguments.real_array("weights", weights, (steps, len(out)))
         parts = list(parts_of(states, loads or [None] * steps))
-        made = increments.interface, increments.linearised, self._finite
+        made = increments.interface, increments.linearise, self._finite
         derivatives = Derivatives(*made, parts, out, by)
         return derivatives.direct() if given is None else derivatives.adjoint(given)
 

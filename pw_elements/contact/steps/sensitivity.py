@@ -22,8 +22,10 @@ from pw_elements.algebra import Reduction, is_finite
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, listed
 from pw_elements.contact.interface import Interface
-from pw_elements.contact.iteration import Increment, Iterate, LinearisedLaw, Tangent, equations
+from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactPair, ContactState, Coulomb
+from pw_elements.contact.nodes import LinearisedLaw, assemble_node_equations
+from pw_elements.contact.system import AssembledTangent
 from pw_elements.spaces import assemble_scalar, assemble_vector
 
 Output: TypeAlias = ufl.Form | PETSc.Vec | tuple[Literal["force", "translation"], int, int]
@@ -106,7 +108,7 @@ class Linearised:
 
     Args:
         increment: in which equilibrium is at the end.
-        now: the solution.
+        end: the solution.
         K: tangent (n, n), free.
         reduction: by the supports.
         by_start: (m, dim - 1, dim), derivatives of slips by the points' motions at the start.
@@ -118,31 +120,32 @@ class Linearised:
     def __init__(
         self,
         increment: Increment,
-        now: Iterate,
+        end: NewtonState,
         K: PETSc.Mat,
         reduction: Reduction,
         by_start: Array,
     ) -> None:
-        if increment.violation(now) > _NO_END:
+        if end.violation > _NO_END:
             raise ValueError(
                 "is not the end of a step from the one before under this load: give `states` and "
                 "`loads` as they were"
             )
         self._system, self._K, self._reduction = increment.system, K, reduction
-        self._check_margin(increment, now)
-        active, place = now.contact.at_rest, now.place
-        self._law = place.law(active, self._system.scale)
-        to_nodes = np.swapaxes(place.frame, 1, 2)
-        of_slip = equations(active, self._system.scale)[1][:, :, 1:]
+        self._check_margin(increment, end)
+        active, kinematics = end.nodes.active_set, end.kinematics
+        self._law = kinematics.linearise_law(active, self._system.scale)
+        self._torque_map = kinematics.torque_map
+        to_nodes = np.swapaxes(kinematics.frame, 1, 2)
+        of_slip = assemble_node_equations(active, self._system.scale)[1][:, :, 1:]
         self._by_start = to_nodes @ of_slip @ by_start
-        friction = now.contact.force[:, :1] * active.direction
+        friction = end.nodes.force[:, :1] * active.direction
         self._by_friction = np.einsum("nat,nt->na", to_nodes[:, :, 1:], friction)
 
-    def _check_margin(self, increment: Increment, now: Iterate) -> None:
-        interface, contact = self._system.interface, now.contact
-        closed = contact.pressing > 0
-        on_supports = closed & (contact.held & (contact.force[:, 1:] != 0)).any(axis=1)
-        on_supports |= closed & (contact.dragged | contact.coupled)
+    def _check_margin(self, increment: Increment, end: NewtonState) -> None:
+        interface, nodes = self._system.interface, end.nodes
+        closed = nodes.trial_pressure > 0
+        on_supports = closed & (nodes.held_tangents & (nodes.force[:, 1:] != 0)).any(axis=1)
+        on_supports |= closed & (nodes.is_dragged | nodes.is_coupled)
         places = interface.gathered(interface.position[on_supports])
         if len(places):
             raise ValueError(
@@ -150,13 +153,13 @@ class Linearised:
                 "which supports hold them: no derivatives are given of it. Let the pair end before "
                 "these nodes, or take friction away there"
             )
-        free = contact.frame[:, 1:].any(axis=2) & ~contact.held
-        slides = closed & contact.cone.rough & free.any(axis=1)
-        apart = np.abs(np.linalg.norm(contact.shearing, axis=1) - contact.limits[0])
-        margin = np.minimum(np.abs(contact.pressing), np.where(slides, apart, np.inf))
-        largest = np.linalg.norm(contact.force, axis=1).max(initial=0.0)
+        free = nodes.frame[:, 1:].any(axis=2) & ~nodes.held_tangents
+        slides = closed & nodes.cone.rough & free.any(axis=1)
+        apart = np.abs(np.linalg.norm(nodes.trial_friction, axis=1) - nodes.friction_limits[0])
+        margin = np.minimum(np.abs(nodes.trial_pressure), np.where(slides, apart, np.inf))
+        largest = np.linalg.norm(nodes.force, axis=1).max(initial=0.0)
         largest = self._system.comm.allreduce(largest, MPI.MAX)
-        near = margin < _MARGIN * largest + increment.round_off(now)
+        near = margin < _MARGIN * largest + increment.round_off(end)
         places, least = interface.gathered(interface.position[near]), interface.gathered(margin)
         if len(places):
             raise ValueError(
@@ -169,10 +172,12 @@ class Linearised:
         """How the end changes with what is given there, and with the start."""
         system = self._system
         load, law, totals, moved, offset = self._right(given)
-        start = system.motions(before.unknowns) - before.translations[system.interface.pair]
+        start = (
+            system.point_displacements(before.unknowns) - before.translations[system.interface.pair]
+        )
         law = replace(law, c=law.c - np.einsum("nab,nb->na", self._by_start, start))
-        found = system.solve(load, law, totals)
-        for at, value in zip(system.free, found.translations, strict=True):
+        found = system.solve(load, law, totals, torque_map=self._torque_map)
+        for at, value in zip(system.free, found.free_motions, strict=True):
             moved[at] = value
         unknowns, unbalanced = offset.duplicate(), load.duplicate()
         self._reduction.right.multAdd(found.reduced, offset, unknowns)
@@ -183,16 +188,18 @@ class Linearised:
     def gradient(self, weights: Change, each: Sequence[Given]) -> tuple[Array, Change]:
         """Derivatives (parameters,) of the weighted end by what is given; weights of the start."""
         system, motion = self._system, self._system.interface.motion
-        force, right = system.weighed(weights.force), self._reduction.right.createVecRight()
+        force, right = system.weigh_forces(weights.force), self._reduction.right.createVecRight()
         self._reduction.right.multTranspose(weights.unknowns, right)
         system.stiffness.multTransposeAdd(force, right, right)
         free = np.array([weights.translations[at] for at in system.free])
-        assert isinstance(system.tangent, Tangent)
+        assert isinstance(system.tangent, AssembledTangent)
         found = system.tangent.solve_transposed(right.array_r, free, self._law)
         slopes = np.zeros(len(each))
         for k, given in enumerate(each):
             load, law, totals, moved, offset = self._right(given)
-            known = np.append(*system.right(load, law, totals))[: len(found)]
+            known = np.append(*system.right_hand_sides(load, law, totals, self._torque_map))[
+                : len(found)
+            ]
             slopes[k] = found @ known - force.array_r @ load.array_r
             slopes[k] += weights.unknowns.array_r @ offset.array_r
             slopes[k] += np.sum(weights.translations * moved) * (system.comm.rank == 0)
@@ -217,7 +224,7 @@ class Linearised:
         law = replace(self._law, c=given.friction[pair, None] * self._by_friction)
         still = law.D.shape[2] - moved.shape[1]  # surfaces that may turn do not
         known = np.pad(moved[pair], [(0, 0), (0, still)])
-        law = law.where(known, system.followed(reduction.offset))
+        law = law.eliminate_known(known, system.point_motions(reduction.offset))
         return reduction.load(self._K, given.load), law, totals, moved, reduction.offset
 
 

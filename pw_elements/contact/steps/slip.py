@@ -7,8 +7,8 @@ import numpy as np
 from pw_elements.arrays import Array
 from pw_elements.checks import listed
 from pw_elements.contact.interface import Interface
-from pw_elements.contact.iteration import OPEN
 from pw_elements.contact.model import ContactState, PairState
+from pw_elements.contact.nodes import OPEN
 from pw_elements.progress import told
 
 # Largest difference of both slips over the larger one

@@ -17,8 +17,9 @@ from dolfinx.mesh import exterior_facet_indices
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective, listed
 from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, flat_facets
-from pw_elements.contact.iteration import OPEN, Increment, Iterate, Reference
+from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
+from pw_elements.contact.nodes import OPEN, IncrementStart
 from pw_elements.progress import told
 from pw_elements.spaces import as_function
 
@@ -107,39 +108,39 @@ class SmallnessCheck:
 
     def before(self, increment: Increment) -> None:
         """Refuses, as `SurfacePassed`, motions that are prescribed to lead through the body."""
-        past = increment.past
+        start = increment.start
         known = np.isfinite(increment.prescribed)
-        self._check_way(past, np.where(known, increment.prescribed, past.translations))
+        self._check_way(start, np.where(known, increment.prescribed, start.q))
 
-    def after(self, increment: Increment, now: Iterate, before: ContactState) -> Smallness:
+    def after(self, increment: Increment, end: NewtonState, before: ContactState) -> Smallness:
         """How small the displacements of a solution are; logs what no longer is, once.
 
         Refuses, as `SurfacePassed`, surfaces that have gone through the body or push it outwards.
         """
-        self._check_way(increment.past, now.translations)
-        interface, contact = self._interface, now.contact
-        strain, rotation = self._gradients.largest(interface.field.part(now.full))
-        closed = contact.at_rest.status != OPEN
-        cosine = self._cosines(contact.frame[:, 0])
+        self._check_way(increment.start, end.q)
+        interface, nodes = self._interface, end.nodes
+        strain, rotation = self._gradients.largest(interface.field.part(end.unknowns))
+        closed = nodes.active_set.status != OPEN
+        cosine = self._cosines(nodes.frame[:, 0])
         for k in np.flatnonzero(self._rigid):
             mine = closed & (interface.pair == k)
             self._refuse(k, mine & (cosine > OUTWARDS), "pushes the body outwards at")
             if strain > _CRUSHING_STRAIN:
-                through = mine & self._through(now)
+                through = mine & self._through(end)
                 self._refuse(k, through, "is through the whole thickness of the body at")
-        smallness = Smallness(strain, rotation, self._slip(increment, now))
+        smallness = Smallness(strain, rotation, self._slip(increment, end))
         when = f"increment {before.increment}"
         log_large(smallness, before.smallness or Smallness(), when, self._comm)
         return smallness
 
-    def _slip(self, increment: Increment, now: Iterate) -> float:
+    def _slip(self, increment: Increment, end: NewtonState) -> float:
         """Largest slip over the size of facets; of two bodies, that since the beginning."""
-        interface, contact, past = self._interface, now.contact, increment.past
-        moved = now.displacement - now.translations[interface.pair]
-        was = past.displacement - past.translations[interface.pair]
+        interface, nodes = self._interface, end.nodes
+        moved = end.displacement - end.q[interface.pair]
+        was = increment.start.relative_displacement(interface)
         moved = moved - np.where((interface.faced == RIGID)[:, None], was, 0.0)
-        slip = np.linalg.norm(np.einsum("nab,nb->na", contact.frame[:, 1:], moved), axis=1)
-        closed = contact.at_rest.status != OPEN
+        slip = np.linalg.norm(np.einsum("nab,nb->na", nodes.frame[:, 1:], moved), axis=1)
+        closed = nodes.active_set.status != OPEN
         largest = np.max(slip / self._sizes, where=closed, initial=0.0)
         return float(self._comm.allreduce(largest, MPI.MAX))
 
@@ -150,19 +151,19 @@ class SmallnessCheck:
         np.minimum.at(least, self._point, cosine)
         return least
 
-    def _check_way(self, past: Reference, translations: Array) -> None:
+    def _check_way(self, start: IncrementStart, translations: Array) -> None:
         """Looks along the straight ways of the surfaces to translations (pairs, dim)."""
         for k, rigid in enumerate(self._rigid):
-            way = translations[k] - past.translations[k]
+            way = translations[k] - start.q[k]
             if rigid and np.linalg.norm(way) > _WAY_STEP * self.finest[k]:
-                wrong = self._swallowed(k, past, way)
+                wrong = self._swallowed(k, start, way)
                 self._refuse(k, wrong, "passes through the body: it goes through the nodes at")
 
-    def _swallowed(self, k: int, past: Reference, way: Array) -> Mask:
+    def _swallowed(self, k: int, start: IncrementStart, way: Array) -> Mask:
         """Points (m,) that a pair's surface swallows from the wrong side on its way."""
         interface, mine = self._interface, self._interface.pair == k
         surface, size = interface.surfaces[k], self.finest[k]
-        x, before = interface.position[mine] - past.translations[k], past.displacement[mine]
+        x, before = interface.position[mine] - start.q[k], start.displacement[mine]
         length = float(np.linalg.norm(way))
         step = max(_WAY_STEP * size, length / _MOST_WAY_STEPS)
         # no sample just where a surface has no normal, such as the centre of a sphere
@@ -185,10 +186,10 @@ class SmallnessCheck:
                 share = np.minimum(share + stride / length, 1.0)
         return wrong
 
-    def _through(self, now: Iterate) -> Mask:
+    def _through(self, end: NewtonState) -> Mask:
         """Which points (m,) are beyond the nodes that were the farthest along their normals."""
         interface, u = self._interface, self._gradients.u  # the latter has just been set
-        dim, normal = interface.position.shape[1], now.contact.frame[:, 0]
+        dim, normal = interface.position.shape[1], end.nodes.frame[:, 0]
         x = u.function_space.tabulate_dof_coordinates()[:, :dim]
         moved, every = x + u.x.array.reshape(-1, dim), interface.gathered(normal)
         ends = np.array([(x @ n).max() for n in every])
@@ -199,7 +200,7 @@ class SmallnessCheck:
         ]
         first = sum(self._comm.allgather(len(normal))[: self._comm.rank])
         most = np.max(self._comm.allgather(last), axis=0)[first : first + len(normal)]
-        own = np.sum(normal * (interface.position + now.displacement), axis=1)
+        own = np.sum(normal * (interface.position + end.displacement), axis=1)
         return own >= most - _NEAR * np.abs(most)
 
     def _refuse(self, k: int, wrong: Mask, what: str) -> None:

@@ -27,23 +27,16 @@ from pw_elements.arrays import Array, Mask
 from pw_elements.checks import collective
 from pw_elements.contact.interface import Interface, NoContactStated, nodal_interface
 from pw_elements.contact.iteration import (
-    HELD,
-    OPEN,
-    SLIP,
-    STICK,
-    TOLERANCE,
-    ActiveSet,
-    ContactSystem,
-    Increment,
+    DISPLACEMENT_ROUND_OFF,
+    ActiveSetUpdate,
     LinearEquilibrium,
-    Place,
-    Policy,
-    Reference,
-    contact_state,
-    initial_active_set,
-    newton,
+    LinearIncrement,
+    NewtonState,
+    choose_first_set,
+    make_contact_state,
     reference_sizes,
-    resumed,
+    resume_active_set,
+    solve_increment,
 )
 from pw_elements.contact.model import (
     NOTHING_DONE,
@@ -52,26 +45,39 @@ from pw_elements.contact.model import (
     ContactState,
     Free,
     Motion,
+    NoEquilibrium,
     NotFound,
     Scale,
 )
+from pw_elements.contact.nodes import (
+    HELD,
+    OPEN,
+    SLIP,
+    STICK,
+    TOLERANCE,
+    ActiveSet,
+    IncrementStart,
+    LinearisedKinematics,
+    TorqueMap,
+    UndeformedKinematics,
+)
 from pw_elements.contact.rescue import (
     RigidMotions,
-    by_springs,
     check_loose,
-    no_equilibrium,
+    prove_no_equilibrium,
     rescue,
+    solve_with_springs,
 )
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.slip import SlipCheck
 from pw_elements.contact.steps.smallness import SmallnessCheck
 from pw_elements.contact.steps.verification import (
-    DISPLACEMENT_ROUND_OFF,
     Sizes,
     check_stiffness_sign,
     places_undeformed,
     verify_state,
 )
+from pw_elements.contact.system import Accuracy, ContactSystem
 from pw_elements.progress import doing, told
 from pw_elements.solvers import (
     LinearSolver,
@@ -85,93 +91,107 @@ from pw_elements.solvers import (
 from pw_elements.spaces import Assembled
 
 # Smallest part of an increment
-_SMALLEST = 1 / 16
+_MIN_SUBSTEP = 1 / 16
 
 # What is tried if the iteration fails: springs at the points, and smaller increments. Either may
-# solve MULTIPLE times as many linear systems as the first attempt, which counts as at least _USUAL
-# of them up to _FEW unknowns, and less beyond
+# solve MAX_COST_RATIO times as many linear systems as the first attempt, which counts as at least
+# _MIN_ATTEMPT_SOLVES of them up to _SMALL_PROBLEM_DOFS unknowns, and less beyond
 Remedy: TypeAlias = Literal["springs", "cutback"]
 REMEDIES: tuple[Remedy, ...] = ("springs", "cutback")
-MULTIPLE = 3.0
-_USUAL, _FEW = 50, 2000
+MAX_COST_RATIO = 3.0
+_MIN_ATTEMPT_SOLVES, _SMALL_PROBLEM_DOFS = 50, 2000
+# Iterations, more than most increments take, after which a proof of infeasibility is tried
+_ITERATIONS_BEFORE_PROOF = 12
 
-# Linear systems, and what they took
-Spent: TypeAlias = tuple[int, SolverReport]
+# Number of linear systems, and the report of their solver
+Cost: TypeAlias = tuple[int, SolverReport]
 
 
 @dataclass(frozen=True)
-class Target:
-    """What is prescribed at the end of an increment, or of a part of one."""
+class IncrementTarget:
+    """Loads and motions at the end of an increment, or of a part of one.
 
-    load: PETSc.Vec | None  # f (n,), in all; None of a residual, which holds it
-    # of the surfaces (pairs, k), NaN where they are free; with the angle last where they may turn
-    translations: Array
-    forces: Array  # total forces of the surfaces (pairs, k), of those that are free
-    stated: float = 1.0  # share of the displacements that supports and interference prescribe
+    Args:
+        load: f (n,), in all; None of a residual, which holds it.
+        q: motions of the surfaces (pairs, k), NaN where they are free; with the angle last where
+            they may turn.
+        forces: (pairs, k), total forces of the surfaces, of the motions that are free.
+        load_factor: share of prescribed displacements and of interference that is applied.
+    """
+
+    load: PETSc.Vec | None
+    q: Array
+    forces: Array
+    load_factor: float = 1.0
 
     @classmethod
-    def of(
+    def from_motions(
         cls,
         load: PETSc.Vec | None,
         motions: Sequence[Motion | None],
         interface: Interface,
         turning: bool = False,
-    ) -> "Target":
-        """As the user states it; surfaces without a motion rest, and may be `turning`."""
+    ) -> "IncrementTarget":
+        """Build from the user's motions; None means zero translation; with angles if `turning`."""
         dim = interface.position.shape[1]
         rest, k = Motion([0.0] * dim), dim + turning
-        each = [m or rest for m in motions] or [rest] * interface.pairs
-        prescribed, forces = zip(*((m.prescribed()[:k], m.forces()[:k]) for m in each), strict=True)
-        return cls(load, np.array(prescribed), np.array(forces))
+        of_pairs = [motion or rest for motion in motions] or [rest] * interface.pairs
+        values = [(motion.prescribed()[:k], motion.forces()[:k]) for motion in of_pairs]
+        q, forces = zip(*values, strict=True)
+        return cls(load, np.array(q), np.array(forces))
 
     @classmethod
-    def reached(
+    def from_state(
         cls, state: ContactState, load: PETSc.Vec | None = None, turning: bool = False
-    ) -> "Target":
-        """Where a state is, nothing being free; nothing is stated of an undeformed body."""
-        translations = state.placements if turning else state.translations
+    ) -> "IncrementTarget":
+        """Return the target that a state already satisfies, with no free motion."""
+        q = state.placements if turning else state.translations
         forces = np.array([[*pair.force, pair.torque] for pair in state.pairs])
-        stated = 1.0 if state.increment else 0.0
-        return cls(load, translations, forces[:, : translations.shape[1]], stated)
+        load_factor = 1.0 if state.increment else 0.0
+        return cls(load, q, forces[:, : q.shape[1]], load_factor)
 
-    def leaving(self, free: Free) -> "Target":
-        """The same with free motions, which follow from the forces."""
-        translations = self.translations.copy()
-        for at in free:
-            translations[at] = np.nan
-        return replace(self, translations=translations)
+    def with_free(self, free: Free) -> "IncrementTarget":
+        """Return a copy with the given motions free (NaN): they follow from the forces."""
+        q = self.q.copy()
+        for index in free:
+            q[index] = np.nan
+        return replace(self, q=q)
 
     @property
     def free(self) -> Free:
-        """(pair, component) of each free translation."""
-        return tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(self.translations)))
+        """(pair, component) of each free motion."""
+        return tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(self.q)))
 
     @property
-    def idle(self) -> Mask:
+    def unloaded_free_surfaces(self) -> Mask:
         """Whether each pair's surface (pairs,) is free and pushed by nothing: it just touches."""
-        free = np.isnan(self.translations)
+        free = np.isnan(self.q)
         return free.any(axis=1) & ~(free & (self.forces != 0)).any(axis=1)
 
     @property
     def totals(self) -> Array:
-        return np.array([self.forces[at] for at in self.free])
+        """Forces (free,) on the free motions."""
+        return np.array([self.forces[index] for index in self.free])
 
 
-def held_by(state: ContactState, K: PETSc.Mat, interface: Interface) -> Target:
-    """What a state is in equilibrium with; forces of supports count as load, they do no work.
+def make_balanced_target(
+    state: ContactState, K: PETSc.Mat, interface: Interface
+) -> IncrementTarget:
+    """Return the target of a state with the load f = K a - H r that balances it.
 
-    It follows from displacements and contact forces alone, f = K a - H r.
+    Forces of supports count as load; they do no work.
     """
     points = interface.force.createVecRight()
-    points.setArray(np.where(interface.equation >= 0, Reference.of(state, interface).force, 0.0))
+    force = IncrementStart.from_state(state, interface).force
+    points.setArray(np.where(interface.equation >= 0, force, 0.0))
     load = K.createVecLeft()
     K.mult(state.unknowns, load)
     load.axpy(-1.0, interface.force * points)
-    return Target.reached(state, load)
+    return IncrementTarget.from_state(state, load)
 
 
-def between(start: Target, end: Target, share: float) -> Target:
-    """A share of the way from one to the other."""
+def interpolate(start: IncrementTarget, end: IncrementTarget, share: float) -> IncrementTarget:
+    """Return the target at a share of the way from start to end."""
     if share == 1:
         return end
     load = None
@@ -179,45 +199,51 @@ def between(start: Target, end: Target, share: float) -> Target:
         load = start.load.copy()
         load.scale(1 - share)
         load.axpy(share, end.load)
-    return Target(
+    return IncrementTarget(
         load,
-        (1 - share) * start.translations + share * end.translations,
+        (1 - share) * start.q + share * end.q,
         (1 - share) * start.forces + share * end.forces,
-        (1 - share) * start.stated + share * end.stated,
+        (1 - share) * start.load_factor + share * end.load_factor,
     )
 
 
-def divided(
+def solve_in_substeps(
     step: Callable[[ContactState, float], ContactState],
     state: ContactState,
     sizes: tuple[float, float, float],
     may_go_on: Callable[[], bool] = lambda: True,
 ) -> tuple[list[tuple[float, ContactState]], tuple[float, Exception] | None]:
-    """Ends (share, state) of an increment's parts, and where and how the last one failed.
+    """Solve an increment in parts: halved after a failure, larger after a success.
 
-    `sizes` are the first part's, which is the largest, the smallest one's, and the factor of one
-    after a success.
+    Args:
+        step: solves from a state to a share of the increment.
+        state: at its start.
+        sizes: the first part's, which is the largest; the smallest one's; the factor after success.
+        may_go_on: whether another part may be tried.
+
+    Returns:
+        Ends (share, state) of the parts, and where and how the last one failed, or None.
     """
     largest, smallest, growth = sizes
     size = largest
-    done, now, failure = 0.0, state, None
+    reached, current, failure = 0.0, state, None
     parts: list[tuple[float, ContactState]] = []
-    while done < 1 and size >= smallest and may_go_on():
-        share = min(1.0, done + size)
+    while reached < 1 and size >= smallest and may_go_on():
+        share = min(1.0, reached + size)
         try:
-            now = replace(step(now, share), increment=state.increment + 1)
+            current = replace(step(current, share), increment=state.increment + 1)
         except (ContactFailed, NoContactStated, SingularSystem) as failed:
-            words = f"not from {done:.4g} to {share:.4g} of the increment: {failed}"
+            words = f"not from {reached:.4g} to {share:.4g} of the increment: {failed}"
             told(state.displacement.comm, logging.INFO, words, ".contact")
-            size, failure = (share - done) / 2, (share, failed)
+            size, failure = (share - reached) / 2, (share, failed)
             continue
-        done, size, failure = share, min(growth * size, largest), None
-        parts.append((share, now))
+        reached, size, failure = share, min(growth * size, largest), None
+        parts.append((share, current))
     return parts, failure
 
 
-def joined(parts: Sequence[tuple[float, ContactState]]) -> ContactState:
-    """The last part, with the slips of all."""
+def combine_substeps(parts: Sequence[tuple[float, ContactState]]) -> ContactState:
+    """Return the last part, with the slips of all."""
     last, pairs = parts[-1][1], []
     for k, pair in enumerate(last.pairs):
         closed = (pair.status != OPEN)[:, None]
@@ -264,20 +290,24 @@ class Reporter:
 
     def __init__(self, comm: MPI.Comm, increment: int, callback: Callback | None) -> None:
         self._comm, self._increment, self._callback = comm, increment, callback
-        told_of = logging.getLogger("pw_elements.contact").isEnabledFor(logging.DEBUG)
-        logged = comm.rank == 0 and told_of
+        is_logged = logging.getLogger("pw_elements.contact").isEnabledFor(logging.DEBUG)
         self.violation = 0.0  # of the last solution, as in `Progress`
-        # what tells of an iteration, if anybody wants to know
-        wanted = comm.allreduce(bool(callback or logged), MPI.LOR)
-        self.iteration = self._iterated if wanted else None
+        # whether any process wants to know of iterations
+        self._reports_iterations: bool = comm.allreduce(
+            bool(callback or (comm.rank == 0 and is_logged)), MPI.LOR
+        )
 
-    def _iterated(self, iteration: int, active: ActiveSet, violation: float) -> None:
+    def report_iteration(self, iteration: int, active: ActiveSet, violation: float) -> None:
+        """Log an iteration and call the user's function, if anybody wants to know."""
+        if not self._reports_iterations:
+            return
         counts = self._comm.allreduce(np.bincount(active.status, minlength=HELD + 1))
         now = self._progress(iteration, violation, counts)
         words = f"iteration {iteration}: {now}, violation / tolerance {violation:.1e}"
         self._tell(logging.DEBUG, words, now)
 
-    def ended(self, state: ContactState, seconds: float) -> None:
+    def report_increment(self, state: ContactState, seconds: float) -> None:
+        """Log the end of the increment and call the user's function."""
         status = np.concatenate([pair.status for pair in state.pairs])
         counts, report = np.bincount(status, minlength=HELD + 1), state.report
         now = self._progress(state.iterations, self.violation, counts, state)
@@ -307,10 +337,18 @@ class Reporter:
 
 
 class Stepping:
-    """The increments of a `ContactProblem` by one linear solver.
+    """The increments of a `ContactProblem` at small strains by one linear solver.
 
-    Remedies are what is tried where the iteration fails, as far as the solver lets it, and what
-    each may take over the first attempt; the space is that of the displacements.
+    Args:
+        K: stiffness (n, n).
+        reduction: by the supports.
+        pairs: contact pairs.
+        space: trial space.
+        max_iterations: the most linear systems solved in one attempt.
+        callback: of the user.
+        remedies: what is tried where the iteration fails, as far as the solver lets it, and the
+            cost that each may have over the first attempt.
+        solver: of linear systems.
     """
 
     def __init__(
@@ -319,6 +357,7 @@ class Stepping:
         reduction: Reduction,
         pairs: Sequence[ContactPair],
         space: fem.FunctionSpace,
+        *,
         max_iterations: int,
         callback: Callback | None,
         remedies: Mapping[Remedy, float],
@@ -328,221 +367,325 @@ class Stepping:
         iterative = is_matrix_free(solver)
         self._K = K
         self._reduction = equilibrated(masked(reduction) if iterative else reduction, K)
-        self._most, self._callback = max_iterations, callback
+        self._max_iterations, self._callback = max_iterations, callback
         # springs are in an assembled matrix
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not iterative}
-        self._first = 0  # linear systems of an increment's first attempt
+        self._n_first_attempt = 0  # linear systems of an increment's first attempt
         self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K))
         check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
-        self._watch = SmallnessCheck(self.interface, self.space)
-        self._slips = SlipCheck(self.interface)
+        self._smallness, self._slips = (
+            SmallnessCheck(self.interface, self.space),
+            SlipCheck(self.interface),
+        )
         self._system: tuple[ContactSystem, RigidMotions] | None = None
-        self._soft: ContactSystem | None = None  # with springs
+        self._system_with_springs: ContactSystem | None = None
 
     def step(
-        self, state: ContactState, load: PETSc.Vec, moved: Sequence[Motion | None]
+        self, state: ContactState, load: PETSc.Vec, motions: Sequence[Motion | None]
     ) -> ContactState:
-        begun = perf_counter()
-        end = Target.of(load, moved, self.interface)
+        """Return the state at the end of one increment; errors as of `ContactProblem.step`."""
+        start_time = perf_counter()
+        end = IncrementTarget.from_motions(load, motions, self.interface)
         comm, what = self.interface.comm, f"contact increment {state.increment}"
         with doing(comm, what):
             reporter = Reporter(comm, state.increment, self._callback)
-            before = self._spent(end.free)
+            before = self._cost(end.free)
             try:
-                found = self._solved(state, end, reporter)
+                solution = self._solve_part(state, end, reporter)
             except NotFound as failure:
-                parts = self._cut(state, end, reporter)
+                parts = self._cut_back(state, end, reporter)
                 if not parts:
                     raise
-                iterations, report = self._spent(end.free, before)
-                found = replace(joined(parts), iterations=iterations, report=report)
-                done, _ = parts[-1]
-                if done < 1:
-                    failure.reached = done, found
-                    failure.args = (f"{failure}. In parts {done:.3g} of it was reached",)
+                iterations, report = self._cost(end.free, before)
+                solution = replace(combine_substeps(parts), iterations=iterations, report=report)
+                reached, _ = parts[-1]
+                if reached < 1:
+                    failure.reached = reached, solution
+                    failure.args = (f"{failure}. In parts {reached:.3g} of it was reached",)
                     raise
-        self._slips.check(found)
-        reporter.ended(found, perf_counter() - begun)
-        return found
+        self._slips.check(solution)
+        reporter.report_increment(solution, perf_counter() - start_time)
+        return solution
 
-    def _cut(
-        self, state: ContactState, end: Target, reporter: Reporter
+    def _cut_back(
+        self, state: ContactState, end: IncrementTarget, reporter: Reporter
     ) -> list[tuple[float, ContactState]]:
-        """Ends (share, state) of the parts that are found on the way to a target."""
+        """Return ends (share, state) of the parts that are found on the way to a target."""
         if "cutback" not in self._remedies:
             return []
-        start, left = held_by(state, self._K, self.interface), self._left("cutback", end.free)
+        start = make_balanced_target(state, self._K, self.interface)
+        left = self._budget("cutback", end.free)
         comm = self.interface.comm
         words = f"in parts, for what {left():.0f} linear systems take at most"
         told(comm, logging.INFO, words, ".contact")
 
-        def part(now: ContactState, share: float) -> ContactState:
-            return self._solved(now, between(start, end, share), reporter, left)
+        def solve_part(current: ContactState, share: float) -> ContactState:
+            return self._solve_part(current, interpolate(start, end, share), reporter, left)
 
-        parts, _ = divided(part, state, (0.5, _SMALLEST, 1.0), lambda: left() > 0)
-        done = parts[-1][0] if parts else 0.0
-        words = f"{done:.4g} of the increment has been solved in {len(parts)} parts"
+        sizes = (0.5, _MIN_SUBSTEP, 1.0)
+        parts, _ = solve_in_substeps(solve_part, state, sizes, lambda: left() > 0)
+        reached = parts[-1][0] if parts else 0.0
+        words = f"{reached:.4g} of the increment has been solved in {len(parts)} parts"
         told(comm, logging.INFO, words, ".contact")
         return parts
 
-    def _left(self, remedy: Remedy, free: Free) -> Callable[[], float]:
-        """What tells how many linear systems a remedy may still solve."""
-        usual = _USUAL * min(1.0, _FEW / self._K.getSize()[0]) ** 1.5
-        end = self._spent(free)[0] + self._remedies.get(remedy, 0.0) * max(self._first, usual)
-        return lambda: end - self._spent(free)[0]
+    def _budget(self, remedy: Remedy, free: Free) -> Callable[[], float]:
+        """Return a function that says how many linear systems a remedy may still solve."""
+        usual = _MIN_ATTEMPT_SOLVES * min(1.0, _SMALL_PROBLEM_DOFS / self._K.getSize()[0]) ** 1.5
+        ratio = self._remedies.get(remedy, 0.0)
+        end = self._cost(free)[0] + ratio * max(self._n_first_attempt, usual)
+        return lambda: end - self._cost(free)[0]
 
-    def _solved(
+    def _solve_part(
         self,
         state: ContactState,
-        target: Target,
+        target: IncrementTarget,
         reporter: Reporter,
         left: Callable[[], float] | None = None,
     ) -> ContactState:
-        """The state at a target, in one piece; of a part, by what systems are `left`."""
-        increment, place, policy = self._begun(state, target)
-        before, rigid = self._spent(target.free), self._bound(target.free)[1]
-        active = initial_active_set(self.interface, place, state, rigid.left_free, target.idle)
-        proved = cache(partial(no_equilibrium, increment, place, rigid))
+        """Return the state at a target, in one piece; of a part, by what systems are `left`."""
+        increment, kinematics = self._start_increment(state, target)
+        linearised = self._linearise_start(increment, kinematics, state, target)
+        before, rigid = self._cost(target.free), self._system_for(target.free)[1]
+        active = choose_first_set(
+            self.interface, linearised, state, rigid.left_free, target.unloaded_free_surfaces
+        )
+        max_iterations = self._max_iterations
+        if left is not None:
+            max_iterations = int(max(1, min(max_iterations, left())))
 
-        def doubt() -> None:
-            if proof := proved():
+        @cache
+        def prove() -> NoEquilibrium | None:
+            load = self._equilibrium(target).load
+            return prove_no_equilibrium(increment, load, linearised, rigid)
+
+        def after_iteration(iteration: int, active: ActiveSet, violation: float) -> None:
+            reporter.report_iteration(iteration, active, violation)
+            is_late = violation > 1 and iteration == _ITERATIONS_BEFORE_PROOF
+            if is_late and (proof := prove()):
                 raise proof
 
-        most = self._most if left is None else int(max(1, min(self._most, left())))
+        def iterate(accuracy: Accuracy) -> NewtonState:
+            return solve_increment(
+                increment,
+                active,
+                linearised,
+                self._make_update(rigid, accuracy),
+                max_iterations=max_iterations,
+                after_iteration=after_iteration,
+            )
+
         try:
-            now = newton(increment, active, place, policy(), most, reporter.iteration, doubt)
+            end = self._iterate_with_final_accuracy_if_needed(increment, iterate)
         except (ContactFailed, NotConverged) as failure:
             if left is None:
-                self._first = self._spent(target.free, before)[0]
-                left = self._left("springs", target.free)
-            held = partial(self._sprung, target, increment.past), active, place, state.unknowns
-            springs = partial(by_springs, increment, *held, policy, self._most, left)
-            now = rescue(
+                self._n_first_attempt = self._cost(target.free, before)[0]
+                left = self._budget("springs", target.free)
+            springs = partial(
+                solve_with_springs,
+                increment,
+                partial(self._increment_with_springs, target, increment.start),
+                kinematics,
+                first=(active, linearised, state.unknowns),
+                make_update=partial(self._make_update, rigid, "rough"),
+                max_iterations=self._max_iterations,
+                left=left,
+            )
+            end = rescue(
                 failure,
                 increment,
-                proved,
+                prove,
                 springs if "springs" in self._remedies else None,
                 state,
-                lambda: self._spent(target.free, before),
+                lambda: self._cost(target.free, before),
             )
-        if reporter.iteration:
-            reporter.violation = increment.violation(now)
-        self.interface.check_supports(now.translations)
-        given = increment.equilibrium.offset, target.translations, now.contact.pressing > 0
-        self.interface.check_supports_between(*given)
-        check_loose(increment, now, rigid, state, lambda: self._spent(target.free, before))
-        smallness = self._watch.after(increment, now, state)
-        iterations, report = self._spent(target.free, before)
-        slides = rigid.slides(now.contact, increment.allowed(now))
-        found = contact_state(increment, now, iterations, state, report, smallness, slides=slides)
-        return self._verified(found, state, target, reference_sizes(increment, now, state.scale))
+        reporter.violation = end.violation
+        return self._finish(increment, end, state, target, before)
 
-    def _verified(
+    @staticmethod
+    def _iterate_with_final_accuracy_if_needed(
+        increment: LinearIncrement, iterate: Callable[[Accuracy], NewtonState]
+    ) -> NewtonState:
+        """Iterate with rough solutions on the way; if that fails, with exact ones."""
+        try:
+            return iterate("rough")
+        except ContactFailed as failure:
+            if increment.system.tangent.solves_exactly or isinstance(failure, NoEquilibrium):
+                raise
+            return iterate("final")
+
+    def _finish(
         self,
-        found: ContactState,
+        increment: LinearIncrement,
+        end: NewtonState,
+        state: ContactState,
+        target: IncrementTarget,
+        before: Cost,
+    ) -> ContactState:
+        """Check the last iterate of an increment, and return its state."""
+        self.interface.check_supports(end.q)
+        offset, pressed = increment.equilibrium.offset, end.nodes.trial_pressure > 0
+        self.interface.check_supports_between(offset, target.q, pressed)
+        rigid = self._system_for(target.free)[1]
+        check_loose(increment, end, rigid, state, lambda: self._cost(target.free, before))
+        smallness = self._smallness.after(increment, end, state)
+        iterations, report = self._cost(target.free, before)
+        solution = make_contact_state(
+            increment,
+            end,
+            state,
+            iterations=iterations,
+            report=report,
+            smallness=smallness,
+            slides=rigid.slides(end.nodes, increment.allowance(end)),
+        )
+        sizes = reference_sizes(increment, end, state.scale)
+        return self._verify(solution, state, target, sizes)
+
+    def _verify(
+        self,
+        solution: ContactState,
         before: ContactState,
-        target: Target,
+        target: IncrementTarget,
         sizes: tuple[Scale, float, float],
     ) -> ContactState:
-        """The state at a target with residuals that K, the load, surfaces and law alone give."""
+        """Return the state with residuals that K, the load, surfaces and law alone give."""
         _, force, length = sizes
         unbalanced = self._K.createVecLeft()
-        self._K.mult(found.unknowns, unbalanced)
+        self._K.mult(solution.unknowns, unbalanced)
         assert target.load is not None
         unbalanced.axpy(-1.0, target.load)
         largest = PETSc.NormType.INFINITY
-        lost = TOLERANCE * target.load.norm(largest)
-        lost += DISPLACEMENT_ROUND_OFF * self._K.norm(largest) * found.unknowns.norm(largest)
-        stiffness = self._bound(target.free)[0].scale
+        round_off = DISPLACEMENT_ROUND_OFF * self._K.norm(largest) * solution.unknowns.norm(largest)
+        stiffness = self._system_for(target.free)[0].scale
         return verify_state(
-            found,
-            places_undeformed(self.interface, before, found, 1 - target.stated),
+            solution,
+            places_undeformed(self.interface, before, solution, 1 - target.load_factor),
             unbalanced,
             self.interface,
             self._reduction,
-            Sizes(force, length, stiffness, lost),
+            Sizes(force, length, stiffness, TOLERANCE * target.load.norm(largest) + round_off),
             target.totals,
         )
 
-    def _sprung(
+    def _increment_with_springs(
         self,
-        target: Target,
-        past: Reference,
+        target: IncrementTarget,
+        start: IncrementStart,
         share: float,
         unknowns: PETSc.Vec,
-        translations: Array,
-    ) -> Increment:
-        """The equations to a target with springs, as `by_springs` wants them."""
+        q: Array,
+    ) -> LinearIncrement:
+        """Return the increment with springs of a share of the points' stiffness.
+
+        They end where all unknowns (n,) and the surfaces' translations q (pairs, dim) are given.
+        """
         interface, free, field = self.interface, target.free, self.interface.field
-        stated, stiffness = interface.equation >= 0, share * self._bound(free)[0].scale
+        stated, stiffness = interface.equation >= 0, share * self._system_for(free)[0].scale
         node = interface.node - field.space.dofmap.index_map.local_range[0]
-        springs, pull = self._K.createVecs()
-        springs.array[field.owned[node][stated]] = np.repeat(stiffness, stated.sum(axis=1))
-        each = np.bincount(interface.pair, stiffness, interface.pairs).astype(float)  # of none
-        interface.comm.Allreduce(MPI.IN_PLACE, each, MPI.SUM)
-        held = PETSc.Mat().createAIJ(self._K.getSizes(), nnz=1, comm=self._K.comm)
-        held.setDiagonal(springs)
-        held.assemble()
+        diagonal, load = self._K.createVecs()
+        diagonal.array[field.owned[node][stated]] = np.repeat(stiffness, stated.sum(axis=1))
+        of_pair = np.bincount(interface.pair, stiffness, interface.pairs).astype(float)
+        interface.comm.Allreduce(MPI.IN_PLACE, of_pair, MPI.SUM)
+        springs = PETSc.Mat().createAIJ(self._K.getSizes(), nnz=1, comm=self._K.comm)
+        springs.setDiagonal(diagonal)
+        springs.assemble()
         K = unblocked(self._K).copy()
-        add(K, 1.0, held)
-        if self._soft is None:
-            self._soft = ContactSystem(K, self._reduction, interface, free, self.solver)
-        self._soft.springs = np.array([each[pair] for pair, _ in free])
-        self._soft.renew(K)
-        pull.pointwiseMult(springs, unknowns)
-        pull.axpy(1.0, target.load)
-        equilibrium = LinearEquilibrium.of(self._soft, K, pull, target.stated)
-        totals = target.totals + self._soft.springs * [translations[at] for at in free]
-        return Increment(self._soft, equilibrium, target.translations, totals, past, target.stated)
+        add(K, 1.0, springs)
+        if self._system_with_springs is None:
+            self._system_with_springs = self._make_system(K, free)
+        system = self._system_with_springs
+        system.renew_with_springs(K, np.array([of_pair[pair] for pair, _ in free]))
+        load.pointwiseMult(diagonal, unknowns)
+        load.axpy(1.0, target.load)
+        return LinearIncrement(
+            system,
+            LinearEquilibrium.from_stiffness(system, K, load, target.load_factor),
+            UndeformedKinematics(interface, start, target.q, target.load_factor),
+            start,
+            prescribed=target.q,
+            totals=target.totals + system.springs * system.select_free(q),
+        )
 
-    def linearised(self, part: Part) -> Linearised:
+    def linearise(self, part: Part) -> Linearised:
+        """Return the equations at the end of a part of an increment."""
         state, interface = part.state, self.interface
-        goal = held_by(state, self._K, interface).leaving(state.free)
-        system, _ = self._bound(state.free)
-        stated = 1.0 if part.start.increment else part.share
-        equilibrium = LinearEquilibrium.of(system, self._K, goal.load, stated)
-        past, end = Reference.of(part.before, interface), Reference.of(state, interface)
-        increment = Increment(system, equilibrium, goal.translations, goal.totals, past, stated)
-        place = increment.kinematics(end.translations, end.displacement, end.force, every=True)
-        now = increment.solve(resumed(interface, place, state), place)
-        return Linearised(increment, now, self._K, self._reduction, -place.frame[:, 1:])
+        target = make_balanced_target(state, self._K, interface).with_free(state.free)
+        load_factor = 1.0 if part.start.increment else part.share
+        target = replace(target, load_factor=load_factor)
+        increment, kinematics = self._start_increment(part.before, target)
+        end = IncrementStart.from_state(state, interface)
+        linearised = kinematics.linearise_by_all_translations(end.q, end.displacement, end.force)
+        solution = increment.solve(
+            resume_active_set(interface, linearised, state), linearised, "final"
+        )
+        slip_by_start = -linearised.frame[:, 1:]
+        return Linearised(increment, solution, self._K, self._reduction, slip_by_start)
 
-    def _begun(
-        self, state: ContactState, target: Target
-    ) -> tuple[Increment, Place, Callable[[], Policy]]:
-        """The equations from a state to a target, where they start, and a policy's maker."""
-        interface, prescribed = self.interface, target.translations
-        system, rigid = self._bound(target.free)
-        past = Reference.of(state, interface)
-        equilibrium = LinearEquilibrium.of(system, self._K, target.load, target.stated)
-        increment = Increment(system, equilibrium, prescribed, target.totals, past, target.stated)
-        policy = partial(Policy, rigid.left_free, interface)
-        begin = np.where(target.idle[:, None], 0.0, state.translations)
-        translations = np.where(np.isnan(prescribed), begin, prescribed)
-        system.start(lambda: state.unknowns, translations)
-        interface.check_supports(translations)
-        self._watch.before(increment)
-        place = increment.kinematics(translations, past.displacement, past.force)
-        return increment, place, policy
+    def _start_increment(
+        self, state: ContactState, target: IncrementTarget
+    ) -> tuple[LinearIncrement, UndeformedKinematics]:
+        """Return the equations from a state to a target, and the kinematics in them."""
+        start = IncrementStart.from_state(state, self.interface)
+        kinematics = UndeformedKinematics(self.interface, start, target.q, target.load_factor)
+        increment = LinearIncrement(
+            self._system_for(target.free)[0],
+            self._equilibrium(target),
+            kinematics,
+            start,
+            prescribed=target.q,
+            totals=target.totals,
+        )
+        return increment, kinematics
 
-    def _spent(self, free: Free, before: Spent = (0, NOTHING_DONE)) -> Spent:
-        """Linear systems since before, with springs and without, and what they took."""
-        system, _ = self._bound(free)
-        solved, report = system.solved, system.report
-        if self._soft is not None:
-            solved, report = solved + self._soft.solved, self._soft.report.after(report)
-        return solved - before[0], report.since(before[1])
+    def _linearise_start(
+        self,
+        increment: LinearIncrement,
+        kinematics: UndeformedKinematics,
+        state: ContactState,
+        target: IncrementTarget,
+    ) -> LinearisedKinematics:
+        """Return the kinematics where the iteration begins, and check motions up to there."""
+        unloaded = target.unloaded_free_surfaces[:, None]
+        q = np.where(unloaded, 0.0, increment.start.q)
+        q = np.where(np.isnan(target.q), q, target.q)
+        increment.system.start(lambda: state.unknowns, q)
+        self.interface.check_supports(q)
+        self._smallness.before(increment)
+        return kinematics.linearise(q, increment.start.displacement, increment.start.force)
+
+    def _equilibrium(self, target: IncrementTarget) -> LinearEquilibrium:
+        system = self._system_for(target.free)[0]
+        return LinearEquilibrium.from_stiffness(system, self._K, target.load, target.load_factor)
+
+    def _make_update(self, rigid: RigidMotions, accuracy: Accuracy) -> ActiveSetUpdate:
+        return ActiveSetUpdate(rigid.left_free, self.interface, accuracy)
+
+    def _cost(self, free: Free, before: Cost = (0, NOTHING_DONE)) -> Cost:
+        """Return the linear systems since before, with springs and without, and their report."""
+        system, _ = self._system_for(free)
+        n_solved, report = system.n_solved, system.report
+        if self._system_with_springs is not None:
+            n_solved += self._system_with_springs.n_solved
+            report = self._system_with_springs.report.after(report)
+        return n_solved - before[0], report.since(before[1])
 
     def release(self) -> None:
+        """Free the memory of the solver."""
         if self._system is not None:
             self._system[0].tangent.release()
-            self._system = self._soft = None
+            self._system = self._system_with_springs = None
 
-    def _bound(self, free: Free) -> tuple[ContactSystem, RigidMotions]:
-        """System and rigid motions for these free translations; one factorisation is kept."""
+    def _system_for(self, free: Free) -> tuple[ContactSystem, RigidMotions]:
+        """Return system and rigid motions for these free motions; the last ones are kept."""
         if self._system is None or self._system[0].free != free:
             self.release()
-            system = ContactSystem(self._K, self._reduction, self.interface, free, self.solver)
+            system = self._make_system(self._K, free)
             self._system = system, RigidMotions(system, self._K, self.space)
         return self._system
+
+    def _make_system(self, K: PETSc.Mat, free: Free) -> ContactSystem:
+        interface = self.interface
+        torque_map = TorqueMap.of_translations(*interface.position.shape)
+        return ContactSystem(K, self._reduction, interface, free, self.solver, torque_map)

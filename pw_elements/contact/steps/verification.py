@@ -28,11 +28,10 @@ from pw_elements.contact.interface import (
     Interface,
     measure_gap_and_slip,
 )
-from pw_elements.contact.iteration import TOLERANCE
+from pw_elements.contact.iteration import DISPLACEMENT_ROUND_OFF
 from pw_elements.contact.model import ContactPair, ContactState, NotFound, Residuals
+from pw_elements.contact.nodes import TOLERANCE
 
-# Round-off of displacements, over the largest of them
-DISPLACEMENT_ROUND_OFF = 1e-13
 # Shift of points by which the noise of a surface's function is seen, over the largest coordinate
 _NOISE_SHIFT = 1e-12
 # Sine of an angle, in which arc and chord do not differ

@@ -19,8 +19,9 @@ from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
-from pw_elements.contact.iteration.law import TOLERANCE, Accuracy, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
+from pw_elements.contact.nodes import TOLERANCE, LinearisedLaw
+from pw_elements.contact.system.solution import Accuracy, TangentSolution
 from pw_elements.solvers import (
     MatrixFree,
     Pieces,
@@ -49,10 +50,10 @@ _FORCING_RENEWED = 0.02
 # softer: its forces then say less of the gaps, and the residual has to be smaller
 _SOFTER = 5.0
 # Residual at the end over the largest nodal contact force: the solver's tolerance, up to _LOOSEST;
-# _EXACT_TANGENT if tangents are renewed (large strains); "more" takes a share _MORE of it
+# _EXACT_TANGENT if tangents are renewed (large strains); "tightened" takes a share _TIGHTENED of it
 _LOOSEST = TOLERANCE / 10
 _EXACT_TANGENT = 1e-13
-_MORE = 0.1
+_TIGHTENED = 0.1
 # Residual at which eigenvalues are looked at
 _EXAMINED = 1e-4
 # Forces over the residual from which on they say anything of the solution
@@ -326,7 +327,7 @@ class KrylovTangent:
     last, on the last process.
     """
 
-    precise = False
+    solves_exactly = False
 
     def __init__(
         self,
@@ -382,13 +383,13 @@ class KrylovTangent:
         self._each = 1.0  # an iteration's then
         self._most: int = self._ksp.getTolerances()[3]
 
-    def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
+    def start(self, unknowns: Callable[[], Array], free_motions: Array) -> None:
         begin, local = unknowns(), self._solution.array
         local[: len(begin)] = begin
-        local[len(begin) :] = translations[: len(local) - len(begin)]
+        local[len(begin) :] = free_motions[: len(local) - len(begin)]
         self._size, self._left_before = self._solution.norm(), 0.0
 
-    def hold_motions(self, springs: Array) -> None:
+    def set_springs(self, springs: Array) -> None:
         self._context.springs = springs
 
     def renew(self, *_: object, **__: object) -> None:
@@ -398,7 +399,7 @@ class KrylovTangent:
             self._krylov.multigrid.renew()
             self._pace = None
 
-    def orientation(self) -> tuple[int, ...]:
+    def determinant_signs(self) -> tuple[int, ...]:
         """Signs of the levels, and of the tangent that has been solved last.
 
         Over the levels its eigenvalues are near one, and each that changes its sign leaves them: an
@@ -426,11 +427,13 @@ class KrylovTangent:
     def encloses(self) -> bool:
         return self._enclosed
 
-    def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
+    def solve(
+        self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy
+    ) -> TangentSolution:
         law = replace(law, D=law.D[:, :, : law.E.shape[1]])  # the border has translations alone
-        more = accuracy == "more" and self._final
+        more = accuracy == "tightened" and self._final
         exact = min(self._exact, _EXACT_TANGENT) if self._renewed else self._exact
-        self._accuracy = self._accuracy * _MORE if more else exact
+        self._accuracy = self._accuracy * _TIGHTENED if more else exact
         law, forcing = self._in_forces(law, right)
         self._context.state(law)
         known, x = self._operator.createVecLeft(), self._solution
@@ -457,7 +460,7 @@ class KrylovTangent:
         self._final = bool(left <= self._exact * self._largest() or stalled)
         self._forget_vectors()
         collect_garbage(known)
-        return Solved(np.array(x.array_r), exact=stalled, final=self._final)
+        return TangentSolution(np.array(x.array_r), is_exact=stalled, is_final=self._final)
 
     def _in_forces(self, law: LinearisedLaw, right: Array) -> tuple[LinearisedLaw, float]:
         """The law, whose gaps are read as forces of springs if there are any; and the forcing."""
@@ -512,7 +515,7 @@ class KrylovTangent:
             lost = self._krylov.round_off(self._size) + self._points.round_off + target
             # so it is where a factorisation has given no numbers
             stalled = not left < (
-                min(before, _STALLED * target) if left <= lost else _MORE * before
+                min(before, _STALLED * target) if left <= lost else _TIGHTENED * before
             )
             if pace is not None and not left <= lost and (stalled or done >= most):
                 return None

@@ -1,0 +1,173 @@
+"""The state that an increment ends in, made of the last iterate of all processes."""
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.arrays import Array
+from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
+from pw_elements.contact.iteration.increment import Increment, NewtonState
+from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
+from pw_elements.contact.nodes import HELD, OPEN, remove_normal_part
+from pw_elements.solvers import SolverReport
+
+
+def make_contact_state(
+    increment: Increment,
+    state: NewtonState,
+    before: ContactState,
+    *,
+    iterations: int,
+    report: SolverReport,
+    smallness: Smallness | None,
+    converged: bool = True,
+    slides: bool = False,
+) -> ContactState:
+    """Return the contact state of a Newton state.
+
+    Args:
+        increment: its equations.
+        state: of the iteration.
+        before: at the start of the increment.
+        iterations: linear systems solved.
+        report: of their solver.
+        smallness: of the displacements; None at large strains.
+        converged: whether it is a solution.
+        slides: whether the body may slide on for ever.
+    """
+    system = increment.system
+    signs = frozenset(system.tangent.solver.orientations)
+    orientations = signs | before.orientations if before.free == system.free else signs
+    is_unique = len(orientations) <= 1 if signs else None
+    scale, force, length = reference_sizes(increment, state, before.scale)
+    residuals = increment.residuals(state, force, length)
+    if increment.interface.cone.has_user_law:
+        increment.interface.check_laws()
+    return ContactState(
+        displacement=increment.interface.field.part(state.unknowns),
+        pairs=_make_pair_states(increment, state),
+        iterations=iterations,
+        unique=False if slides else is_unique,
+        residuals=Residuals(
+            **{name: increment.max_over_ranks(values) for name, values in residuals.items()}
+        ),
+        report=report,
+        increment=before.increment + 1,
+        free=system.free,
+        orientations=orientations,
+        scale=scale,
+        smallness=smallness,
+        converged=converged,
+        unknowns=state.unknowns,
+    )
+
+
+def make_undeformed_state(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
+    """Return the state of the body before any load, `unknowns` being a vector (n,) of zeros."""
+    no_vector = np.zeros_like(interface.position)
+    pairs = make_pair_states(
+        interface,
+        np.zeros((interface.pairs, no_vector.shape[1])),
+        no_vector,
+        interface.force,
+        normal=interface.normals(None),
+        gap=interface.gaps(None),
+        friction=interface.cone.steepest,
+    )
+    return ContactState(interface.field.part(unknowns), pairs, unknowns=unknowns)
+
+
+def _make_pair_states(increment: Increment, state: NewtonState) -> tuple[PairState, ...]:
+    interface, start, nodes = increment.interface, increment.start, state.nodes
+    active, normal, tangents = nodes.active_set, nodes.frame[:, 0], nodes.frame[:, 1:]
+    has_no_tangent = ~tangents.any(axis=(1, 2))
+    is_held = (interface.faced == DEFORMABLE) & interface.cone.rough & has_no_tangent
+    status = np.where(is_held & (active.status != OPEN), HELD, active.status).astype(np.int8)
+    dim = state.displacement.shape[1]
+    motion = state.displacement - start.displacement
+    motion = motion - (state.q - start.q)[interface.pair, :dim]
+
+    def to_global(values: Array) -> Array:
+        return np.einsum("nab,na->nb", tangents, values)
+
+    slip = np.where(
+        (status == HELD)[:, None], remove_normal_part(motion, normal), to_global(nodes.slip)
+    )
+    path_slip = increment.kinematics.integrate_slip(state.q, state.displacement, normal)
+    is_closed = (status != OPEN)[:, None]
+    return make_pair_states(
+        interface,
+        state.q,
+        state.force,
+        increment.system.force_operator,
+        normal=normal,
+        force_normal=nodes.force[:, 0],
+        force_tangential=to_global(nodes.force[:, 1:]),
+        torque=state.kinematics.torque_map.resultants(state.force)[:, dim:].sum(axis=1),
+        gap=nodes.gap,
+        slip=slip * is_closed,
+        path_slip=path_slip * is_closed,
+        friction=interface.cone.coefficient(nodes.force[:, 0]),
+        status=status,
+        displacement=state.displacement,
+        direction=to_global(active.direction),
+        turning=active.turning,
+    )
+
+
+def make_pair_states(
+    interface: Interface,
+    q: Array,
+    force: Array,
+    force_operator: PETSc.Mat,
+    **points: npt.NDArray,
+) -> tuple[PairState, ...]:
+    """Return the states of all pairs.
+
+    Args:
+        interface: the contact points.
+        q: motions of the surfaces, (pairs, k).
+        force: of the surfaces on this process' points, (m, dim).
+        force_operator: H, (n, m dim).
+        points: what else `PairState` has of each point, (m, ...); zero and open by default.
+    """
+    no_vector, dim = np.zeros_like(force), force.shape[1]
+    of_points = {name: getattr(interface, name) for name in ("position", "node", "faced")}
+    of_points |= dict.fromkeys(
+        ("force_tangential", "slip", "path_slip", "displacement", "direction"), no_vector
+    )
+    of_points |= dict.fromkeys(("force_normal", "turning", "torque"), no_vector[:, 0])
+    of_points |= {"status": np.full(len(no_vector), OPEN, dtype=np.int8)} | points
+    torque = of_points.pop("torque")
+    return tuple(
+        PairState(
+            translation=q[k, :dim].copy(),
+            force=interface.in_order(k, force).sum(axis=0),
+            rotation=np.array(q[k, dim:].sum()),
+            torque=np.array(interface.in_order(k, torque).sum()),
+            opposite=interface.opposite[k].copy(),
+            opposite_force=interface.on_opposite(k, force, force_operator),
+            **{name: interface.in_order(k, values) for name, values in of_points.items()},
+        )
+        for k in range(interface.pairs)
+    )
+
+
+def reference_sizes(
+    increment: Increment, state: NewtonState, before: Scale
+) -> tuple[Scale, float, float]:
+    """Return the scale of the history up to here, and force and length that residuals are over."""
+    force = increment.max_over_ranks(np.linalg.norm(state.force, axis=1))
+    pair, V = increment.interface.pair, state.kinematics.torque_map.V
+    shifts = np.einsum("nak,nk->na", V, state.q[pair])
+    displacements = np.concatenate([increment.system.displacement_sizes(state.unknowns), shifts])
+    length = increment.max_over_ranks(np.linalg.norm(displacements, axis=1))
+    scale = before
+    if force > increment.round_off(state):
+        scale = Scale(max(force, before.force), max(length, before.length))
+    extent = increment.max_over_ranks(np.abs(increment.interface.position))
+    length = max(length, scale.length)
+    length = length if length > ROUND_OFF * extent else extent
+    force = scale.force or increment.max_over_ranks(increment.system.scale) * length
+    return scale, force, length

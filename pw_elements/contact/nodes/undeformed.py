@@ -1,0 +1,184 @@
+"""Gap, slip and frame of an undeformed body, as displacements and translations move its points.
+
+Planes make all linear. Normals of a curved surface that is free to move change with its
+translation: derivatives by it are differences.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from pw_elements.arrays import Array, Mask
+from pw_elements.contact.interface import Interface
+from pw_elements.contact.model import ContactState
+from pw_elements.contact.nodes.nodes import (
+    LinearisedKinematics,
+    TorqueMap,
+    add_tangents_along_supports,
+    find_held_tangents,
+    make_frames,
+)
+
+# Step of differences along free translations, over the extent of the contact nodes
+_DIFFERENCE_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class IncrementStart:
+    """State at the start of an increment, from which slip counts.
+
+    Args:
+        displacement: of the points, (m, dim).
+        force: on the points, (m, dim).
+        q: translations of the surfaces, with angles if they may turn, (pairs, k).
+    """
+
+    displacement: Array
+    force: Array
+    q: Array
+
+    @classmethod
+    def from_state(
+        cls, state: ContactState, interface: Interface, turning: bool = False
+    ) -> "IncrementStart":
+        """Take this process' values of a state; with angles if surfaces may be `turning`."""
+        displacement = interface.local([pair.displacement for pair in state.pairs])
+        force = interface.local([pair.force_vector for pair in state.pairs])
+        return cls(displacement, force, state.placements if turning else state.translations)
+
+    def relative_displacement(self, interface: Interface) -> Array:
+        """Displacements (m, dim) less the translations of the surfaces."""
+        dim = self.displacement.shape[1]
+        return self.displacement - self.q[interface.pair, :dim]
+
+
+class Kinematics(Protocol):
+    """Gap, slip and frame of the contact points since the start of an increment."""
+
+    def evaluate_iterate(
+        self, before: LinearisedKinematics, q: Array, displacement: Array, force: Array
+    ) -> tuple[LinearisedKinematics, Array]:
+        """Return the kinematics through which an iterate is seen, and its motions v (m, p).
+
+        Args:
+            before: the kinematics of the linear system that was solved.
+            q: motions of the surfaces (pairs, k).
+            displacement: of the points (m, dim).
+            force: on the points (m, dim).
+        """
+
+    def evaluate_solution(
+        self, before: LinearisedKinematics, q: Array, displacement: Array, force: Array
+    ) -> LinearisedKinematics:
+        """Return the kinematics at a solution of the law, linearised there; arguments likewise."""
+
+    def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
+        """Return slip (m, dim) on the straight path there from the start of the increment."""
+
+
+class UndeformedKinematics:
+    """Kinematics of an undeformed body: a linearisation stays until the law is solved through it.
+
+    Args:
+        interface: the contact points.
+        start: of the increment.
+        prescribed: translations (pairs, dim), NaN where they are free.
+        load_factor: share of the interference of pairs that is applied.
+    """
+
+    def __init__(
+        self, interface: Interface, start: IncrementStart, prescribed: Array, load_factor: float
+    ) -> None:
+        self._interface, self._start, self._load_factor = interface, start, load_factor
+        self._free: Mask = np.isnan(prescribed)
+
+    def evaluate_iterate(
+        self,
+        before: LinearisedKinematics,
+        q: Array,  # noqa: ARG002
+        displacement: Array,
+        force: Array,  # noqa: ARG002
+    ) -> tuple[LinearisedKinematics, Array]:
+        return before, displacement
+
+    def evaluate_solution(
+        self,
+        before: LinearisedKinematics,  # noqa: ARG002
+        q: Array,
+        displacement: Array,
+        force: Array,
+    ) -> LinearisedKinematics:
+        return self.linearise(q, displacement, force)
+
+    def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
+        return remove_normal_part(self._relative_motion(q, displacement), normal)
+
+    def linearise(
+        self, translations: Array, displacement: Array, force: Array
+    ) -> LinearisedKinematics:
+        """Linearise at translations (pairs, dim), displacements and forces (m, dim)."""
+        return self._linearise(self._free, translations, displacement, force)
+
+    def linearise_by_all_translations(
+        self, translations: Array, displacement: Array, force: Array
+    ) -> LinearisedKinematics:
+        """Linearise with derivatives by translations that are prescribed, too."""
+        return self._linearise(np.ones_like(self._free), translations, displacement, force)
+
+    def _relative_motion(self, q: Array, displacement: Array) -> Array:
+        start, pair = self._start, self._interface.pair
+        return displacement - start.displacement - (q - start.q)[pair]
+
+    def _linearise(
+        self, free: Mask, translations: Array, displacement: Array, force: Array
+    ) -> LinearisedKinematics:
+        interface, held = self._interface, self._interface.held_components
+        force = np.where(held, 0.0, force)
+        step = _DIFFERENCE_STEP * (interface.extent or 1.0)
+        frame = make_frames(interface.normals(translations), interface.equation >= 0)
+        frame = add_tangents_along_supports(frame, held)
+        normal, tangents = frame[:, 0], frame[:, 1:]
+        gap, gap_loss = interface.gaps(translations), normal.copy()
+        if self._load_factor != 1:  # points inside their surface are pressed out step by step
+            gap = gap + (1 - self._load_factor) * interface.interference
+        normal_by_q = np.zeros_like(frame)  # (m, component, translation)
+        for axis in np.flatnonzero(free.any(axis=0)):
+            ahead, behind = translations.copy(), translations.copy()
+            ahead[free[:, axis], axis] += step
+            behind[free[:, axis], axis] -= step
+            is_moved = free[interface.pair, axis]
+            change = (interface.normals(ahead) - interface.normals(behind)) / (2 * step)
+            with np.errstate(invalid="ignore"):  # infinite gaps
+                loss = (interface.gaps(behind) - interface.gaps(ahead)) / (2 * step)
+            smooth = is_moved & np.isfinite(loss)
+            normal_by_q[smooth, :, axis] = change[smooth]
+            gap_loss[smooth, axis] = loss[smooth] - np.sum(change * displacement, axis=1)[smooth]
+        # tangents turn so that they stay normal to it: dt = -(t·dn) n
+        tilt = np.einsum("nta,nak->ntk", tangents, normal_by_q)
+        origin = self._start.relative_displacement(interface) + translations[interface.pair]
+        normal_motion = np.sum(normal * (displacement - origin), axis=1)
+        normal_force = np.sum(normal * force, axis=1)
+        slip_loss = tangents + tilt * normal_motion[:, None, None]
+        normal_force_by_q = np.einsum("na,nak->nk", force, normal_by_q)[:, None]
+        return LinearisedKinematics(
+            pair=interface.pair,
+            torque_map=TorqueMap.of_translations(*force.shape),
+            v0=np.zeros_like(force),
+            q0=translations,
+            frame=frame,
+            gap=gap,
+            slip=-np.einsum("nta,na->nt", tangents, origin),
+            motion_by_v=frame,
+            motion_by_q=-np.concatenate([gap_loss[:, None], slip_loss], axis=1),
+            force_by_v=np.zeros_like(frame),
+            force_by_q=np.concatenate(
+                [normal_force_by_q, -tilt * normal_force[:, None, None]], axis=1
+            ),
+            held_tangents=find_held_tangents(frame, held),
+        )
+
+
+def remove_normal_part(vectors: Array, normal: Array) -> Array:
+    """Return vectors (m, dim) less their parts along unit normals (m, dim)."""
+    return vectors - np.sum(vectors * normal, axis=1)[:, None] * normal
