@@ -8,12 +8,12 @@ import argparse
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
 from figures.drawing import Drawn, Entry, draw, export, natural, scripts, title, up_to_date
+from study.core.folder import ensure_results_folder
 from study.core.pool import Failed, Pool, Task
 from study.core.store import Results, StudyError, write_json
 from study.paper.items import ITEMS
@@ -127,11 +127,10 @@ def _results_folder(stated: Path | None, out: Path | None) -> Path | None:
         return stated.absolute()
     results = ROOT / "results"
     try:
-        results.mkdir(exist_ok=True)
-        with tempfile.TemporaryFile(dir=results):
-            return results
-    except OSError:
+        ensure_results_folder(results)
+    except StudyError:
         return (out / "results").absolute() if out else None
+    return results
 
 
 def _computed(names: list[str], results: Path, jobs: int) -> bool:

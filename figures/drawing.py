@@ -26,6 +26,8 @@ from figures.narrow import narrowed
 from figures.style import MANY, style
 from study.core.sources import closure
 from study.core.store import (
+    CorruptResult,
+    MissingResult,
     Results,
     Stored,
     StudyError,
@@ -51,7 +53,7 @@ class Drawn(NamedTuple):
 
     Attributes:
         entry: Its entry of the index; None if it was not drawn.
-        missing: Keys of results that it needs and that are not there.
+        missing: Keys of results that it needs and that are not there, or cannot be read.
         error: Why it could not be drawn; empty if it could.
     """
 
@@ -120,7 +122,7 @@ def up_to_date(name: str, results: Results) -> Entry | None:
         names = {section: results.cases(section) for section in note["sections"]}
         same = digest == _digest(name, digests, names)
         return entry if same and all(path.is_file() for path in files) else None
-    except (OSError, ValueError, TypeError, KeyError):
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
 
 
@@ -168,7 +170,7 @@ class _Inputs(TrackedResults):
 def _attempt(name: str, results: _Inputs) -> Drawn:
     try:
         script = import_module(f"figures.{name}")
-        missing = [key for key in script.NEEDS if key not in results]
+        missing = [key for key in script.NEEDS if not _is_readable(key, results)]
         if missing:
             return Drawn(None, missing, "")
         size, narrow = _draw(script, name, results)
@@ -191,6 +193,13 @@ def _attempt(name: str, results: _Inputs) -> Drawn:
     except Exception as error:  # one bad script must not take the others' figures away
         return Drawn(None, [], f"{type(error).__name__}: {error}")
     return Drawn(entry, [], "")
+
+
+def _is_readable(key: str, results: Results) -> bool:
+    try:
+        return bool(results[key])
+    except (MissingResult, CorruptResult):
+        return False
 
 
 def _draw(script: ModuleType, name: str, results: Results) -> tuple[tuple[int, int], list[int]]:

@@ -2,9 +2,8 @@
 
 import io
 import json
-import os
-import secrets
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from hashlib import blake2b
 from itertools import product
 from pathlib import Path
@@ -23,6 +22,7 @@ from pw_elements.contact.interface import midpoints_around
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import fields_of
+from pw_files import replacing_file
 
 # Names of the arrays of places that belong to values
 _FIELDS = {"displacement": "nodes", "pressure": "pressure_nodes"}
@@ -35,7 +35,11 @@ _OF_NUMBERS = {
     "scale": Scale,
     "smallness": Smallness,
 }
-_FORMAT = "pw_elements contact state 6"
+_KIND = "pw_elements contact state"
+_FORMAT = f"{_KIND} 6"
+# First array of a file, by which it is known for a state, whole or not: the digest of the others
+_MARK = f"{_KIND}, digest"
+_HEAD = 200  # bytes of a file that have the name of its first array
 # Before the names of what tells a problem from others, and how far that may be off, by round-off
 _PROBLEM = "problem "
 _SAME = 1e-9
@@ -139,7 +143,7 @@ def _read(path: Path) -> tuple[dict[str, npt.NDArray], dict[str, Any], list[dict
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = dict(archive)
-        digest = arrays.pop("digest", None)
+        digest = arrays.pop(_MARK, None)
         numbers = json.loads(str(arrays["state"]))
         if numbers["format"] != _FORMAT:
             raise ValueError(
@@ -226,14 +230,17 @@ def _digest(arrays: Mapping[str, npt.NDArray]) -> npt.NDArray[np.uint8]:
 
 
 def _write(path: Path, arrays: dict[str, npt.NDArray]) -> None:
-    path = path.resolve()  # of a link, what it leads to
-    _refuse_irregular(path, "it is not replaced")
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
-    try:
-        with temporary.open("xb") as stream:
-            np.savez_compressed(stream, allow_pickle=False, **arrays)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    marked = {_MARK: arrays.pop("digest"), **arrays}
+    with replacing_file(path, _holds_state) as stream:
+        np.savez_compressed(stream, allow_pickle=False, **marked)
+
+
+def _holds_state(path: Path) -> bool:
+    """Tell whether a file is a state, or was to be one: such files may be replaced."""
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD)
+    if not head or f"{_MARK}.npy".encode() in head:
+        return True
+    with suppress(Exception), np.load(path, allow_pickle=False) as archive:  # of earlier formats
+        return str(json.loads(str(archive["state"]))["format"]).startswith(_KIND)
+    return False

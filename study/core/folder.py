@@ -1,0 +1,38 @@
+"""The folder of results: made and marked, and nobody else's."""
+
+import tempfile
+from pathlib import Path
+
+from pw_files import ForeignEntry, claim_folder
+from study.core.cases import SECTIONS
+from study.core.store import StudyError, is_result
+
+KIND = "a folder of results"
+# What is in it besides the sections' folders
+FILES = ("claims.json", "cost.json", "report.html", "report.pdf")
+FOLDERS = ("figures", "gallery", "site")
+
+
+def ensure_results_folder(out: Path) -> None:
+    """Make a folder of results, unless it is one; one without a mark is known by what is in it.
+
+    Raises:
+        StudyError: If it cannot be written to, or is someone else's: files of these names in it
+            would be replaced.
+    """
+    try:
+        claim_folder(out, KIND, _holds_results)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except ForeignEntry as error:
+        raise StudyError(str(error)) from None
+    except OSError as error:
+        raise StudyError(f"{out} cannot be written to: {error.strerror}") from None
+
+
+def _holds_results(folder: Path) -> bool:
+    """Tell whether there is nothing but what the study writes, and at least one result."""
+    names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
+    if names - {*SECTIONS, *FILES, *FOLDERS}:
+        return False
+    return any(is_result(path) for one in SECTIONS for path in (folder / one).glob("*.json"))
