@@ -1,7 +1,7 @@
 """Failures and kills at each system call of an operation on files, one after the other.
 
 `failing(operation, number, error)` lets the call of that number fail. `python3 -m tests.faults`
-kills a process at each call of the operations below, before it and after it, and looks what is left.
+kills a process at each call of the operations below, before and after it, and looks what is left.
 """
 
 import errno
@@ -11,7 +11,6 @@ import sys
 import tempfile
 import traceback
 from contextlib import contextmanager, suppress
-from itertools import count
 from pathlib import Path
 from unittest.mock import patch
 
@@ -21,7 +20,10 @@ import pw_files
 from pw_files import claim_folder, replace_file, replacing_folder, sweep
 from study.core.store import CorruptResult, MissingResult, Result, Results, save
 
-CALLS = "open write fsync close replace rename mkdir unlink rmdir scandir lstat stat fstat".split()
+CALLS = (
+    "open", "write", "fsync", "close", "replace", "rename", "mkdir", "unlink", "rmdir", "scandir",
+    "lstat", "stat", "fstat",
+)  # fmt: skip
 ERRORS = (errno.ENOSPC, errno.EACCES, errno.EIO)
 KIND = "a folder of this test"
 OLD, NEW = b"old" * 5000, b"new" * 6000
@@ -180,10 +182,8 @@ class FolderWithoutExchangeCase(FolderCase):
     """A folder on a system that cannot exchange two."""
 
     def operate(self, folder):
-        exchange = pw_files._exchange  # watched
-        with patch.object(pw_files, "_exchange", lambda *names: exchange(*names) and False):
-            with patch.object(pw_files.ctypes, "CDLL", lambda *_, **__: object()):
-                super().operate(folder)
+        with patch.object(pw_files.ctypes, "CDLL", lambda *_, **__: object()):
+            super().operate(folder)
 
 
 class ClaimCase:
@@ -265,10 +265,9 @@ def surroundings():
         (folder / ".aaaaaaaaaaaaaaaa.pw-elements-unfinished").symlink_to(outside)
         before = content(Path(name))
         yield folder
-        assert {
-            path: what for path, what in content(Path(name)).items() if path in before
-        } == before
-        more = {path.split("/")[1] for path in content(Path(name)).keys() - before.keys()}
+        now = content(Path(name))
+        assert {path: now.get(path) for path in before} == before
+        more = {path.split("/")[1] for path in now.keys() - before.keys()}
         assert more <= {"made", "data"}, more
 
 
@@ -296,13 +295,16 @@ def judge(case, folder, raised=None):
 
 def kill_at_each_call(case):
     """Kill the case everywhere; return how often, and what was there afterwards."""
-    found = []
-    for number, after in ((number, after) for number in count(1) for after in (False, True)):
-        with surroundings() as folder:
-            case.prepare(folder)
-            if not killed(lambda at=folder: case.operate(at), number, after):
-                return len(found), {*found}
-            found.append(judge(case, folder))
+    found, number, reached = [], 0, True
+    while reached:
+        number += 1
+        for after in (False, True):
+            with surroundings() as folder:
+                case.prepare(folder)
+                reached = killed(lambda at=folder: case.operate(at), number, after)
+                if reached:
+                    found.append(judge(case, folder))
+    return len(found), {*found}
 
 
 if __name__ == "__main__":

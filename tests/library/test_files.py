@@ -13,6 +13,7 @@ import pytest
 import pw_files
 from pw_files import (
     MARK,
+    FolderReplacement,
     ForeignEntry,
     check_replaceable,
     claim_folder,
@@ -116,13 +117,14 @@ def test_files_and_links_in_the_place_of_a_folder(tmp_path):
 def test_what_comes_into_a_folder_while_another_one_is_made_is_kept(tmp_path):
     path = tmp_path / "made"
     for before in (False, True):
-        with (
-            pytest.raises(ForeignEntry, match="not replaced"),
-            replacing_folder(path, KIND) as made,
-        ):
-            (made.folder / "one").write_text("new")
-            path.mkdir(exist_ok=True)
-            (path / "late").write_text("mine")
+        made = FolderReplacement(path, KIND)
+        made.start()
+        (made.folder / "one").write_text("new")
+        path.mkdir(exist_ok=True)
+        (path / "late").write_text("mine")
+        with pytest.raises(ForeignEntry, match="not replaced"):
+            made.commit()
+        made.abandon()
         assert (path / "late").read_text() == "mine"
         assert os.listdir(tmp_path) == ["made"]
         (path / "late").unlink()

@@ -16,7 +16,7 @@ import pytest
 from study.command import main
 from study.core.jit import unblocked
 from study.core.pool import _work
-from study.core.store import Results, sweep, write_whole
+from study.core.store import Results, sweep
 from tests.study.toystudy import install
 
 ROOT = Path(__file__).parents[2]
@@ -162,7 +162,7 @@ def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
     run = Run(out, *SECTIONS, **compiled)
     assert run.wait() == 0, run.told()
     assert numbers(out) == expected
-    assert [path.name for path in out.rglob(".*")] == []
+    assert [path.name for path in out.rglob(".*")] == [".pw-elements"]
 
 
 def test_a_worker_whose_main_process_has_gone_says_nothing():
@@ -172,50 +172,15 @@ def test_a_worker_whose_main_process_has_gone_says_nothing():
     _work(theirs)  # and nobody takes what it has done
 
 
-def test_what_killed_writers_leave_is_swept_and_what_live_ones_write_is_not(tmp_path):
-    """Hidden files of the user's stay, whatever they are called."""
-    with subprocess.Popen(["true"]) as gone:
-        pass
-    token = "0123456789abcdef"
-    left = f".a.json.{token}.{gone.pid}.pw-elements-unfinished"
-    kept = [
-        f".a.json.{token}.{os.getpid()}.pw-elements-unfinished",
-        f".a.json.{gone.pid}.pw-elements-unfinished",
-        f".a.json.{token}.{gone.pid}",
-        f".notes.{gone.pid}",
-        f".a.b.{gone.pid}",
-        "d.json",
-    ]
-    deep = tmp_path / "mine" / "deeper"
+def test_what_killed_writers_leave_is_swept_in_the_folders_of_results(tmp_path):
+    left = ".0123456789abcdef.pw-elements-unfinished"
+    deep = tmp_path / "7.1" / "deeper"
     deep.mkdir(parents=True)
-    (tmp_path / "7.1").mkdir()
-    for name in (left, *kept):
-        (tmp_path / "7.1" / name).write_text("")
-        (tmp_path / name).write_text("")
-        (deep / name).write_text("")
-    (tmp_path / "7.1" / f".link.{token}.{gone.pid}.pw-elements-unfinished").symlink_to(deep)
+    for folder in (tmp_path, tmp_path / "7.1", deep):
+        (folder / left).write_text("")
     sweep(tmp_path)
-    for folder in (tmp_path, tmp_path / "7.1"):
-        found = {path.name for path in folder.iterdir() if path.is_file()}
-        assert found == set(kept)
-    assert left in {path.name for path in deep.iterdir()}
-    assert len(list((tmp_path / "7.1").iterdir())) == len(kept) + 1
-
-
-def test_names_of_unfinished_files_cannot_be_told_beforehand(tmp_path, monkeypatch):
-    """And a file that is there under such a name is nobody's to write into."""
-    seen = []
-    monkeypatch.setattr("os.replace", lambda source, _: seen.append(source))
-    for _ in range(2):
-        write_whole(tmp_path / "a.json", b"text")
-    assert len(set(seen)) == 2
-    monkeypatch.setattr("secrets.token_hex", lambda _: "0" * 16)
-    target = tmp_path / "foreign"
-    name = f".a.json.{'0' * 16}.{os.getpid()}.pw-elements-unfinished"
-    (tmp_path / name).symlink_to(target)
-    with pytest.raises(FileExistsError):
-        write_whole(tmp_path / "a.json", b"text")
-    assert not target.exists()
+    assert [path.name for path in tmp_path.rglob(".*")] == [left]
+    assert (deep / left).exists()
 
 
 def waiting_for(source):

@@ -284,7 +284,8 @@ def test_each_of_the_papers_figures_and_tables_has_its_name():
 
 def test_figure_whose_result_cannot_be_computed_is_1(tmp_path, script, capfd):
     script("toy_never", '"1/a"', '"7.1/never"')
-    assert main(["toy_never", "--results", str(tmp_path), "--out", str(tmp_path / "drawn")]) == 1
+    folders = ["--results", str(tmp_path / "mine"), "--out", str(tmp_path / "drawn")]
+    assert main(["toy_never", *folders]) == 1
     assert capfd.readouterr().err == "study: there is no case 7.1/never: see ./run study list\n"
     assert not (tmp_path / "drawn").exists()
     assert main(["nonsense"]) == 2
