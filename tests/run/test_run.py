@@ -105,7 +105,7 @@ def test_figure_is_written_where_the_caller_is(tmp_path):
 
 TOOLS = (
     "sh env id dirname readlink sed tr sort tail cut cksum mkdir uname git head awk rm mktemp ls "
-    "cat cp"
+    "cat cp find rmdir touch"
 )
 
 
@@ -223,6 +223,34 @@ def test_without_a_debian_mirror_one_is_asked_for_and_a_given_one_is_taken(
     assert f"Tried: {given or 'http://system'}. unreachable" in process.stderr
     (written,) = tmp_path.glob("pw-elements/*.apt/list")
     assert written.read_text() == f"deb {given or 'http://system'} trixie main\n"
+
+
+def test_folders_in_the_cache_without_a_mark_are_not_deleted(bare, tmp_path):
+    """What an earlier start has left is, mark and all."""
+    programs = FOUND | MOUNTS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": LISTED}
+    assert "Tried: " in bare("true", **programs).stderr
+    (made,) = tmp_path.glob("pw-elements/*.apt")
+    assert (made / ".pw-elements").is_file()
+    left = made.with_suffix(".new")
+    for folder in (made, left):
+        shutil.rmtree(folder, ignore_errors=True)
+        (folder / "deep").mkdir(parents=True)
+        (folder / "deep" / "mine").write_text("kept")
+        process = bare("true", **programs)
+        words = f"{folder} has not been made by this script: move it away"
+        assert (process.returncode, words in process.stderr) == (1, True)
+        assert (folder / "deep" / "mine").read_text() == "kept"
+        (folder / ".pw-elements").touch()
+    assert "Tried: " in bare("true", **programs).stderr
+    assert not left.exists()
+
+
+def test_shared_memory_of_other_programs_is_left_alone(tmp_path):
+    segment = tmp_path / "sm_segment.theirs"
+    segment.write_text("")
+    os.utime(segment, (0, 0))
+    assert run("true", OMPI_MCA_btl_sm_backing_directory=str(tmp_path)).returncode == 0
+    assert segment.exists()
 
 
 @pytest.mark.parametrize("there", [False, True])

@@ -54,6 +54,7 @@ _STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
 _TRUSTED = 0.1
 _SERIES = "a time series of contact fields"
 _VTX_COMPONENTS = 3  # of vectors in a file, whatever the dimension
+_OVERHEAD = 100_000  # bytes of a file's description
 # Seconds that processes wait for each other after an error of one, and between two looks
 _PATIENCE, _PAUSE = 60.0, 0.01
 _NO_ALLOCATION = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
@@ -565,13 +566,16 @@ def write(
 
 
 def _estimated_size(fields: ContactFields, n_steps: int) -> int:
-    """Return the bytes of a series, on all processes: values, and once nodes and cells."""
+    """Return about how many bytes a series takes, on all processes.
+
+    Each step has numbers, places and values of all nodes, and the nodes of all cells.
+    """
     space = fields.displacement.function_space
     n_nodes, cells = len(space.tabulate_dof_coordinates()), space.dofmap.list
     block_sizes = [function.function_space.dofmap.bs for function in fields.functions()]
-    n_values = sum(_VTX_COMPONENTS if size > 1 else 1 for size in block_sizes) * n_steps
-    own = n_nodes * (_VTX_COMPONENTS + n_values) + cells.size + len(cells)
-    return 8 * int(space.mesh.comm.allreduce(own))
+    n_values = sum(_VTX_COMPONENTS if size > 1 else 1 for size in block_sizes)
+    own = n_nodes * (1 + _VTX_COMPONENTS + n_values) + cells.size + len(cells)
+    return _OVERHEAD + 8 * n_steps * int(space.mesh.comm.allreduce(own))
 
 
 def _check_room(folder: Path, needed: int, path: Path) -> None:
