@@ -61,7 +61,7 @@ def replacing_file(path: Path, ours: Callable[[Path], bool] | None = None) -> It
         OSError: If it cannot be written; what was there is as it was.
     """
     path = path.resolve()
-    _check_file(path, ours)
+    check_file(path, ours)
     sweep(path.parent)
     with _naming(path):
         temporary, descriptor = _create_locked(path.parent)
@@ -70,7 +70,7 @@ def replacing_file(path: Path, ours: Callable[[Path], bool] | None = None) -> It
                 yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
-                _check_file(path, ours)
+                check_file(path, ours)
                 os.replace(temporary, path)
         except BaseException:
             with suppress(OSError):
@@ -201,6 +201,24 @@ def replacing_folder(path: Path, kind: str) -> Iterator[FolderReplacement]:
         replacement.abandon()
 
 
+def check_file(path: Path, ours: Callable[[Path], bool] | None = None) -> None:
+    """Refuse to replace what is no regular file, or none of ours.
+
+    Raises:
+        ForeignEntry: Says what is in the way.
+    """
+    path = path.resolve()
+    if not os.path.lexists(path):
+        return
+    if not path.is_file():
+        raise ForeignEntry(f"{path} is no regular file: it is not replaced")
+    if ours is not None and not ours(path):
+        raise ForeignEntry(
+            f"{path} is there, and was not written by pw_elements: it is not replaced. Move it "
+            "away, or give another name"
+        )
+
+
 def check_replaceable(path: Path, kind: str) -> None:
     """Refuse to replace what is not a folder of this kind with nothing foreign in it.
 
@@ -303,18 +321,6 @@ def _naming(path: Path) -> Iterator[None]:
         if error.errno is None or (error.filename and _UNFINISHED not in str(error.filename)):
             raise
         raise type(error)(error.errno, error.strerror, str(path)) from error
-
-
-def _check_file(path: Path, ours: Callable[[Path], bool] | None) -> None:
-    if not os.path.lexists(path):
-        return
-    if not path.is_file():
-        raise ForeignEntry(f"{path} is no regular file: it is not replaced")
-    if ours is not None and not ours(path):
-        raise ForeignEntry(
-            f"{path} is there, and was not written by pw_elements: it is not replaced. Move it "
-            "away, or give another name"
-        )
 
 
 def _create_locked(folder: Path) -> tuple[Path, int]:

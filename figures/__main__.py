@@ -12,7 +12,17 @@ from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
-from figures.drawing import Drawn, Entry, draw, export, natural, scripts, title, up_to_date
+from figures.drawing import (
+    Drawn,
+    Entry,
+    check_exports,
+    draw,
+    export,
+    natural,
+    scripts,
+    title,
+    up_to_date,
+)
 from study.core.folder import ensure_results_folder
 from study.core.pool import Failed, Pool, Task
 from study.core.store import Results, StudyError, write_json
@@ -30,7 +40,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Draw the named figures, or list all.
 
     Returns:
-        0; 1 if a figure is not drawn; 2 if there is none of that name.
+        0; 1 if a figure is not drawn; 2 if there is none of that name, or something else is in
+        the place of its files.
     """
     parser = argparse.ArgumentParser(prog="./run figure", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="as fig05, tab01")
@@ -58,6 +69,12 @@ def main(arguments: list[str] | None = None) -> int:
         _say(f"{ROOT / 'results'} cannot be written: name another folder by --results or --out")
         return 2
     found = {name: named()[name][0] for name in options.names}
+    try:
+        for name in found if options.out else ():
+            check_exports(options.out / name)
+    except OSError as error:
+        _say(str(error))
+        return 2
     if not _computed(list(dict.fromkeys(found.values())), results, options.jobs):
         return 1
     folder = options.out or results / "figures"

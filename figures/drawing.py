@@ -22,6 +22,7 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 import figures
+import pw_files
 from figures.narrow import narrowed
 from figures.style import MANY, style
 from study.core.sources import closure
@@ -44,6 +45,9 @@ KINDS = ("svg", "narrow.svg")  # a telephone's screen takes the last
 COLOURS = 128  # of such an image: lines and flat faces need few
 
 SVG, XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
+
+MADE_BY = "figure of pw_elements"  # what files that are exported say of themselves
+METADATA = {"png": {"Software": MADE_BY}, "pdf": {"Creator": MADE_BY}}
 
 Entry = dict[str, Any]
 
@@ -90,20 +94,44 @@ def export(name: str, results: Results, path: Path) -> list[Path]:
         name: Its script.
         results: What it is drawn from.
         path: Where to write, without the ending.
+
+    Raises:
+        ForeignEntry: If a file is there that this has not drawn.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    written = [path.with_name(f"{path.name}.{kind}") for kind in ("png", "pdf")]
+    written = exports(path)
+    ours = None if path.parent == results.folder / "figures" else _is_export
     with style():
         figure = import_module(f"figures.{name}").draw(results)
         _lay_out(figure)
         try:
             for file in written:
                 stream = io.BytesIO()
-                figure.savefig(stream, format=file.suffix[1:])
-                write_whole(file, stream.getvalue())
+                kind = file.suffix[1:]
+                figure.savefig(stream, format=kind, metadata=METADATA[kind])
+                pw_files.replace_file(file, stream.getvalue(), ours)
         finally:
             plt.close("all")
     return written
+
+
+def exports(path: Path) -> list[Path]:
+    """Return the files that an export makes."""
+    return [path.with_name(f"{path.name}.{kind}") for kind in METADATA]
+
+
+def check_exports(path: Path) -> None:
+    """Refuse to export to a place where files are that this has not drawn.
+
+    Raises:
+        ForeignEntry: Says which.
+    """
+    for file in exports(path):
+        pw_files.check_file(file, _is_export)
+
+
+def _is_export(file: Path) -> bool:
+    return MADE_BY.encode() in file.read_bytes()
 
 
 def update(name: str, folder: Path) -> None:
