@@ -332,11 +332,19 @@ def _any_corrupt(results: Results) -> bool:
 
 def _tell_unreadable(verdicts: "Sequence[Verdict]") -> None:
     """Say why claims are not judged though their results are there."""
-    unjudged = [verdict for verdict in verdicts if verdict.unreadable]
-    for verdict in unjudged[:NAMED]:
-        print(f"study: {verdict.claim.id} is not judged: {verdict.unreadable}", file=sys.stderr)
-    if len(unjudged) > NAMED:
-        print(f"study: {len(unjudged) - NAMED} more claims are not judged", file=sys.stderr)
+    claims_by_reason: dict[str, list[str]] = {}
+    for verdict in verdicts:
+        if verdict.unreadable:
+            claims_by_reason.setdefault(verdict.unreadable, []).append(verdict.claim.id)
+    for reason, ids in claims_by_reason.items():
+        are = "is" if len(ids) == 1 else "are"
+        print(f"study: {_first(ids)} {are} not judged: {reason}", file=sys.stderr)
+
+
+def _first(names: list[str]) -> str:
+    """Return the first few names, and how many more there are."""
+    rest = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + rest
 
 
 def _tell_outdated(results: Results) -> None:
@@ -360,12 +368,10 @@ def _tell_state(what: str, keys: list[str], n_cases: int) -> None:
     """Say how many results are in a state, and how to mend it: by cases, if they are few."""
     if not keys:
         return
-    named = ", ".join(keys[:NAMED])
-    rest = f" and {len(keys) - NAMED} more" if len(keys) > NAMED else ""
     sections = list(dict.fromkeys(key.partition("/")[0] for key in keys))
-    again = keys if not rest else [] if len(sections) == len(SECTIONS) else sections
+    again = keys if len(keys) <= NAMED else [] if len(sections) == len(SECTIONS) else sections
     print(
         f"study: of {n_cases} results {len(keys)} {'is' if len(keys) == 1 else 'are'} {what}: "
-        f"{named}{rest}; run {' '.join(['./run study', *again])}",
+        f"{_first(keys)}; run {' '.join(['./run study', *again])}",
         file=sys.stderr,
     )
