@@ -23,7 +23,7 @@ from figures.drawing import (
     title,
     up_to_date,
 )
-from study.core.folder import ensure_results_folder
+from study.core.folder import ensure_writable
 from study.core.pool import Failed, Pool, Task
 from study.core.store import Results, StudyError, write_json
 from study.paper.items import ITEMS
@@ -144,7 +144,7 @@ def _results_folder(stated: Path | None, out: Path | None) -> Path | None:
         return stated.absolute()
     results = ROOT / "results"
     try:
-        ensure_results_folder(results)
+        ensure_writable(results)
     except StudyError:
         return (out / "results").absolute() if out else None
     return results

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from study.core import runner
 from study.core.cases import SECTIONS, Case, Section, load_section
-from study.core.folder import ensure_results_folder
+from study.core.folder import ensure_writable
 from study.core.interrupt import INTERRUPTED, end, handled, stop
 from study.core.store import Results, StudyError, TrackedResults
 
@@ -151,7 +151,7 @@ def study(
         raise StudyError(f"there is no section {unknown}; there are {', '.join(SECTIONS)}")
     if jobs < 1:
         raise StudyError(f"--jobs needs at least 1 process, not {jobs}")
-    ensure_results_folder(out)
+    ensure_writable(out)
     if any("/" in one for one in wanted):
         cases = _cases(wanted, sections)
         if recompute:
@@ -197,7 +197,7 @@ def report(out: Path, jobs: int = 1) -> int:
     from study.judge import claims
 
     results = _ensure_stored(out)
-    ensure_results_folder(out)
+    ensure_writable(out)
     _tell_outdated(results)
     return conclude(out, claims.load_claims(), complete=False, jobs=jobs)
 

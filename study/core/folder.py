@@ -13,21 +13,37 @@ FILES = ("claims.json", "cost.json", "report.html", "report.pdf")
 FOLDERS = ("figures", "gallery", "site")
 
 
-def ensure_results_folder(out: Path) -> None:
+def ensure_writable(out: Path) -> None:
+    """Make a folder of results, unless it is one, and look whether it can be written to.
+
+    Raises:
+        StudyError: If it cannot, or is someone else's.
+    """
+    claim_results_folder(out)
+    try:
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        raise _not_writable(out, error) from None
+
+
+def claim_results_folder(out: Path) -> None:
     """Make a folder of results, unless it is one; one without a mark is known by what is in it.
 
     Raises:
-        StudyError: If it cannot be written to, or is someone else's: files of these names in it
-            would be replaced.
+        StudyError: If it cannot be made, or is someone else's: files of some names in it would be
+            replaced.
     """
     try:
         claim_folder(out, KIND, _holds_results)
-        with tempfile.TemporaryFile(dir=out):
-            pass
     except ForeignEntry as error:
         raise StudyError(str(error)) from None
     except OSError as error:
-        raise StudyError(f"{out} cannot be written to: {error.strerror}") from None
+        raise _not_writable(out, error) from None
+
+
+def _not_writable(out: Path, error: OSError) -> StudyError:
+    return StudyError(f"{out} cannot be written to: {error.strerror}")
 
 
 def _holds_results(folder: Path) -> bool:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pw_files import ForeignEntry
 from study.core.cases import SECTIONS
-from study.core.folder import ensure_results_folder
+from study.core.folder import claim_results_folder
 from study.core.store import CorruptResult, Results, StudyError
 from study.site import build
 
@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if not any(results.cases(section) for section in SECTIONS):
             raise StudyError(f"there are no results in {results.folder}: run ./run study")
-        ensure_results_folder(results.folder)  # to which the gallery's pictures are added
+        claim_results_folder(results.folder)  # to which the gallery's pictures are added
         missing = build(results, out.resolve(), options.jobs)
     except (StudyError, ForeignEntry) as error:
         print(f"site: {error}", file=sys.stderr)
