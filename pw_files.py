@@ -320,7 +320,7 @@ def _naming(path: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno is None or (error.filename and _UNFINISHED not in str(error.filename)):
             raise
-        raise type(error)(error.errno, error.strerror, str(path)) from error
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def _create_locked(folder: Path) -> tuple[Path, int]:
@@ -469,12 +469,15 @@ def _write_mark(folder: Path, kind: str, entries: list[str]) -> None:
 
 
 def _read_mark(folder: Path) -> dict[str, Any]:
-    """Return a folder's mark; an empty one if it has none, or one that is not of the project."""
+    """Return a folder's mark: an empty one if it has none, one of no kind if it is not ours."""
     try:
         mark = json.loads((folder / MARK).read_bytes())
-    except (FileNotFoundError, ValueError, RecursionError):
+    except FileNotFoundError:
         return {}
-    return mark if isinstance(mark, dict) and mark.get("made by") == _MADE_BY else {}
+    except (ValueError, RecursionError):
+        return {"kind": None}
+    ours = isinstance(mark, dict) and mark.get("made by") == _MADE_BY
+    return mark if ours else {"kind": None}
 
 
 def _listed(names: list[str]) -> str:

@@ -133,7 +133,7 @@ def draw_all(folder: Path, complete: bool, jobs: int = 1) -> bool:
     try:
         write_json(folder / "figures" / "index.json", ordered)
     except OSError as error:
-        _say(f"{error.filename} cannot be written: {error.strerror}")
+        _say(f"the index of figures cannot be written: {error}")
         return False
     return not (failed or (complete and wanting))
 

@@ -12,11 +12,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from pw_files import ForeignEntry
 from study.core import runner
 from study.core.cases import SECTIONS, Case, Section, load_section
 from study.core.folder import ensure_writable
 from study.core.interrupt import INTERRUPTED, end, handled, stop
-from study.core.store import Results, StudyError, TrackedResults
+from study.core.store import EXIT_CORRUPT, Results, StudyError, TrackedResults
 
 if TYPE_CHECKING:
     from study.judge.claims import Claim, Verdict
@@ -27,7 +28,6 @@ FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
 NAMED = 5  # outdated results that are named; more are counted
-CORRUPT = 3  # exit status where stored results cannot be read
 
 USAGE = """\
   study                   all sections, then claims, figures and report
@@ -79,7 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
             status = _command(options)
             sys.stdout.flush()
             return status
-    except StudyError as error:
+    except (StudyError, ForeignEntry) as error:
         print(f"study: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # who reads has seen enough, as in "study list | head"
@@ -218,7 +218,7 @@ def check(out: Path) -> int:
     differing = [verdict for verdict in verdicts if verdict.differs]
     print(claims.table(differing) + claims.summary(verdicts))
     _tell_unreadable(verdicts)
-    return CORRUPT if _any_corrupt(results) else int(bool(differing))
+    return EXIT_CORRUPT if _any_corrupt(results) else int(bool(differing))
 
 
 def show(out: Path) -> int:
@@ -270,7 +270,7 @@ def conclude(
         print(f"report: incomplete, {part}", file=sys.stderr)
     print(f"report: {out / 'report.html'} and {out / 'report.pdf'}")
     if _any_corrupt(results):
-        return CORRUPT
+        return EXIT_CORRUPT
     return int(bool(differing) or not drawn or (complete and bool(incomplete)))
 
 
@@ -357,11 +357,10 @@ def _tell_outdated(results: Results) -> None:
     states = runner.states(cases, results)
     for what in ("outdated", "missing", "corrupt") if cases else ():
         _tell_state(what, [key for key, state in states.items() if state == what], len(cases))
-    strays = {key: why for one in SECTIONS for key, why in results.corrupt(one).items()}
-    for key, why in strays.items():
-        if key not in states:
-            of = "" if not cases else "it is the result of no case, and "
-            print(f"study: {of}{why}", file=sys.stderr)
+    corrupt = {key: why for one in SECTIONS for key, why in results.corrupt(one).items()}
+    for key in sorted(corrupt.keys() - states.keys()):
+        stray = f"{results.folder / key}.json {runner.STRAY}"
+        print(f"study: {stray if cases else corrupt[key]}", file=sys.stderr)
 
 
 def _tell_state(what: str, keys: list[str], n_cases: int) -> None:

@@ -31,6 +31,7 @@ from study.core.store import (
 # the paper's displacements are not small is no news in each of several hundred
 logging.getLogger("pw_elements").addHandler(logging.NullHandler())
 
+STRAY = "is the result of no case, and cannot be read: move it away"
 PATIENCE = 20  # times that a case is tried again because another process compiles what it needs
 
 Validity = Literal["stored", "outdated", "missing", "corrupt"]
@@ -103,7 +104,7 @@ def discard_others(section: Section, out: Path) -> None:
         if is_result(path):
             discard(out, section.id, stored)
         else:
-            _say(f"{path} is the result of no case, and cannot be read: move it away")
+            _say(f"{path} {STRAY}")
 
 
 def run(

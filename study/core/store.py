@@ -15,6 +15,8 @@ import numpy as np
 
 import pw_files
 
+EXIT_CORRUPT = 3  # status of commands that meet stored results which cannot be read
+
 _KIND = "pw_elements study result"
 FORMAT = f"{_KIND} 2"
 _NUMBERS = ("parameters", "scalars", "units", "provenance")

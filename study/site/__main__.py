@@ -5,17 +5,15 @@ import os
 import sys
 from pathlib import Path
 
-from pw_files import ForeignEntry
 from study.core.cases import SECTIONS
 from study.core.folder import claim_results_folder
-from study.core.store import CorruptResult, Results, StudyError
+from study.core.store import EXIT_CORRUPT, CorruptResult, Results, StudyError
 from study.site import build
 
 USAGE = """\
-exit status: 0; 1 if something is missing; 2 for bad usage, or if the folder is not to be replaced;
+exit status: 0; 1 if something is missing; 2 for bad usage or if the site cannot be written;
 3 if stored results are corrupt: the pages say what could not be shown
 """
-CORRUPT = 3
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -33,14 +31,14 @@ def main(arguments: list[str] | None = None) -> int:
             raise StudyError(f"there are no results in {results.folder}: run ./run study")
         claim_results_folder(results.folder)  # to which the gallery's pictures are added
         missing = build(results, out.resolve(), options.jobs)
-    except (StudyError, ForeignEntry) as error:
+    except (StudyError, OSError) as error:
         print(f"site: {error}", file=sys.stderr)
-        return CORRUPT if isinstance(error, CorruptResult) else 2
+        return EXIT_CORRUPT if isinstance(error, CorruptResult) else 2
     for line in missing:
         print(f"site: {line}", file=sys.stderr)
     print(f"site: {out / 'index.html'}")
     if any(results.corrupt(section) for section in SECTIONS):
-        return CORRUPT
+        return EXIT_CORRUPT
     return int(bool(missing))
 
 

@@ -94,6 +94,14 @@ def test_a_folder_without_the_right_mark_is_not_replaced(tmp_path, mark):
         claim_folder(path, KIND)
     assert (path / "one").read_text() == "mine"
     assert os.listdir(tmp_path) == ["made"]
+    if mark is not None:  # the mark may be all that the user has there
+        (path / "one").unlink()
+        before = (path / MARK).read_text()
+        with pytest.raises(ForeignEntry):
+            claim_folder(path, KIND)
+        with pytest.raises(ForeignEntry):
+            make(path, one="2")
+        assert (path / MARK).read_text() == before
 
 
 def test_files_and_links_in_the_place_of_a_folder(tmp_path):

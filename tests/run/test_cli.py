@@ -245,10 +245,22 @@ def test_files_that_are_no_results_stay_in_a_section_and_are_named(run, out, cap
     capsys.readouterr()
     assert run("check") == 3
     said = capsys.readouterr().err
-    assert f"study: it is the result of no case, and {out / '1' / 'notes.json'} cannot" in said
+    for name in ("notes", "broken"):
+        path = out / "1" / f"{name}.json"
+        assert f"study: {path} is the result of no case, and cannot be read: move it" in said
     assert run("1") == 3
     assert f"{out / '1' / 'broken.json'} is the result of no case" in capsys.readouterr().err
     assert {path.stem for path in (out / "1").iterdir()} == {"a", "b", "notes", "broken"}
+
+
+def test_a_folder_in_the_place_of_a_file_is_one_sentence(run, out, capsys):
+    assert run("1") == 0
+    (out / "claims.json").unlink()
+    (out / "claims.json" / "mine").mkdir(parents=True)
+    capsys.readouterr()
+    assert run("report") == 2
+    assert capsys.readouterr().err.endswith("claims.json is no regular file: it is not replaced\n")
+    assert (out / "claims.json" / "mine").is_dir()
 
 
 @pytest.mark.parametrize("command", ["1", "1/b", "report", ""])
