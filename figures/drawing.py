@@ -22,9 +22,9 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 import figures
-import pw_files
 from figures.narrow import narrowed
 from figures.style import MANY, style
+from study.core import files
 from study.core.sources import closure
 from study.core.store import (
     CorruptResult,
@@ -109,7 +109,7 @@ def export(name: str, results: Results, path: Path) -> list[Path]:
                 stream = io.BytesIO()
                 kind = file.suffix[1:]
                 figure.savefig(stream, format=kind, metadata=METADATA[kind])
-                pw_files.replace_file(file, stream.getvalue(), ours)
+                files.replace_file(file, stream.getvalue(), ours)
         finally:
             plt.close("all")
     return written
@@ -127,7 +127,7 @@ def check_exports(path: Path) -> None:
         ForeignEntry: Says which.
     """
     for file in exports(path):
-        pw_files.check_file(file, _is_export)
+        files.check_file(file, _is_export)
 
 
 def _is_export(file: Path) -> bool:
@@ -145,11 +145,11 @@ def up_to_date(name: str, results: Results) -> Entry | None:
     try:
         note = json.loads(_note(results.folder, name).read_bytes())
         entry, digest = note["entry"], note["digest"]
-        files = [picture(results.folder, name, kind) for kind in KINDS]
+        pictures = [picture(results.folder, name, kind) for kind in KINDS]
         digests = {key: _file_digest(results.folder, key) for key in note["keys"]}
         names = {section: results.cases(section) for section in note["sections"]}
         same = digest == _digest(name, digests, names)
-        return entry if same and all(path.is_file() for path in files) else None
+        return entry if same and all(path.is_file() for path in pictures) else None
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
 

@@ -12,9 +12,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from pw_files import ForeignEntry
 from study.core import runner
 from study.core.cases import SECTIONS, Case, Section, load_section
+from study.core.files import ForeignEntry
 from study.core.folder import ensure_writable
 from study.core.interrupt import INTERRUPTED, end, handled, stop
 from study.core.store import EXIT_CORRUPT, Results, StudyError, TrackedResults

@@ -16,8 +16,8 @@ from unittest.mock import patch
 
 import numpy as np
 
-import pw_files
-from pw_files import claim_folder, replace_file, replacing_folder, sweep
+from pw_elements import files
+from pw_elements.files import claim_folder, replace_file, replacing_folder, sweep
 from study.core.store import CorruptResult, MissingResult, Result, Results, save
 
 CALLS = (
@@ -47,10 +47,10 @@ class Watched:
 
     @contextmanager
     def watching(self):
-        exchange, opened = pw_files._exchange, os.fdopen
+        exchange, opened = files._exchange, os.fdopen
         patches = [patch.object(os, name, self(getattr(os, name))) for name in CALLS]
         patches.append(patch.object(fcntl, "flock", self(fcntl.flock)))
-        patches.append(patch.object(pw_files, "_exchange", self(exchange)))
+        patches.append(patch.object(files, "_exchange", self(exchange)))
         patches.append(patch.object(os, "fdopen", lambda *args: Stream(opened(*args), self)))
         for one in patches:
             one.start()
@@ -155,7 +155,7 @@ class FolderCase:
             return "missing"
         found = {OLD: "old", NEW: "new"}[(made / "one").read_bytes()]
         names = {str(path.relative_to(made)) for path in made.rglob("*")}
-        assert names == {pw_files.MARK, "one", found, f"{found}/deep"}, names
+        assert names == {files.MARK, "one", found, f"{found}/deep"}, names
         assert (made / found / "deep").read_bytes() == (made / "one").read_bytes()
         return found
 
@@ -182,7 +182,7 @@ class FolderWithoutExchangeCase(FolderCase):
     """A folder on a system that cannot exchange two."""
 
     def operate(self, folder):
-        with patch.object(pw_files.ctypes, "CDLL", lambda *_, **__: object()):
+        with patch.object(files.ctypes, "CDLL", lambda *_, **__: object()):
             super().operate(folder)
 
 
@@ -200,7 +200,7 @@ class ClaimCase:
         if not made.exists():
             return "missing"
         names = [path.name for path in made.iterdir()]
-        return "new" if names == [pw_files.MARK] else "missing"
+        return "new" if names == [files.MARK] else "missing"
 
 
 class ResultCase:

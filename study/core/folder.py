@@ -3,8 +3,8 @@
 import tempfile
 from pathlib import Path
 
-from pw_files import ForeignEntry, claim_folder
 from study.core.cases import SECTIONS
+from study.core.files import ForeignEntry, claim_folder
 from study.core.store import StudyError, is_result
 
 KIND = "a folder of results"

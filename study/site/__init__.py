@@ -9,7 +9,7 @@ import os
 import shutil
 from pathlib import Path
 
-from pw_files import replacing_folder
+from study.core.files import replacing_folder
 from study.core.store import Results, StudyError
 from study.site import evidence, gallery, reference
 from study.texts import load_figures

@@ -34,8 +34,8 @@ from pw_elements.contact import (
     plot,
     write,
 )
+from pw_elements.files import MARK
 from pw_elements.meshes import mapped, triangles
-from pw_files import MARK
 from study.elements import composite
 from study.verification.half_space import Elastic as HalfPlane
 from study.verification.half_space import HertzLine, HertzSphere

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-import pw_files
-from pw_files import (
+from pw_elements import files
+from pw_elements.files import (
     MARK,
     FolderReplacement,
     ForeignEntry,
@@ -142,7 +142,7 @@ def test_what_comes_into_a_folder_while_another_one_is_made_is_kept(tmp_path):
 
 @pytest.mark.parametrize("exchanges", [True, False])
 def test_what_comes_at_the_last_moment_is_kept_too(tmp_path, monkeypatch, exchanges):
-    path, exchange = tmp_path / "made", pw_files._exchange
+    path, exchange = tmp_path / "made", files._exchange
     make(path, one="old")
 
     def late(one, other):
@@ -150,7 +150,7 @@ def test_what_comes_at_the_last_moment_is_kept_too(tmp_path, monkeypatch, exchan
             (path / "late").write_text("mine")
         return exchange(one, other) if exchanges else False
 
-    monkeypatch.setattr(pw_files, "_exchange", late)
+    monkeypatch.setattr(files, "_exchange", late)
     with pytest.raises(ForeignEntry, match="it holds late"):
         make(path, one="new")
     assert ((path / "one").read_text(), (path / "late").read_text()) == ("old", "mine")
@@ -205,7 +205,7 @@ def test_a_mark_of_a_folder_of_files_outlives_its_own_replacement(tmp_path):
 WRITE = """
 import sys
 from pathlib import Path
-from pw_files import replacing_file, replacing_folder
+from pw_elements.files import replacing_file, replacing_folder
 folder = Path(sys.argv[1])
 with replacing_file(folder / "file") as stream, replacing_folder(folder / "made", "K") as made:
     stream.write(b"begun")

@@ -23,6 +23,7 @@ LIBRARY = ROOT / "pw_elements"
 WINGS = [  # of the library, from the lowest to the highest
     "arrays",
     "_compat",
+    "files",
     "progress",
     "checks",
     "spaces",
@@ -79,7 +80,7 @@ def rooms(folder):
 def test_a_folder_of_the_library_has_at_most_eight_rooms():
     folders = [path.parent for path in LIBRARY.rglob("__init__.py")]
     counts = {folder.relative_to(LIBRARY): len(rooms(folder)) for folder in folders}
-    assert counts.pop(Path(".")) <= 12
+    assert counts.pop(Path(".")) <= 13
     assert {folder: n for folder, n in counts.items() if n > 8} == {}
     assert len(counts) > 8
 
@@ -211,7 +212,7 @@ def test_an_iteration_enters_few_modules(monkeypatch, method, solver, most):
     assert 0 < len(entered) <= most, sorted(entered)
 
 
-# Calls that replace or delete: on what they may be, in modules other than `pw_files`
+# Calls that replace or delete: on what they may be, in modules other than `files`
 DESTRUCTIVE = {"replace", "rename", "renames", "unlink", "remove", "rmdir", "removedirs", "rmtree"}
 DESTRUCTIVE |= {"move", "truncate"}
 ALLOWED = {
@@ -233,8 +234,10 @@ def test_one_module_replaces_and_deletes():
             name, owner = node.func.attr, ast.unparse(node.func.value)
             if name in ON_PATHS or (name in DESTRUCTIVE and owner in ("os", "shutil")):
                 found.setdefault(str(path.relative_to(ROOT)), set()).add(f"{owner}.{name}")
+    # the study loads the module without the package, so it may import nothing of it
+    assert tops(imported("pw_elements.files")) <= {*sys.stdlib_module_names}
+    del found["pw_elements/files.py"]
     assert found == ALLOWED
-    assert tops(imported("pw_files")) <= {*sys.stdlib_module_names}
 
 
 def test_oracle_shares_no_code_with_what_it_judges():

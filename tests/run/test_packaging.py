@@ -28,7 +28,6 @@ def test_every_folder_of_the_library_is_packaged_and_typed():
     packages = {".".join(folder.relative_to(ROOT).parts) for folder in folders}
     assert set(PROJECT["tool"]["setuptools"]["packages"]) == packages
     assert ((ROOT / "pw_elements") / "py.typed").exists()
-    assert PROJECT["tool"]["setuptools"]["py-modules"] == ["pw_files"]
 
 
 def test_every_package_that_the_library_imports_is_declared():
@@ -39,7 +38,7 @@ def test_every_package_that_the_library_imports_is_declared():
     paths = [path.relative_to(ROOT) for path in (ROOT / "pw_elements").rglob("*.py")]
     names = {name for path in paths for name in imported(".".join(path.with_suffix("").parts))}
     others = {name.split(".")[0] for name in names}
-    assert others - {*sys.stdlib_module_names, "pw_elements", "pw_files"} == declared
+    assert others - {*sys.stdlib_module_names, "pw_elements"} == declared
 
 
 def test_linters_are_of_one_version_in_every_check():

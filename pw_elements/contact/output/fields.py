@@ -31,6 +31,7 @@ from pw_elements.contact.iteration import HELD, OPEN
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.storage import checked_path
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, boundary_measure, facets_between
+from pw_elements.files import FolderReplacement
 from pw_elements.spaces import (
     SubSpace,
     as_function,
@@ -42,7 +43,6 @@ from pw_elements.spaces import (
     split,
     test_space,
 )
-from pw_files import FolderReplacement
 
 # Largest difference of a node's positions in a state and in the space, over the largest coordinate
 _NEAR = 1e-9

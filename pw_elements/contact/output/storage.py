@@ -20,9 +20,9 @@ from pw_elements.arrays import Array
 from pw_elements.checks import arguments, collective
 from pw_elements.contact.interface import midpoints_around
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
+from pw_elements.files import replacing_file
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import fields_of
-from pw_files import replacing_file
 
 # Names of the arrays of places that belong to values
 _FIELDS = {"displacement": "nodes", "pressure": "pressure_nodes"}
