@@ -20,7 +20,7 @@ from pw_elements.arrays import Array
 from pw_elements.checks import arguments, collective
 from pw_elements.contact.interface import midpoints_around
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
-from pw_elements.files import replacing_file
+from pw_elements.files import ForeignEntry, replacing_file
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import fields_of
 
@@ -36,7 +36,7 @@ _OF_NUMBERS = {
     "smallness": Smallness,
 }
 _KIND = "pw_elements contact state"
-_FORMAT = f"{_KIND} 6"
+_FORMAT = f"{_KIND} 7"
 # First array of a file, by which it is known for a state, whole or not: the digest of the others
 _MARK = f"{_KIND}, digest"
 _HEAD = 200  # bytes of a file that have the name of its first array
@@ -83,6 +83,8 @@ def write_state(
         if arrays:
             try:
                 _write(path, arrays)
+            except ForeignEntry:
+                raise
             except OSError as failed:
                 raise type(failed)(f"the state cannot be written to {path}: {failed}") from failed
 
