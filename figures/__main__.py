@@ -16,6 +16,7 @@ from pathlib import Path
 from figures.drawing import Drawn, Entry, draw, export, natural, scripts, title, up_to_date
 from study.core.pool import Failed, Pool, Task
 from study.core.store import Results, StudyError, write_json
+from study.core.supervisor import supervise
 from study.paper.items import ITEMS
 
 ROOT = Path(__file__).parents[1]
@@ -175,8 +176,4 @@ def _say(line: str) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except KeyboardInterrupt:
-        _say("interrupted")
-        sys.exit(130)
+    sys.exit(supervise(main, "figures"))

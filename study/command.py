@@ -3,11 +3,9 @@
 import argparse
 import errno
 import os
-import signal
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -15,7 +13,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from study.core import runner
 from study.core.cases import SECTIONS, Case, Section, load_section
-from study.core.interrupt import INTERRUPTED, end, handled, stop
+from study.core.pool import ignore_broken_pipes
 from study.core.store import Results, StudyError, TrackedResults
 
 if TYPE_CHECKING:
@@ -44,7 +42,8 @@ check and report take stored results as they are, and say on stderr which are ou
 Sections and cases that are named print the verdicts that depend on them; the other commands all.
 
 exit status: 0; 1 if a case failed or a verdict differs from the pinned one; 2 for bad usage or
-no room; 130 after Ctrl-C; 141 if nobody reads any more what it says
+no room; 141 if nobody reads any more what it says; 128 and its number if a signal ended it, as
+130 after Ctrl-C
 """
 
 
@@ -72,10 +71,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=_folder, default=results, metavar="DIR")
     options = parser.parse_intermixed_args(arguments)
     try:
-        with handled(stop):
-            status = _command(options)
-            sys.stdout.flush()
-            return status
+        status = _command(options)
+        sys.stdout.flush()
+        return status
     except StudyError as error:
         print(f"study: {error}", file=sys.stderr)
         return 2
@@ -88,9 +86,6 @@ def main(arguments: list[str] | None = None) -> int:
         where = error.filename or ("what it says" if _unsaid() else options.out)
         print(f"study: {where}: {error.strerror}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print(INTERRUPTED, file=sys.stderr)
-        return 130
 
 
 def _unsaid() -> bool:
@@ -280,8 +275,9 @@ def draw_figures(out: Path, complete: bool, jobs: int = 1) -> bool:
 
 
 def _load(sections: list[str]) -> list[Section]:
-    with _quiet_imports():
-        return [_with_recomputed(load_section(section)) for section in sections]
+    loaded = [_with_recomputed(load_section(section)) for section in sections]
+    ignore_broken_pipes()  # which PETSc, imported just now, takes for a crash
+    return loaded
 
 
 def _with_recomputed(section: Section) -> Section:
@@ -292,20 +288,6 @@ def _with_recomputed(section: Section) -> Section:
 
     cases = [replace(case, recomputed=CASES.get(case.key)) for case in section.cases]
     return replace(section, cases=cases)
-
-
-@contextmanager
-def _quiet_imports() -> Iterator[None]:
-    """Let Ctrl-C end the process at once, before anything was written.
-
-    A package takes it for a part of itself that is missing, and prints advice. PETSc takes a
-    reader who has seen enough for a crash: pipes are as before afterwards.
-    """
-    try:
-        with handled(end):
-            yield
-    finally:
-        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
 def _ensure_writable(out: Path) -> None:

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from study.core.store import Results, StudyError
+from study.core.supervisor import supervise
 from study.site import build
 
 
@@ -30,4 +31,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(supervise(main, "site"))
