@@ -16,17 +16,16 @@ without them, and only Ctrl-C ends it with a line.
 runs a module as `python3 -m MODULE` does, under a supervisor.
 """
 
-import ctypes
 import os
 import runpy
-import shutil
 import signal
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
+
+# Other modules are imported where they are used: until `supervise` is called, a signal has its
+# usual effect
 
 SIGNALS = {signal.SIGHUP, signal.SIGINT, signal.SIGTERM}
 """Signals that end a command with one line; where one is ignored, as by nohup, it stays so."""
@@ -175,20 +174,25 @@ def _has_supervisor() -> bool:
 def _parents() -> dict[int, int]:
     """Return the parent of each process that can be seen."""
     parents = {}
-    for folder in Path("/proc").glob("[1-9]*"):
-        with suppress(OSError):  # it has just ended
-            stat = (folder / "stat").read_text(errors="replace")
-            parents[int(folder.name)] = int(stat.rpartition(")")[2].split()[1])
+    for process in os.listdir("/proc"):
+        if not process.isdecimal():
+            continue
+        with suppress(OSError), open(f"/proc/{process}/stat", "rb") as stream:  # if it is there yet
+            parents[int(process)] = int(stream.read().rpartition(b")")[2].split()[1])
     return parents
 
 
 def _control_process(option: int, value: int) -> None:
+    import ctypes
+
     with suppress(AttributeError):
         ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
 
 
 def _make_temporary_folder() -> str | None:
     """Return a folder for all temporary files of the command, or None where none can be made."""
+    import tempfile
+
     try:
         return tempfile.mkdtemp(prefix="pw-elements-")
     except OSError:
@@ -196,6 +200,8 @@ def _make_temporary_folder() -> str | None:
 
 
 def _remove_folder(folder: str | None) -> None:
+    import shutil
+
     if folder:
         shutil.rmtree(folder, ignore_errors=True)
 
