@@ -201,5 +201,6 @@ def test_a_signal_before_the_command_began_is_one_line_and_leaves_nothing(tmp_pa
             run.send(signal.SIGTERM, group)
             assert run.wait() == -signal.SIGTERM
             assert run.left_in_the_end() == []
+            assert len(run.lines()) == 1, run.lines()
             (line,) = run.lines()
             assert line.startswith("run: interrupted by SIGTERM before the command began")
