@@ -3,6 +3,7 @@
 import argparse
 import errno
 import os
+import resource
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -24,6 +25,7 @@ FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
 """Where ./run study was called, if not in the project's folder."""
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
+OPEN_FILES = 64  # that two processes, their pipes and the report need
 NAMED = 5  # outdated results that are named; more are counted
 
 USAGE = """\
@@ -143,6 +145,7 @@ def study(
         raise StudyError(f"there is no section {unknown}; there are {', '.join(SECTIONS)}")
     if jobs < 1:
         raise StudyError(f"--jobs needs at least 1 process, not {jobs}")
+    _ensure_open_files()
     _ensure_writable(out)
     if any("/" in one for one in wanted):
         cases = _cases(wanted, sections)
@@ -288,6 +291,15 @@ def _with_recomputed(section: Section) -> Section:
 
     cases = [replace(case, recomputed=CASES.get(case.key)) for case in section.cases]
     return replace(section, cases=cases)
+
+
+def _ensure_open_files() -> None:
+    allowed = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    if 0 <= allowed < OPEN_FILES:
+        raise StudyError(
+            f"{allowed} open files are allowed, and {OPEN_FILES} are needed: "
+            f"allow them by ulimit -n {OPEN_FILES}"
+        )
 
 
 def _ensure_writable(out: Path) -> None:
