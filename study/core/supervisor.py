@@ -27,7 +27,7 @@ from contextlib import contextmanager, suppress
 # Other modules are imported where they are used: until `supervise` is called, a signal has its
 # usual effect
 
-SIGNALS = {signal.SIGHUP, signal.SIGINT, signal.SIGTERM}
+SIGNALS: set[signal.Signals] = {signal.SIGHUP, signal.SIGINT, signal.SIGTERM}
 """Signals that end a command with one line; where one is ignored, as by nohup, it stays so."""
 
 KEPT = {
@@ -61,7 +61,9 @@ def supervise(command: Callable[[], int], name: str) -> int:
         return command()
     if sys.platform != "linux":
         return _run_alone(command, name)
-    stopping = {one for one in SIGNALS if signal.getsignal(one) != signal.SIG_IGN}
+    stopping: set[signal.Signals] = {
+        one for one in SIGNALS if signal.getsignal(one) != signal.SIG_IGN
+    }
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {*stopping, signal.SIGTERM, signal.SIGCHLD})
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # where it is ignored, no status is left
     _control_process(_SET_SUBREAPER, 1)
