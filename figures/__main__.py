@@ -26,6 +26,7 @@ from figures.drawing import (
 from study.core.folder import ensure_writable
 from study.core.pool import Failed, Pool, Task
 from study.core.store import Results, StudyError, write_json
+from study.core.supervisor import supervise
 from study.paper.items import ITEMS
 
 ROOT = Path(__file__).parents[1]
@@ -191,8 +192,4 @@ def _say(line: str) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except KeyboardInterrupt:
-        _say("interrupted")
-        sys.exit(130)
+    sys.exit(supervise(main, "figures"))

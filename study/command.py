@@ -3,10 +3,9 @@
 import argparse
 import errno
 import os
-import signal
+import resource
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -16,7 +15,7 @@ from study.core import runner
 from study.core.cases import SECTIONS, Case, Section, load_section
 from study.core.files import ForeignEntry
 from study.core.folder import ensure_writable
-from study.core.interrupt import INTERRUPTED, end, handled, stop
+from study.core.pool import ignore_broken_pipes
 from study.core.store import EXIT_CORRUPT, Results, StudyError, TrackedResults
 
 if TYPE_CHECKING:
@@ -27,6 +26,7 @@ FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
 """Where ./run study was called, if not in the project's folder."""
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
+OPEN_FILES = 64  # that two processes, their pipes and the report need
 NAMED = 5  # outdated results that are named; more are counted
 
 USAGE = """\
@@ -46,8 +46,8 @@ corrupt, that is not as they were written. What needs missing or corrupt ones is
 Sections and cases that are named print the verdicts that depend on them; the other commands all.
 
 exit status: 0; 1 if a case failed or a verdict differs from the pinned one; 2 for bad usage or
-no room; 3 if stored results are corrupt, whatever the other verdicts; 130 after Ctrl-C; 141 if
-nobody reads any more what it says
+no room; 3 if stored results are corrupt, whatever the other verdicts; 141 if nobody reads any more
+what it says; 128 and its number if a signal ended it, as 130 after Ctrl-C
 """
 
 
@@ -75,10 +75,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=_folder, default=results, metavar="DIR")
     options = parser.parse_intermixed_args(arguments)
     try:
-        with handled(stop):
-            status = _command(options)
-            sys.stdout.flush()
-            return status
+        status = _command(options)
+        sys.stdout.flush()
+        return status
     except (StudyError, ForeignEntry) as error:
         print(f"study: {error}", file=sys.stderr)
         return 2
@@ -91,9 +90,6 @@ def main(arguments: list[str] | None = None) -> int:
         where = error.filename or ("what it says" if _unsaid() else options.out)
         print(f"study: {where}: {error.strerror}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print(INTERRUPTED, file=sys.stderr)
-        return 130
 
 
 def _unsaid() -> bool:
@@ -151,6 +147,7 @@ def study(
         raise StudyError(f"there is no section {unknown}; there are {', '.join(SECTIONS)}")
     if jobs < 1:
         raise StudyError(f"--jobs needs at least 1 process, not {jobs}")
+    _ensure_open_files()
     ensure_writable(out)
     if any("/" in one for one in wanted):
         cases = _cases(wanted, sections)
@@ -290,8 +287,9 @@ def draw_figures(out: Path, complete: bool, jobs: int = 1) -> bool:
 
 
 def _load(sections: list[str]) -> list[Section]:
-    with _quiet_imports():
-        return [_with_recomputed(load_section(section)) for section in sections]
+    loaded = [_with_recomputed(load_section(section)) for section in sections]
+    ignore_broken_pipes()  # which PETSc, imported just now, takes for a crash
+    return loaded
 
 
 def _with_recomputed(section: Section) -> Section:
@@ -304,18 +302,13 @@ def _with_recomputed(section: Section) -> Section:
     return replace(section, cases=cases)
 
 
-@contextmanager
-def _quiet_imports() -> Iterator[None]:
-    """Let Ctrl-C end the process at once, before anything was written.
-
-    A package takes it for a part of itself that is missing, and prints advice. PETSc takes a
-    reader who has seen enough for a crash: pipes are as before afterwards.
-    """
-    try:
-        with handled(end):
-            yield
-    finally:
-        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+def _ensure_open_files() -> None:
+    allowed = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    if 0 <= allowed < OPEN_FILES:
+        raise StudyError(
+            f"{allowed} open files are allowed, and {OPEN_FILES} are needed: "
+            f"allow them by ulimit -n {OPEN_FILES}"
+        )
 
 
 def _ensure_stored(out: Path) -> Results:

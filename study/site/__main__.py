@@ -8,6 +8,7 @@ from pathlib import Path
 from study.core.cases import SECTIONS
 from study.core.folder import claim_results_folder
 from study.core.store import EXIT_CORRUPT, CorruptResult, Results, StudyError
+from study.core.supervisor import supervise
 from study.site import build
 
 USAGE = """\
@@ -43,4 +44,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(supervise(main, "site"))

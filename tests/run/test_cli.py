@@ -15,6 +15,8 @@ import study.command
 import study.report
 from study.command import main
 from study.core.store import Result, Results, StudyError, save
+from study.core.supervisor import KEPT
+from tests.run.processes import Started
 from tests.study.toystudy import claim, install, started
 
 ROOT = Path(__file__).parents[2]
@@ -464,14 +466,17 @@ def test_reader_that_leaves_is_no_crash(tmp_path, command):
 
 
 def test_interrupt_while_importing_is_one_line(tmp_path):
+    """Packages may take it for a part of theirs that is missing."""
     (tmp_path / "toy").mkdir()
-    slow = "import os, signal\ntry:\n    os.kill(os.getpid(), signal.SIGINT)\n"
+    slow = "import os, signal\ntry:\n    os.killpg(0, signal.SIGINT)\n    signal.pause()\n"
     slow += "except KeyboardInterrupt:\n    raise ImportError('take a package') from None\n"
     (tmp_path / "toy" / "__init__.py").write_text(slow)
-    code = "import sys, signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    code += "from study.core.cases import SECTIONS; SECTIONS['1'] = 'toy'\n"
-    code += "from study.command import main; sys.exit(main(['1']))"
-    command, env = [sys.executable, "-c", code], os.environ | {"PYTHONPATH": f"{ROOT}:{tmp_path}"}
-    done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True)
-    assert done.returncode == 130
-    assert done.stderr == "study: interrupted; the results so far are kept\n"
+    code = "import sys; from study.core.cases import SECTIONS; SECTIONS['1'] = 'toy'\n"
+    code += "from study.core.supervisor import supervise; from study.command import main\n"
+    code += "sys.exit(supervise(lambda: main(['1', '--out', 'OUT']), 'study'))"
+    code = code.replace("OUT", str(tmp_path / "results"))
+    command, path = [sys.executable, "-c", code], f"{ROOT}:{tmp_path}"
+    with Started(command, tmp_path / "messages", PYTHONPATH=path) as run:
+        assert run.wait() == 130
+        assert run.lines() == [f"study: interrupted by SIGINT; {KEPT['study']}"]
+        assert run.left() == []

@@ -355,7 +355,7 @@ def test_no_folder_shows_twice():
 @pytest.mark.skipif(not shutil.which("shellcheck"), reason="shellcheck is not installed")
 def test_shellcheck():
     process = subprocess.run(
-        ["shellcheck", "run", ".ci/run", ".ci/nightly", ".ci/package"],
+        ["shellcheck", "run", ".ci/run", ".ci/nightly", ".ci/package", ".ci/signals.sh"],
         cwd=ROOT,
         capture_output=True,
         text=True,
