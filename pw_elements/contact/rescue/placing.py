@@ -107,7 +107,8 @@ class _Way:
         depth: (samples,), of the nodes that are deepest in the opposite side; zero outside of it.
         clearance: least distance of both sides at the end; infinite where nothing is faced.
         deformation: largest distance of the start's nodes from where supports put them.
-        step: longest step of a node as the opposite side sees it, over the extent of the nodes.
+        step: longest step of a node as the opposite side sees it.
+        extent: of the nodes, or of the smaller side of two bodies.
         outside: whether the opposite side has the body in front of it all the way, not behind it.
     """
 
@@ -115,6 +116,7 @@ class _Way:
     clearance: float
     deformation: float
     step: float
+    extent: float
     outside: bool
 
 
@@ -148,7 +150,7 @@ def ends_clear(
         depth[0] > ROUND_OFF * interface.extent
         and depth.max() <= _MAX_DEPTH_GROWTH * depth[0]
         and all(way.clearance > deformation and way.outside for way in each)
-        and (len(ways) == 2 or all(way.step <= _MAX_STEP for way in each))
+        and (len(ways) == 2 or all(way.step <= _MAX_STEP * way.extent for way in each))
     )
 
 
@@ -186,7 +188,8 @@ def _follow_tool(
         depth,
         comm.allreduce(gap[-1].min(initial=np.inf), MPI.MIN),
         comm.allreduce(_farthest(now - moved[0]), MPI.MAX),
-        comm.allreduce(_farthest(np.diff(seen, axis=0)), MPI.MAX) / interface.extent,
+        comm.allreduce(_farthest(np.diff(seen, axis=0)), MPI.MAX),
+        interface.extent,
         comm.allreduce(bool(np.all(faces | (gap >= 0))), MPI.LAND),
     )
 
@@ -214,8 +217,8 @@ def _follow_bodies(
         if j == len(moved) - 1:
             distance = cKDTree(y[slaves:]).query(y[:slaves])[0].min()
             clearance = min(gap.min(initial=np.inf), distance - mortar.measure_facets().max())
-    step = _farthest(np.diff(seen, axis=0)) / extent
-    return _Way(depth, clearance, deformation, step, outside=True)
+    step = _farthest(np.diff(seen, axis=0))
+    return _Way(depth, clearance, deformation, step, extent, outside=True)
 
 
 def _farthest(vectors: Array) -> float:

@@ -155,7 +155,7 @@ class FiniteStepping:
                 self._watch.is_beyond_limit()
             path = self._trace_supports(state, load)
             self._refuse_passing(state, start, end, path)
-            begin = self._place_clear(state, start, end, path)
+            begin = self._place_clear(state, load, start, end)
             pieces = self._count_pieces(start, end, path)
             if pieces > 1:
                 words = f"in {pieces} parts, as slip is not seen from its ends alone"
@@ -246,7 +246,7 @@ class FiniteStepping:
             refuse_supports_through_each_other(interface, sliding.references, *nodes[:2], path)
 
     def _place_clear(
-        self, state: ContactState, start: Target, end: Target, path: Array
+        self, state: ContactState, load: Loading | None, start: Target, end: Target
     ) -> PETSc.Vec | None:
         """Return unknowns (n,) of a body that supports carry along to where all is clear.
 
@@ -257,9 +257,10 @@ class FiniteStepping:
         if self.history or self._update or not comm.allreduce(bool(closed.any()), MPI.LOR):
             return None
         nodes = self._positions, self._held, self._piece
-        for samples in (1, max(len(path) - 1, _LEAVING_SAMPLES)):  # the ends alone tell most
-            ways, along = _sample_ways(start, end, path, samples)
-            pieces = SupportedPieces.fit(*nodes, along, comm)
+        for samples in (1, _LEAVING_SAMPLES):  # the ends alone tell most
+            path = self._sample_supports(state, load, samples)
+            ways, _ = _sample_ways(start, end, path, samples)
+            pieces = SupportedPieces.fit(*nodes, path, comm)
             if not ends_clear(interface, self._tools, pieces, ways, state.unknowns):
                 return None
         begin, owned = state.unknowns.duplicate(), interface.field.owned
