@@ -103,7 +103,7 @@ def test_what_goes_through_a_body_does_not_leave_it():
     assert not lifts_clear(problem, [(0.7, 0.0), (4.0, 0.0)], undeformed)  # behind the side
     assert not lifts_clear(problem, [(0.1, 0.0), (-4.0, 0.0)], undeformed + 5.0)  # out of reach
     assert not lifts_clear(problem, [(0.1, 0.0), (1.5, 2.0)], undeformed)  # first deeper
-    assert not lifts_clear(problem, [(0.3, 0.0), (0.0, 0.01)], undeformed)  # not clear
+    assert not lifts_clear(problem, [(0.3, 0.0), (0.05, 0.0)], undeformed)  # not clear
     assert not lifts_clear(problem, [(-1.0, 0.0), (-4.0, 0.0)], undeformed)  # not in contact
 
 
