@@ -117,7 +117,7 @@ class Interface:
 
         self.position: Array = joined("position")
         self.equation, self.node, self.faced = map(joined, ("equation", "node", "faced"))
-        self._outward, self._beside = joined("outward"), joined("beside")
+        self.outward, self._beside = joined("outward"), joined("beside")
         self.opposite = [part.opposite for part in points]
         self.motion = self.rows(sp.vstack([part.motion for part in points], "csr"))
         self.force = self.rows(sp.vstack([part.force for part in points], "csr")).transpose(
@@ -231,8 +231,7 @@ class Interface:
         number = np.searchsorted(every, np.where(held, counterpart, every[0]))
         theirs = np.take_along_axis(values[number], np.arange(dim)[None, :, None], axis=2)[..., 0]
         theirs = theirs + translations[self.pair, :dim]
-        first = self.field.space.dofmap.index_map.local_range[0]
-        own = self.field.part(prescribed).array_r.reshape(-1, dim)[self.node - first]
+        own = self.at_points(prescribed)
         apart = np.where(counterpart < 0, np.inf, np.abs(own - theirs))
         allowed = _UNLIKE * (np.abs(own) + np.abs(theirs)) + ROUND_OFF * self.extent
         wrong = held & pressed[:, None] & ~(apart <= allowed)
@@ -246,9 +245,9 @@ class Interface:
             )
 
     def _check_sides(self) -> None:
-        pushed = np.sum(self.normals(None) * self._outward, axis=1)
-        wrong = pushed > OUTWARDS * np.linalg.norm(self._outward, axis=1)
-        known = np.any(self._outward != 0, axis=1) & np.isfinite(self.gaps(None))
+        pushed = np.sum(self.normals(None) * self.outward, axis=1)
+        wrong = pushed > OUTWARDS * np.linalg.norm(self.outward, axis=1)
+        known = np.any(self.outward != 0, axis=1) & np.isfinite(self.gaps(None))
         for k in range(self.pairs):
             right = self.gathered(~wrong[known & (self.pair == k)])
             if len(right) and not right.any():
@@ -298,6 +297,12 @@ class Interface:
             for k in range(self.pairs)
         ]
 
+    @property
+    def own_nodes(self) -> Indices:
+        """Numbers (m,) of the points' nodes on this process, which owns them."""
+        first: int = self.field.space.dofmap.index_map.local_range[0]
+        return np.asarray(self.node - first)
+
     @cached_property
     def extent(self) -> float:
         return float(extents(self.comm, self.position).max())
@@ -310,6 +315,11 @@ class Interface:
             points.setArray(np.where((self.pair == pair)[:, None], force, 0.0).ravel())
             return self.at_nodes(nodes, self.force * points)
         return np.zeros((0, force.shape[1]))
+
+    def at_points(self, unknowns: PETSc.Vec) -> Array:
+        """What unknowns (n,) have at the points' nodes, (m, dim)."""
+        values = self.field.part(unknowns).array_r.reshape(-1, self.position.shape[1])
+        return np.asarray(values[self.own_nodes])
 
     def at_nodes(self, nodes: Indices, unknowns: PETSc.Vec) -> Array:
         """What unknowns (n,), or their equations, have at global nodes (k,): (k, dim)."""
