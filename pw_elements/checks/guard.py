@@ -36,6 +36,8 @@ from ufl.core.expr import Expr
 from ufl.core.multiindex import FixedIndex, MultiIndex
 from ufl.corealg.traversal import unique_pre_traversal
 
+from pw_elements.arrays import Array
+
 P = ParamSpec("P")
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -45,6 +47,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 _LOCAL = {"where", "nodes", "free", "history", "substates", "callback", "axes", "source"}
 # Of each open block, the errors that blocks within it have raised on how many processes
 _open: list[list[tuple[BaseException, int]]] = []
+# Attribute of a statement that its check has refused, on one of several processes
+_REFUSAL = "_refusal"
 # Whether what is called now has been compared by a function around it; a user's function has not
 _compared = [False]
 # Attributes by which things know their processes, directly or by what they belong to
@@ -67,7 +71,7 @@ def collective(comm: MPI.Comm) -> Iterator[dict[str, object]]:
     _open.append(known)
     try:
         yield same
-        if comm.size > 1:
+        if MPI.COMM_WORLD.size > 1:  # a single process' own statements may have been refused, too
             digest = int.from_bytes(_digest(same)[:7])
     except BaseException as raised:
         own = raised
@@ -98,11 +102,52 @@ def _refuse_differing(comm: MPI.Comm, same: Mapping[str, object]) -> None:
     for each in zip_longest(*told, fillvalue=("what is done", b"")):
         if len(set(each)) > 1:
             other = next(k for k, one in enumerate(each) if one != each[0])
-            error = ValueError(
-                f"{each[0][0]}: this differs between processes 0 and {other}, but all of them have "
-                "to state the same problem"
-            )
-            raise _known(error, comm)
+            raise _differing(each[0][0], other, comm)
+
+
+def _differing(name: str, other: int, comm: MPI.Comm) -> BaseException:
+    error = ValueError(
+        f"{name}: this differs between processes 0 and {other}, but all of them have to state the "
+        "same problem"
+    )
+    return _known(error, comm)
+
+
+def relative_difference(values: Array, reference: Array) -> float:
+    """Return the largest difference over the largest finite size of the reference.
+
+    It is infinite where shapes differ, or what is infinite or no number.
+    """
+    if values.shape != reference.shape:
+        return np.inf
+    finite = np.isfinite(reference)
+    if not np.array_equal(values[~finite], reference[~finite], equal_nan=True):
+        return np.inf
+    difference = np.abs(values[finite] - reference[finite]).max(initial=0.0)
+    if difference == 0.0:
+        return 0.0
+    return float(np.nan_to_num(difference / np.abs(reference[finite]).max(), nan=np.inf))
+
+
+def compare_numbers(comm: MPI.Comm, numbers: Mapping[str, Array], tolerance: float) -> None:
+    """Raise ValueError on all processes for numbers that differ between them; collective.
+
+    Args:
+        comm: of the processes.
+        numbers: by the names of what gave them, the same names on all processes.
+        tolerance: of differences, over the largest size of each array.
+    """
+    if comm.size == 1:
+        return
+    reference = comm.bcast(dict(numbers))
+    unlike = [
+        name
+        for name, values in numbers.items()
+        if not relative_difference(values, reference[name]) <= tolerance
+    ]
+    for rank, names in enumerate(comm.allgather(unlike)):
+        if names:
+            raise _differing(names[0], rank, comm)
 
 
 def same_everywhere(function: F) -> F:
@@ -121,6 +166,7 @@ def same_everywhere(function: F) -> F:
             given.apply_defaults()
             same["the function that is called"] = function.__qualname__
             for name, value in given.arguments.items():
+                _raise_refusal(value)
                 parts = vars(value) if name == "self" and is_dataclass(value) else {name: value}
                 same |= {k: part for k, part in parts.items() if k not in _LOCAL}
         with _comparing(done=True):
@@ -128,6 +174,36 @@ def same_everywhere(function: F) -> F:
 
     called.compares = True  # type: ignore[attr-defined]
     return cast(F, called)
+
+
+def refused_together(check: Callable[[Any], None]) -> Callable[[Any], None]:
+    """Return the check of a statement whose error all processes raise, if there are several.
+
+    Each process states materials, motions and pairs by itself: an error there would stay on its
+    process, for which the others would wait. It is kept, and raised on all of them by the first
+    function that takes the statement.
+
+    Args:
+        check: `__post_init__` of a dataclass.
+    """
+
+    @wraps(check)
+    def checked(self: Any) -> None:  # noqa: ANN401
+        try:
+            check(self)
+        except (TypeError, ValueError) as error:
+            if MPI.COMM_WORLD.size == 1:
+                raise
+            object.__setattr__(self, _REFUSAL, error)
+
+    return checked
+
+
+def _raise_refusal(value: object) -> None:
+    """Raise the error that `refused_together` has kept of a statement, if there is one."""
+    refusal = getattr(value, "__dict__", {}).get(_REFUSAL)
+    if refusal is not None:
+        raise refusal
 
 
 @contextmanager
@@ -229,6 +305,7 @@ def _parts(value: Any) -> Iterator[object]:  # noqa: ANN401
 
 
 def _told(value: Any) -> Iterator[object]:  # noqa: ANN401
+    _raise_refusal(value)
     if isinstance(value, Enum):
         yield value.name
     elif isinstance(value, fem.Constant):

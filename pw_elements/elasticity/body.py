@@ -25,7 +25,7 @@ from ufl.core.expr import Expr
 
 from pw_elements.algebra import check_problem
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, check_mesh, listed, same_everywhere
+from pw_elements.checks import arguments, check_mesh, listed, refused_together, same_everywhere
 from pw_elements.elasticity.incompressibility import (
     REMEDY,
     bulk_over_shear,
@@ -102,6 +102,7 @@ class Material:
     poissons_ratio: Scalar = 0.0
     density: Scalar = 1.0
 
+    @refused_together
     def __post_init__(self) -> None:
         for name in ("youngs_modulus", "density"):
             _set(self, name, arguments.positive_coefficient(name, getattr(self, name)))

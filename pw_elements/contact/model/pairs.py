@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx.mesh import MeshTags
 
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments
+from pw_elements.checks import arguments, refused_together
 from pw_elements.contact.model.friction import Coulomb, Friction
 from pw_elements.contact.model.surfaces import Surface, unit
 from pw_elements.spaces import Part
@@ -44,6 +44,7 @@ class Motion:
     rotation: float | None = 0.0
     torque: float = 0.0
 
+    @refused_together
     def __post_init__(self) -> None:
         for name in ("translation", "force"):
             given = getattr(self, name)
@@ -102,6 +103,7 @@ class MatchingNodes:
     shape: Surface
     offset: Sequence[float] | None = None
 
+    @refused_together
     def __post_init__(self) -> None:
         _check_part("nodes", self.nodes, "MatchingNodes(nodes, shape)")
         if not _is_surface(self.shape):
@@ -149,6 +151,7 @@ class DeformableSurface:
     revolved: bool | None = None
     coincident: bool = False
 
+    @refused_together
     def __post_init__(self) -> None:
         _check_part("facets", self.where, "DeformableSurface(where)")
         if self.revolved is not None:
@@ -194,6 +197,7 @@ class ContactPair:
     pivot: Sequence[float] | None = None
     axis: Sequence[float] | None = None
 
+    @refused_together
     def __post_init__(self) -> None:
         _check_part("nodes", self.nodes, "ContactPair(nodes, surface)")
         bodies = (MatchingNodes, DeformableSurface)
