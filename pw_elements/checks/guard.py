@@ -113,20 +113,26 @@ def _differing(name: str, other: int, comm: MPI.Comm) -> BaseException:
     return _known(error, comm)
 
 
-def relative_difference(values: Array, reference: Array) -> float:
+def relative_difference(values: Array, reference: Array, least_scale: float = 0.0) -> float:
     """Return the largest difference over the largest finite size of the reference.
 
     It is infinite where shapes differ, or what is infinite or no number.
+
+    Args:
+        values: of any shape.
+        reference: of the same shape.
+        least_scale: a size below which the reference is nothing but round-off.
     """
     if values.shape != reference.shape:
         return np.inf
     finite = np.isfinite(reference)
     if not np.array_equal(values[~finite], reference[~finite], equal_nan=True):
         return np.inf
-    difference = np.abs(values[finite] - reference[finite]).max(initial=0.0)
-    if difference == 0.0:
-        return 0.0
-    return float(np.nan_to_num(difference / np.abs(reference[finite]).max(), nan=np.inf))
+    difference = float(np.abs(values[finite] - reference[finite]).max(initial=0.0))
+    scale = max(least_scale, float(np.abs(reference[finite]).max(initial=0.0)))
+    if not difference <= np.finfo(float).max:
+        return np.inf
+    return 0.0 if difference == 0.0 else difference / scale if scale else np.inf
 
 
 def compare_numbers(comm: MPI.Comm, numbers: Mapping[str, Array], tolerance: float) -> None:

@@ -58,10 +58,13 @@ def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
         return np.empty(0)
     x = _spread_points(interface.in_order(number, interface.position))
     names = ["gap", "normal", *(["closest"] if isinstance(surface, RigidBody) else [])]
-    values = []
+    size, values = interface.extent or 1.0, []
     for name in names:
         whose = f"the {name} of the surface of contact pair {number}"
-        values.append(_evaluate_or_nan(interface.comm, whose, getattr(surface, name), x))
+        given = _evaluate_or_nan(interface.comm, whose, getattr(surface, name), x)
+        # gaps over a length, and curvatures times one
+        lengths = {"gap": [1 / size], "normal": [1.0], "closest": [1 / size, 1.0, size]}[name]
+        values += [np.ravel(part) * scale for part, scale in zip(given, lengths, strict=False)]
     return np.concatenate(values)
 
 
@@ -76,7 +79,7 @@ def probe_friction(interface: Interface, number: int, pair: ContactPair) -> Arra
         return np.array([pair.law.limit(at, np.full(len(x), one))[0] / one for one in _FORCES])
 
     whose = f"the friction of contact pair {number}"
-    return _evaluate_or_nan(interface.comm, whose, coefficients, columns)
+    return _evaluate_or_nan(interface.comm, whose, coefficients, columns)[0].ravel()
 
 
 def probe_interference(interface: Interface, number: int, pair: ContactPair) -> Array:
@@ -88,19 +91,19 @@ def probe_interference(interface: Interface, number: int, pair: ContactPair) -> 
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
     whose = f"the interference of contact pair {number}"
-    return _evaluate_or_nan(interface.comm, whose, depth, columns)
+    return _evaluate_or_nan(interface.comm, whose, depth, columns)[0].ravel()
 
 
 def _evaluate_or_nan(
     comm: MPI.Comm, whose: str, function: Callable[[Array], Any], x: Array
-) -> Array:
-    """Return a flat array of what a function gives; NaN where it raises an error everywhere."""
-    values, error = np.array([np.nan]), None
+) -> list[Array]:
+    """Return the arrays that a function gives; NaN where it raises an error on all processes."""
+    values, error = [np.array(np.nan)], None
     with collective(comm), np.errstate(all="ignore"):
         try:
             given = answer(comm, whose, function, x)
             parts = given if isinstance(given, tuple) else (given,)
-            values = np.concatenate([np.ravel(np.asarray(part, dtype=float)) for part in parts])
+            values = [np.asarray(part, dtype=float) for part in parts]
         except Exception as raised:  # of whatever kind: it is a user's
             error = raised
     failed = comm.allreduce(int(error is not None), MPI.SUM)

@@ -21,7 +21,7 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, equilibrated, masked, prescribed
-from pw_elements.arrays import Array, Mask
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import answer, arguments, collective
 from pw_elements.contact.interface import ROUND_OFF, nodal_interface
 from pw_elements.contact.iteration import (
@@ -51,6 +51,7 @@ from pw_elements.contact.model import (
     Scale,
     exhausted_friction,
 )
+from pw_elements.contact.output import Coefficients, ResidualProbe
 from pw_elements.contact.rescue import (
     find_passed,
     refuse_supports_through_each_other,
@@ -123,6 +124,7 @@ class FiniteStepping:
         self._pairs = list(pairs)
         self._guard, self._slips = CellGuard(problem.u, problem.form), SlipCheck(self.interface)
         self.history, self._update = list(history), update
+        self.coefficients = Coefficients.from_form(self.form, self.u, self.history)
         self._system: ContactSystem | None = None
         self._watch: TangentWatch | None = None
         (weights,) = self.form.arguments()
@@ -359,6 +361,16 @@ class FiniteStepping:
     def _reference(self, state: ContactState) -> Reference:
         return replace(Reference.of(state, self.interface), translations=state.placements)
 
+    def identify(self) -> tuple[Indices, ResidualProbe]:
+        """Return -1 for each unknown (n,) of this process that is prescribed, and the residual."""
+        free, _ = prescribed(self._whole, self._conditions)
+        return np.where(free, 0, -1), ResidualProbe(self._body, self.coefficients)
+
+    @property
+    def stiffness(self) -> PETSc.Mat:
+        """Return the last tangent (n, n)."""
+        return self._body.matrix
+
     def prescribed(self) -> PETSc.Vec:
         return prescribed(self._whole, self._conditions)[1]
 
@@ -410,7 +422,8 @@ class FiniteStepping:
     def _apply(self, load: Loading | None, share: float) -> None:
         with collective(self.interface.comm) as same:
             if load is not None:
-                answer(self.interface.comm, "the load", load, share)
+                with self.coefficients.note_changes():
+                    answer(self.interface.comm, "the load", load, share)
             same["the constants and conditions"] = self._constants, self._conditions
 
     def _updated(self) -> tuple[Array, ...]:
