@@ -2,12 +2,16 @@
 
 from pw_elements.checks.arguments import sizes_of
 from pw_elements.checks.guard import (
+    COMPARED_POINTS,
+    ROUND_OFF,
     answer,
     collective,
+    compare_function,
     compare_numbers,
     processes,
     refused_together,
     relative_difference,
     same_everywhere,
+    spread_rows,
 )
 from pw_elements.checks.meshes import DegenerateMesh, check_mesh, listed, pieces_of

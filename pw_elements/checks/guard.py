@@ -49,6 +49,10 @@ _LOCAL = {"where", "nodes", "free", "history", "substates", "callback", "axes", 
 _open: list[list[tuple[BaseException, int]]] = []
 # Attribute of a statement that its check has refused, on one of several processes
 _REFUSAL = "_refusal"
+# Relative difference of values of two processes that is no round-off of other machines
+ROUND_OFF = 1e-8
+# Points, of all processes, at which functions are compared
+COMPARED_POINTS = 64
 # Whether what is called now has been compared by a function around it; a user's function has not
 _compared = [False]
 # Attributes by which things know their processes, directly or by what they belong to
@@ -133,6 +137,35 @@ def relative_difference(values: Array, reference: Array, least_scale: float = 0.
     if not difference <= np.finfo(float).max:
         return np.inf
     return 0.0 if difference == 0.0 else difference / scale if scale else np.inf
+
+
+def compare_function(
+    comm: MPI.Comm, whose: str, function: Callable[[Array], Any], points: Array
+) -> None:
+    """Raise ValueError on all processes where a user's function differs between them; collective.
+
+    It is asked at some points of each process on all of them. There is no comparison if it fails
+    there, or gives another number of values than points: it may be one of its own process' points.
+
+    Args:
+        comm: of the processes.
+        whose: name of the function.
+        function: of points as rows (n, dim); the first axis of its answer is theirs.
+        points: (n, dim), some of this process.
+    """
+    if comm.size == 1:
+        return
+    every: Array = np.concatenate(comm.allgather(points))
+    values: Array = np.empty(0)
+    with collective(comm), np.errstate(all="ignore"), suppress(Exception):
+        values = np.asarray(answer(comm, whose, function, every.copy()), dtype=float)
+    if comm.allreduce(values.shape[:1] == (len(every),), MPI.LAND):
+        compare_numbers(comm, {whose: values}, ROUND_OFF)
+
+
+def spread_rows(rows: Array, count: int) -> Array:
+    """Return at most so many rows, evenly spread."""
+    return rows[np.unique(np.linspace(0, max(0, len(rows) - 1), count).astype(int))[: len(rows)]]
 
 
 def compare_numbers(comm: MPI.Comm, numbers: Mapping[str, Array], tolerance: float) -> None:

@@ -144,11 +144,13 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
 
     Raises:
         ValueError: if there is no such node, the marker fails or does not return truth values, or
-            the vector does not belong to the space.
+            the vector is not finite or does not belong to the space.
     """
     arguments.space(space)
     with collective(space.mesh.comm):
         arguments.petsc_vector("the vector of forces", forces, "the space", space)
+    if not is_finite(forces):
+        raise ValueError("the vector of forces is not finite")
     nodes = some_nodes_of(space, "the line", where)
     values = forces.array_r.reshape(-1, space.dofmap.index_map_bs)
     return BoundaryForces(*_in_order(space, nodes, values)[:2])

@@ -1,7 +1,6 @@
 """Parts of a body as users name them: by a marker, by local numbers, or by a mask of these."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any, TypeAlias
 
 from mpi4py import MPI
@@ -12,7 +11,14 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities_boundary
 
 from pw_elements.arrays import Array, Local, Mask
-from pw_elements.checks import answer, arguments, collective
+from pw_elements.checks import (
+    COMPARED_POINTS,
+    answer,
+    arguments,
+    collective,
+    compare_function,
+    spread_rows,
+)
 from pw_elements.spaces.hybrid import SubSpace
 
 # of points as columns (3, n): True or False for each, (n,)
@@ -74,7 +80,10 @@ def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
     with collective(comm):
         if callable(where):
             holds = marked(comm, f"the marker of {whose}", where, x.T)
-            return np.flatnonzero(holds).astype(np.int32)
+    if callable(where):
+        _compare_marker(comm, f"the marker of {whose}", where, x, holds)
+        return np.flatnonzero(holds).astype(np.int32)
+    with collective(comm):
         mask = np.asarray(where).dtype == bool and len(where) == len(x)
         by_node = field.is_all or mask
         count = len(x) if by_node else index_map.size_local + index_map.num_ghosts
@@ -108,10 +117,9 @@ def exterior_facets(mesh: Mesh, where: Part, inner: bool = True) -> Local:
     topology.create_connectivity(dimension, topology.dim)
     topology.create_connectivity(topology.dim, dimension)
     index_map = topology.index_map(dimension)
+    if callable(where):
+        return _marked_facets(mesh, where)
     with collective(mesh.comm):
-        if callable(where):
-            holds = partial(marked, mesh.comm, "the marker of the boundary", where)
-            return locate_entities_boundary(mesh, dimension, holds)
         count = index_map.size_local + index_map.num_ghosts
         given = numbered(mesh.comm, "facets", where, count)
         outer = np.intersect1d(given, exterior_facet_indices(topology))
@@ -121,6 +129,34 @@ def exterior_facets(mesh: Mesh, where: Part, inner: bool = True) -> Local:
                 "its boundary, tags.find(value); for nodes there is fem.dirichletbc"
             )
     return outer
+
+
+def _marked_facets(mesh: Mesh, where: Marker) -> Local:
+    """Local numbers of the boundary's facets at whose vertices a marker holds; collective."""
+    whose = "the marker of the boundary"
+    asked: list[tuple[Array, Mask]] = [(np.empty((0, 3)), np.zeros(0, dtype=bool))]
+
+    def holds(x: Array) -> Mask:
+        found = marked(mesh.comm, whose, where, x)
+        asked.append((np.array(x.T), found))
+        return found
+
+    with collective(mesh.comm):
+        facets: Local = locate_entities_boundary(mesh, mesh.topology.dim - 1, holds)
+    points, found = (np.concatenate(each) for each in zip(*asked, strict=True))
+    _compare_marker(mesh.comm, whose, where, points, found)
+    return facets
+
+
+def _compare_marker(comm: MPI.Comm, whose: str, where: Marker, x: Array, holds: Mask) -> None:
+    """Raise ValueError if a marker, which holds at some (n,) points, is another one elsewhere."""
+    count = max(1, COMPARED_POINTS // (2 * comm.size))
+    chosen = np.concatenate([spread_rows(x[holds], count), spread_rows(x[~holds], count)])
+
+    def mark(points: Array) -> Mask:
+        return where(np.array(points.T, order="C"))
+
+    compare_function(comm, whose, mark, chosen)
 
 
 def by_cell_tag(

@@ -13,7 +13,7 @@ from mpi4py import MPI
 import numpy as np
 
 from pw_elements.arrays import Array
-from pw_elements.checks import answer, collective, compare_numbers
+from pw_elements.checks import ROUND_OFF, answer, collective, compare_numbers, spread_rows
 from pw_elements.contact.interface.operators import InitialGap, Interface
 from pw_elements.contact.model import ContactPair, RigidBody, Surface
 
@@ -23,8 +23,6 @@ _SURFACE_POINTS, _MARGIN = 32, 0.5
 # Nodes of a pair at which functions of positions are asked, and normal forces for laws of friction
 _NODES = 32
 _FORCES: Array = 10.0 ** np.linspace(-6, 6, 13)
-# Relative difference of values of two processes that is no round-off of other machines
-_ROUND_OFF = 1e-8
 
 
 def compare_pairs(
@@ -45,7 +43,7 @@ def compare_pairs(
                 f"the friction of contact pair {k}": probe_friction(interface, k, pair),
                 f"the interference of contact pair {k}": probe_interference(interface, k, pair),
             }
-        compare_numbers(interface.comm, values, _ROUND_OFF)
+        compare_numbers(interface.comm, values, ROUND_OFF)
 
 
 def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
@@ -70,7 +68,7 @@ def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
 
 def probe_friction(interface: Interface, number: int, pair: ContactPair) -> Array:
     """Return coefficients of a pair's law at some of its nodes, under many forces; collective."""
-    x = _choose_rows(interface.in_order(number, interface.position))
+    x = spread_rows(interface.in_order(number, interface.position), _NODES)
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
 
@@ -87,7 +85,7 @@ def probe_interference(interface: Interface, number: int, pair: ContactPair) -> 
     depth: Any = pair.interference
     if not callable(depth):
         return np.array([float(depth)])
-    x = _choose_rows(interface.in_order(number, interface.position))
+    x = spread_rows(interface.in_order(number, interface.position), _NODES)
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
     whose = f"the interference of contact pair {number}"
@@ -126,8 +124,3 @@ def _spread_points(nodes: Array) -> Array:
     steps = root ** -np.arange(1.0, dim + 1)
     shares = np.outer(np.arange(1.0, _SURFACE_POINTS + 1), steps) % 1.0
     return lower - margin + shares * (upper - lower + 2 * margin)
-
-
-def _choose_rows(rows: Array) -> Array:
-    """Return some rows, evenly spread."""
-    return rows[np.unique(np.linspace(0, len(rows) - 1, _NODES).astype(int))]

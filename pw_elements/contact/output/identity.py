@@ -43,8 +43,9 @@ _FIRST_ANGLES = np.array([0.4, 1.1, 2.3])
 # Size of probing displacements over the body's diagonal: strains of some per cent
 _PROBING_DISPLACEMENT = 0.005
 # Parts of a problem that may be named as changed
-CHANGEABLE = tuple(
-    ["constants", "friction", "interference", "pivot", "residual", "stiffness", "supports", "surface"]
+CHANGEABLE = (
+    *("constants", "friction", "interference", "pivot"),
+    *("residual", "stiffness", "supports", "surface"),
 )
 _OF_RESIDUAL = " of the residual"
 # Size of one row of numbers, over that of all, below which it is round-off of sums
@@ -154,9 +155,11 @@ class Identity:
         words, kind = name.partition("#")[0], name.partition("#")[0].partition(" of ")[0]
         if kind in ("changed", "version") or kind in changed:
             return
+        problem = f"{path} has the state of a problem with another {words}"
+        problem = problem.replace("another supports", "other supports")
         known = values is not None and stored is not None and values.shape == stored.shape
         if not known or values is None or stored is None:
-            raise ValueError(f"{path} has the state of a problem with another {words}{more}")
+            raise ValueError(problem + more)
         coefficient = words.endswith(_OF_RESIDUAL)
         if kind == "mean" or words in changed or (coefficient and "constants" in changed):
             return
@@ -168,12 +171,12 @@ class Identity:
             size = f"it is {values.item():.10g} here, and {stored.item():.10g} in the file"
         if coefficient:
             more = (
-                ". Give it that value before, or name it, load(path, changed=[...]), if it is no "
+                ". Set it to that value first, or name it, load(path, changed=[...]), if it is no "
                 "property of the body but a load"
             )
         elif kind in CHANGEABLE:
             more += f". If that is meant, name it: load(path, changed=[{kind!r}])"
-        raise ValueError(f"{path} has the state of a problem with another {words}: {size}{more}")
+        raise ValueError(f"{problem}: {size}{more}")
 
 
 def check_changed(changed: object) -> None:

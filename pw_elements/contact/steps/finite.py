@@ -430,6 +430,12 @@ class FiniteStepping:
         if self._update is not None:
             with collective(self.interface.comm):
                 answer(self.interface.comm, "the update of the history", self._update)
+                for k, function in enumerate(self.history):
+                    if not np.isfinite(function.x.array).all():
+                        raise ValueError(
+                            f"the update of the history has set function {k} to values that are "
+                            "not finite"
+                        )
         return tuple(function.x.array.copy() for function in self.history)
 
 
