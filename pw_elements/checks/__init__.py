@@ -2,7 +2,6 @@
 
 from pw_elements.checks.arguments import sizes_of
 from pw_elements.checks.guard import (
-    COMPARED_POINTS,
     ROUND_OFF,
     answer,
     collective,

@@ -4,7 +4,7 @@ What is of the wrong type is a TypeError; each error names the thing and says wh
 are real, finite and in range, of whatever type they are.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable
 from types import UnionType
 from typing import Any, TypeGuard
 
@@ -26,6 +26,24 @@ Sizes = tuple[int, int]  # of vectors, own and global
 # Range of the sizes of numbers that are given: squares of their quotients are numbers, too. Beyond
 # it norms become zero or infinite, and results lose their digits without a word
 SMALLEST, LARGEST = 1e-75, 1e75
+
+
+def as_list(value: object) -> list[Any]:
+    """Return the things of a list or another iterable, or a single thing in a list.
+
+    Expressions and PETSc's objects are single ones, though some can be gone through.
+    """
+    if isinstance(value, Iterable) and not isinstance(value, Expr | PETSc.Object | str | bytes):
+        try:
+            return list(value)
+        except Exception:  # of whatever kind: it is a user's
+            return [value]
+    return [value]
+
+
+def is_one_of(value: object, names: Collection[str]) -> TypeGuard[str]:
+    """Return whether a value is one of some strings: other things may refuse to be compared."""
+    return isinstance(value, str) and value in names
 
 
 def is_number(value: Any) -> bool:  # noqa: ANN401
@@ -69,10 +87,7 @@ def whole(name: str, value: Any, least: int) -> int:  # noqa: ANN401
 
 
 def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa: ANN401
-    try:
-        each = list(values)
-    except TypeError:
-        each = []
+    each = [] if isinstance(values, PETSc.Object) else as_list(values)
     finite = all(is_number(one) and np.isfinite(one) for one in each)
     if not (each and finite and len(each) == (length or len(each))):
         count = f"{length} finite" if length else "finite"
@@ -84,8 +99,8 @@ def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa:
 
 def real_array(name: str, values: Any, shape: tuple[int, ...]) -> Array:  # noqa: ANN401
     """Return finite real numbers of a shape as floats; ValueError for anything else."""
-    try:
-        given = np.asarray(values)
+    try:  # of vectors of PETSc empty ones end the process
+        given = np.asarray(None if isinstance(values, PETSc.Object) else values)
     except ValueError:  # rows of different lengths
         given = np.empty(0, dtype=object)
     if given.shape != shape or given.dtype.kind not in "iuf" or not np.isfinite(given).all():

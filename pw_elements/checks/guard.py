@@ -51,8 +51,8 @@ _open: list[list[tuple[BaseException, int]]] = []
 _REFUSAL = "_refusal"
 # Relative difference of values of two processes that is no round-off of other machines
 ROUND_OFF = 1e-8
-# Points, of all processes, at which functions are compared
-COMPARED_POINTS = 64
+# Points of each process at which functions are compared on all of them, and the most of all
+_COMPARED_POINTS, _ALL_COMPARED_POINTS = 64, 2**15
 # Whether what is called now has been compared by a function around it; a user's function has not
 _compared = [False]
 # Attributes by which things know their processes, directly or by what they belong to
@@ -140,7 +140,7 @@ def relative_difference(values: Array, reference: Array, least_scale: float = 0.
 
 
 def compare_function(
-    comm: MPI.Comm, whose: str, function: Callable[[Array], Any], points: Array
+    comm: MPI.Comm, whose: str, function: Callable[[Array], Any], *points: Array
 ) -> None:
     """Raise ValueError on all processes where a user's function differs between them; collective.
 
@@ -151,11 +151,13 @@ def compare_function(
         comm: of the processes.
         whose: name of the function.
         function: of points as rows (n, dim); the first axis of its answer is theirs.
-        points: (n, dim), some of this process.
+        points: kinds of points (n, dim) of this process, of each of which some are taken.
     """
     if comm.size == 1:
         return
-    every: Array = np.concatenate(comm.allgather(points))
+    count = max(2, min(_COMPARED_POINTS, _ALL_COMPARED_POINTS // comm.size))
+    own = np.concatenate([spread_rows(rows, count) for rows in points])
+    every: Array = np.concatenate(comm.allgather(own))
     values: Array = np.empty(0)
     with collective(comm), np.errstate(all="ignore"), suppress(Exception):
         values = np.asarray(answer(comm, whose, function, every.copy()), dtype=float)

@@ -262,7 +262,9 @@ class Body:
         arguments.of_type("material", material, Material, "Material(E, nu) makes one")
         check_parts(parts)
         largest = _largest(material.poissons_ratio, mesh.comm)
-        plane_stress = state in (StressState.PLANE_STRESS, StressState.PLANE_STRESS.value)
+        named = isinstance(state, str | StressState)  # other things may refuse to be compared
+        stresses = StressState.PLANE_STRESS, StressState.PLANE_STRESS.value
+        plane_stress = named and state in stresses
         if largest <= _HYBRID_NU or plane_stress:
             spaces = Spaces.petrov_galerkin(mesh)
         else:

@@ -12,12 +12,10 @@ from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities
 
 from pw_elements.arrays import Array, Local, Mask
 from pw_elements.checks import (
-    COMPARED_POINTS,
     answer,
     arguments,
     collective,
     compare_function,
-    spread_rows,
 )
 from pw_elements.spaces.hybrid import SubSpace
 
@@ -150,13 +148,11 @@ def _marked_facets(mesh: Mesh, where: Marker) -> Local:
 
 def _compare_marker(comm: MPI.Comm, whose: str, where: Marker, x: Array, holds: Mask) -> None:
     """Raise ValueError if a marker, which holds at some (n,) points, is another one elsewhere."""
-    count = max(1, COMPARED_POINTS // (2 * comm.size))
-    chosen = np.concatenate([spread_rows(x[holds], count), spread_rows(x[~holds], count)])
 
     def mark(points: Array) -> Mask:
         return where(np.array(points.T, order="C"))
 
-    compare_function(comm, whose, mark, chosen)
+    compare_function(comm, whose, mark, x[holds], x[~holds])
 
 
 def by_cell_tag(

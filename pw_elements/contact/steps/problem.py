@@ -307,6 +307,8 @@ class ContactProblem:
         with collective(space.mesh.comm) as same:
             same["the history"] = [getattr(one, "function_space", None) for one in history]
             functions = _each(history, fem.Function, "a function of the history")
+            if not all(np.isfinite(one.x.array).all() for one in functions):
+                raise ValueError("a function of the history has values that are not finite")
         reduction = Reduction.dirichlet(space, conditions)
         taken = auto_solver(solver or Direct(), reduction.supports)
         problem.system.blocked = is_matrix_free(taken)
