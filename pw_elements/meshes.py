@@ -55,7 +55,7 @@ def triangles(
     Raises:
         ValueError: for an empty rectangle, no divisions, or an unknown pattern.
     """
-    if pattern not in PATTERNS:
+    if not arguments.is_one_of(pattern, PATTERNS):
         raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
     return _rectangle(comm, lower, upper, divisions, diagonal=DiagonalType[pattern])
 
@@ -255,6 +255,8 @@ def curved(mesh: Mesh, image: Map) -> Mesh:
 def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
     dim = mesh.geometry.dim
     with collective(mesh.comm):
+        if not arguments.is_function(image):
+            raise TypeError(f"the image is {arguments.described(image)}: give a function of points")
         given = np.asarray(answer(mesh.comm, "the image of the mesh", image, x.copy()))
         shape = (len(x), dim if given.shape[1:] == (dim,) else 3)
         placed = arguments.field(

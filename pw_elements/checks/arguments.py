@@ -16,7 +16,9 @@ import numpy.typing as npt
 from basix import ElementFamily
 from dolfinx import fem
 from dolfinx.mesh import Mesh
+from ufl import Measure
 from ufl.core.expr import Expr
+from ufl.form import BaseForm
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks.guard import collective, processes
@@ -53,8 +55,12 @@ def is_number(value: Any) -> bool:  # noqa: ANN401
 
 
 def is_function(value: object) -> TypeGuard[Callable[..., Any]]:
-    """Whether a value is a user's function; UFL's expressions and classes can be called, too."""
-    return callable(value) and not isinstance(value, Expr | type)
+    """Return whether a value is a user's function.
+
+    Expressions and forms of UFL, matrices of PETSc and classes can be called, too.
+    """
+    others = Expr | BaseForm | Measure | PETSc.Object | type
+    return callable(value) and not isinstance(value, others)
 
 
 def check_range(name: str, size: float, least: float = SMALLEST) -> None:
@@ -144,6 +150,10 @@ def mesh(value: Any) -> None:  # noqa: ANN401
 def space(value: Any, name: str = "the space") -> None:  # noqa: ANN401
     of_type(name, value, fem.FunctionSpace, "it has to be a fem.FunctionSpace, one of `Spaces`")
     mesh(value.mesh)
+    if value.component():
+        raise ValueError(
+            f"{name} is a part of another, {name}.sub(i): give the whole, or collapse it"
+        )
 
 
 def flag(name: str, value: object) -> None:
@@ -154,7 +164,7 @@ def matrix(name: str, value: object, whose: str = "", sizes: Sizes | None = None
     """Raises unless it is a square matrix; if sizes are given, of these."""
     of_type(name, value, PETSc.Mat, "assemble_matrix(form) makes a PETSc matrix")
     assert isinstance(value, PETSc.Mat)
-    _set_up(name, value, "matrix")
+    refuse_empty(name, value)
     rows, columns = value.getSize()
     if rows != columns:
         raise ValueError(f"{name} has the shape ({rows}, {columns}): it has to be square")
@@ -170,14 +180,16 @@ def petsc_vector(
     """Raises unless it is a vector; if another thing is given, of its sizes."""
     of_type(name, value, PETSc.Vec, "assemble_vector(form) makes one, float(s) * vector a share")
     assert isinstance(value, PETSc.Vec)
-    _set_up(name, value, "vector")
+    refuse_empty(name, value)
     if other is not None:
         same_sizes(name, value.getSizes(), whose, other)
 
 
-def _set_up(name: str, value: PETSc.Mat | PETSc.Vec, what: str) -> None:
+def refuse_empty(name: str, value: PETSc.Object) -> None:
+    """Raise ValueError for an object of PETSc that was destroyed, or never set up."""
     if value.handle == 0 or value.getType() is None:
-        raise ValueError(f"{name} is an empty {what}: it was destroyed, or never set up")
+        kind = {"Mat": "matrix", "Vec": "vector"}.get(type(value).__name__, "object")
+        raise ValueError(f"{name} is an empty {kind}: it was destroyed, or never set up")
 
 
 def coefficient(

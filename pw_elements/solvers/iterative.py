@@ -637,7 +637,7 @@ def auto_solver(
     """
     if solver is not None and not isinstance(solver, str):
         return solver
-    if solver not in (None, "auto"):
+    if not (solver is None or arguments.is_one_of(solver, ("auto",))):
         raise ValueError(f'solver {solver!r}: use Direct(), Iterative() or "auto"')
     if supports is None:
         return Direct()

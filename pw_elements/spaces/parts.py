@@ -27,7 +27,7 @@ Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 
 def marked(comm: MPI.Comm, whose: str, where: Marker, x: Array) -> Mask:
     """Mask (n,) of the points (3, n) at which a marker holds; local, for use under the guard."""
-    if not callable(where):
+    if not arguments.is_function(where):
         raise TypeError(
             f"{whose} is of the type {type(where).__name__}: give a function of points. Tagged "
             "facets are taken by prescribe, boundary_measure and nodal_flux"
@@ -76,13 +76,13 @@ def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
     x = field.space.tabulate_dof_coordinates()
     index_map = space.dofmap.index_map
     with collective(comm):
-        if callable(where):
+        if arguments.is_function(where):
             holds = marked(comm, f"the marker of {whose}", where, x.T)
-    if callable(where):
+    if arguments.is_function(where):
         _compare_marker(comm, f"the marker of {whose}", where, x, holds)
         return np.flatnonzero(holds).astype(np.int32)
     with collective(comm):
-        mask = np.asarray(where).dtype == bool and len(where) == len(x)
+        mask = np.asarray(where).dtype == bool and len(np.asarray(where)) == len(x)
         by_node = field.is_all or mask
         count = len(x) if by_node else index_map.size_local + index_map.num_ghosts
         numbers = numbered(comm, f"the nodes of {whose}", where, count)
@@ -115,7 +115,7 @@ def exterior_facets(mesh: Mesh, where: Part, inner: bool = True) -> Local:
     topology.create_connectivity(dimension, topology.dim)
     topology.create_connectivity(topology.dim, dimension)
     index_map = topology.index_map(dimension)
-    if callable(where):
+    if arguments.is_function(where):
         return _marked_facets(mesh, where)
     with collective(mesh.comm):
         count = index_map.size_local + index_map.num_ghosts

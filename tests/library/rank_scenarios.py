@@ -181,7 +181,7 @@ class Law:
     def __init__(self, mu=0.3, most=1e3, size=None):
         self._mu, self._most, self._size = mu, most, size
 
-    def at(self, x):
+    def at(self, _):
         return self._mu
 
     def limit(self, mu, force):

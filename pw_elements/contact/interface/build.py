@@ -254,8 +254,8 @@ def _depth(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Array | 
     depth = pair.interference
     if not getattr(pair.surface, "coincident", False):
         return None
-    if not callable(depth):
-        return np.full(len(x), float(depth))
+    if not arguments.is_function(depth):
+        return np.full(len(x), float(depth))  # type: ignore[arg-type]
     return _at_nodes(comm, f"the interference of contact pair {number}", depth, x)
 
 

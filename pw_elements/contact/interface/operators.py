@@ -320,6 +320,14 @@ class Interface:
         ]
 
     @cached_property
+    def first_nodes(self) -> list[Array]:
+        """Position (1, dim) of each pair's first node: who has no points asks surfaces there.
+
+        So all processes call a user's surface equally often, which may communicate.
+        """
+        return [self.in_order(k, self.position)[:1] for k in range(self.pairs)]
+
+    @cached_property
     def extent(self) -> float:
         return float(extents(self.comm, self.position).max())
 

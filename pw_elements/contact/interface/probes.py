@@ -13,7 +13,14 @@ from mpi4py import MPI
 import numpy as np
 
 from pw_elements.arrays import Array
-from pw_elements.checks import ROUND_OFF, answer, collective, compare_numbers, spread_rows
+from pw_elements.checks import (
+    ROUND_OFF,
+    answer,
+    arguments,
+    collective,
+    compare_numbers,
+    spread_rows,
+)
 from pw_elements.contact.interface.operators import InitialGap, Interface
 from pw_elements.contact.model import ContactPair, RigidBody, Surface
 
@@ -83,7 +90,7 @@ def probe_friction(interface: Interface, number: int, pair: ContactPair) -> Arra
 def probe_interference(interface: Interface, number: int, pair: ContactPair) -> Array:
     """Return the depths of a pair's interference at some of its nodes; collective."""
     depth: Any = pair.interference
-    if not callable(depth):
+    if not arguments.is_function(depth):
         return np.array([float(depth)])
     x = spread_rows(interface.in_order(number, interface.position), _NODES)
     columns = np.zeros((3, len(x)))

@@ -204,6 +204,8 @@ def _read(
 
 def checked_path(path: str | Path) -> Path:
     arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
+    if "\0" in str(path):
+        raise ValueError(f"the path {str(path)!r} has a null character, which no file's name has")
     return Path(path)
 
 

@@ -41,10 +41,10 @@ def refuse_tools_through_supports(
             tools.see_from_surface(k, ways[j, k], positions[fixed] + paths[j][fixed])
             for j in range(len(ways))
         ]
-        gaps: Array = np.full((len(within), int(fixed.sum())), np.inf)
+        count, other = int(fixed.sum()), interface.first_nodes[k]
         with collective(interface.comm), np.errstate(all="ignore"):
-            if fixed.any():
-                gaps = np.array([np.asarray(surface.gap(x), dtype=float) for x in within])
+            asked = [surface.gap(x if count else other) for x in within]
+            gaps: Array = np.array([np.asarray(one, dtype=float)[:count] for one in asked])
         gaps = np.where(np.isnan(gaps), np.inf, gaps)
         deep = gaps.min(axis=0, initial=np.inf) < -_SUPPORT_DEPTH * _extent(interface, k)
         places = interface.gathered(positions[fixed][deep & (gaps[0] > 0)])

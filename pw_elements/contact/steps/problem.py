@@ -1,7 +1,7 @@
 """A contact problem as the user states it, checked, and solved increment after increment."""
 
 import logging
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -163,7 +163,7 @@ def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
 
 def _each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
     """Things of a kind, one or several."""
-    things = list(given) if isinstance(given, Iterable) else [given]
+    things = arguments.as_list(given)
     for thing in things:
         arguments.of_type(what, thing, kind, f"it has to be a {kind.__name__}")
     return things
@@ -171,7 +171,7 @@ def _each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
 
 def _of_pairs(what: str, given: Any, pairs: int) -> list:  # noqa: ANN401
     """As many things as there are pairs, None of each if none are given; a single one alone."""
-    each = list(given) if isinstance(given, Iterable) else [given]
+    each = arguments.as_list(given)
     if len(each or [None] * pairs) != pairs:
         raise ValueError(f"{len(each)} {what} for {pairs} contact pairs")
     return each or [None] * pairs
@@ -305,12 +305,14 @@ class ContactProblem:
         own = cls.__new__(cls)
         _check_function("update", update, "it has to be a function")
         with collective(space.mesh.comm) as same:
-            same["the history"] = [getattr(one, "function_space", None) for one in history]
+            same["the history"] = [
+                getattr(one, "function_space", None) for one in arguments.as_list(history)
+            ]
             functions = _each(history, fem.Function, "a function of the history")
             if not all(np.isfinite(one.x.array).all() for one in functions):
                 raise ValueError("a function of the history has values that are not finite")
         reduction = Reduction.dirichlet(space, conditions)
-        taken = auto_solver(solver or Direct(), reduction.supports)
+        taken = auto_solver(Direct() if solver is None else solver, reduction.supports)
         problem.system.blocked = is_matrix_free(taken)
         u.x.array[:] = 0.0
         problem.system.assemble()
