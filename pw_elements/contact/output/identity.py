@@ -133,50 +133,48 @@ class Identity:
             names |= self.residual.names_of_changed(stored, changed)
         others = {k: v for k, v in stored.items() if not k.startswith("residual")}
         for name in own | others:
-            self._compare(path, name, own.get(name), stored.get(name), names)
+            _compare(path, name, own.get(name), stored.get(name), names)
         if self.residual is None:
             return
         if "residual" not in names:
             for name, values in self.residual.evaluate(stored).items():
-                self._compare(
-                    path, name, values, stored.get(name), names, _said_of_versions(stored)
-                )
+                _compare(path, name, values, stored.get(name), names, _said_of_versions(stored))
         self.residual.take_changed(stored)
 
-    def _compare(
-        self,
-        path: Path,
-        name: str,
-        values: npt.NDArray | None,
-        stored: npt.NDArray | None,
-        changed: Collection[str],
-        more: str = "",
-    ) -> None:
-        words, kind = name.partition("#")[0], name.partition("#")[0].partition(" of ")[0]
-        if kind in ("changed", "version") or kind in changed:
-            return
-        problem = f"{path} has the state of a problem with another {words}"
-        problem = problem.replace("another supports", "other supports")
-        known = values is not None and stored is not None and values.shape == stored.shape
-        if not known or values is None or stored is None:
-            raise ValueError(problem + more)
-        coefficient = words.endswith(_OF_RESIDUAL)
-        if kind == "mean" or words in changed or (coefficient and "constants" in changed):
-            return
-        difference = _difference(values, stored)
-        if difference <= _ROUND_OFF:
-            return
-        size = f"it differs by {difference:.2g} of its size"
-        if values.size == 1:
-            size = f"it is {values.item():.10g} here, and {stored.item():.10g} in the file"
-        if coefficient:
-            more = (
-                ". Set it to that value first, or name it, load(path, changed=[...]), if it is no "
-                "property of the body but a load"
-            )
-        elif kind in CHANGEABLE:
-            more += f". If that is meant, name it: load(path, changed=[{kind!r}])"
-        raise ValueError(f"{problem}: {size}{more}")
+
+def _compare(
+    path: Path,
+    name: str,
+    values: npt.NDArray | None,
+    stored: npt.NDArray | None,
+    changed: Collection[str],
+    more: str = "",
+) -> None:
+    """Raise ValueError, with `more` words, where numbers differ from a file's and must not."""
+    words, kind = name.partition("#")[0], name.partition("#")[0].partition(" of ")[0]
+    if kind in ("changed", "version") or kind in changed:
+        return
+    problem = f"{path} has the state of a problem with another {words}"
+    problem = problem.replace("another supports", "other supports")
+    if values is None or stored is None or values.shape != stored.shape:
+        raise ValueError(problem + more)
+    coefficient = words.endswith(_OF_RESIDUAL)
+    if kind == "mean" or words in changed or (coefficient and "constants" in changed):
+        return
+    difference = _difference(values, stored)
+    if difference <= _ROUND_OFF:
+        return
+    size = f"it differs by {difference:.2g} of its size"
+    if values.size == 1:
+        size = f"it is {values.item():.10g} here, and {stored.item():.10g} in the file"
+    if coefficient:
+        more = (
+            ". Set it to that value first, or name it, load(path, changed=[...]), if it is no "
+            "property of the body but a load"
+        )
+    elif kind in CHANGEABLE:
+        more += f". If that is meant, name it: load(path, changed=[{kind!r}])"
+    raise ValueError(f"{problem}: {size}{more}")
 
 
 def check_changed(changed: object) -> None:
@@ -227,11 +225,11 @@ def identify_problem(
     """
     probes, topology = _Probes(space), space.mesh.topology
     elements = [(one.space.element.basix_element, one.space.dofmap) for one in probes.fields]
-    known = [(e.degree, int(e.family), dofmap.index_map_bs) for e, dofmap in elements]
+    kinds = [(e.degree, int(e.family), dofmap.index_map_bs) for e, dofmap in elements]
     held = [probes.sums((column == kind).astype(float)) for kind in (-1, -2)]
     numbers: Numbers = {
         "mesh": np.array([topology.index_map(topology.dim).size_global, topology.dim], dtype=float),
-        "element": np.array(known, dtype=float),
+        "element": np.array(kinds, dtype=float),
         "supports": np.ravel(held),
     }
     x = probes.fields[0].space.tabulate_dof_coordinates()
@@ -240,7 +238,7 @@ def identify_problem(
     for k, (pair, state) in enumerate(zip(pairs, states, strict=True)):
         facing = np.concatenate([state.opposite, state.faced[state.faced >= 0]])
         spin = np.concatenate([part.ravel() for part in pair.spin(space.mesh.geometry.dim)])
-        of_pair = {
+        pair_numbers = {
             "surface": np.concatenate([state.gap / size, state.normal.ravel()]),
             "surface#probes": probe_surface(interface, k, interface.surfaces[k]),
             "friction": state.friction,
@@ -249,7 +247,7 @@ def identify_problem(
             "interference": probe_interference(interface, k, pair),
             "opposite side": of_owners(probes.fields[0].space, facing, owned).ravel(),
         }
-        for name, values in of_pair.items():
+        for name, values in pair_numbers.items():
             kind, mark, rest = name.partition("#")
             numbers[f"{kind} of contact pair {k}{mark}{rest}"] = values
     return numbers
