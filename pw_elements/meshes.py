@@ -255,7 +255,7 @@ def curved(mesh: Mesh, image: Map) -> Mesh:
 def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
     dim = mesh.geometry.dim
     with collective(mesh.comm):
-        if not arguments.is_function(image):
+        if callable(image) and not arguments.is_function(image):
             raise TypeError(f"the image is {arguments.described(image)}: give a function of points")
         given = np.asarray(answer(mesh.comm, "the image of the mesh", image, x.copy()))
         shape = (len(x), dim if given.shape[1:] == (dim,) else 3)

@@ -93,7 +93,8 @@ def whole(name: str, value: Any, least: int) -> int:  # noqa: ANN401
 
 
 def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa: ANN401
-    each = [] if isinstance(values, PETSc.Object) else as_list(values)
+    several = isinstance(values, Iterable) and not isinstance(values, PETSc.Object)
+    each = as_list(values) if several else []
     finite = all(is_number(one) and np.isfinite(one) for one in each)
     if not (each and finite and len(each) == (length or len(each))):
         count = f"{length} finite" if length else "finite"

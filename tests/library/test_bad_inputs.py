@@ -559,7 +559,7 @@ REFUSED = [
     ("the path '\\x00' has a null character", lambda w: w.problem.load("\0")),
     ("TypeError: the image is of the type Mat", lambda w: mapped(square(), w.K)),
     ("its part `left` is an empty matrix", lambda w: replace(w.held, left=PETSc.Mat())),
-    ("translation [[0, 1], [2]] of a motion", lambda w: Motion([[0, 1], [2]])),
+    ("component 0 of a motion's translation = [0, 1]", lambda w: Motion([[0, 1], [2]])),
     ("option ksp_max_it = -3: it has to be a whole number, at least 1.",
      lambda w: Direct({"ksp_max_it": -3})),
     ("the depth or thickness is not", lambda w: w.flux(depth=ufl.max_value(w.x - 9, 0.0))),

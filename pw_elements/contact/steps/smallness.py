@@ -170,8 +170,8 @@ class SmallnessCheck:
 
         share, wrong = np.zeros(len(x)), np.zeros(len(mine), dtype=bool)
         pushed = np.zeros_like(interface.position)
-        count, other = len(x), interface.first_nodes[k]
-        while self._comm.allreduce(bool((share < 1).any()), MPI.LOR):
+        count, other, ended = len(x), interface.first_nodes[k], False
+        while not ended:
             with collective(self._comm):
                 place = x - share[:, None] * way if count else other
                 gap, normal = surface.gap(place)[:count], surface.normal(place)[:count]
@@ -181,7 +181,8 @@ class SmallnessCheck:
                 wrong[mine] |= outwards & (depth > _SWALLOWED * size)
                 # outside, the surface is a gap away at least; half of it, if that is no distance
                 stride = np.maximum(np.where(np.isfinite(gap), gap / 2, 0.0), step)
-                share = np.minimum(share + stride / length, 1.0)
+                last, share = share, np.minimum(share + stride / length, 1.0)
+            ended = self._comm.allreduce(bool(last.min(initial=1.0) >= 1), MPI.LAND)
         return wrong
 
     def _through(self, now: Iterate) -> Mask:
