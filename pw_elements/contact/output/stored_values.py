@@ -46,8 +46,8 @@ def check_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
         raise ValueError(f"orientations {numbers['orientations']}: they are signs")
     free = [tuple(_list("a free component", one)) for one in _list("free", numbers["free"])]
     for one in free:
-        known = len(one) == 2 and all(isinstance(k, int) for k in one)
-        if not known or not (0 <= one[0] < numbers["pairs"] and 0 <= one[1] <= dim):
+        whole = len(one) == 2 and all(isinstance(k, int) for k in one)
+        if not whole or not (0 <= one[0] < numbers["pairs"] and 0 <= one[1] <= dim):
             raise ValueError(f"free has {list(one)}, which is no component of a pair's surface")
     if len(set(free)) < len(free):
         raise ValueError("free names a component twice")
@@ -96,9 +96,9 @@ def check_pairs(
     check_size("a displacement", np.abs(displacement).max(initial=0.0), largest.length)
     if not numbers["increment"] and np.any(displacement != 0):
         raise ValueError("an undeformed body has displacements")
-    for k, (values, known) in enumerate(zip(pairs, own.pairs, strict=True)):
+    for k, (values, expected) in enumerate(zip(pairs, own.pairs, strict=True)):
         try:
-            _check_pair(values, known, displacement, largest)
+            _check_pair(values, expected, displacement, largest)
         except ValueError as wrong:
             raise ValueError(f"contact pair {k}: {wrong}") from None
 
@@ -106,12 +106,12 @@ def check_pairs(
 def _check_pair(
     values: Mapping[str, npt.NDArray], own: PairState, displacement: npt.NDArray, largest: Scale
 ) -> None:
-    for name, known in vars(own).items():
+    for name, expected in vars(own).items():
         array = values[name]
-        if array.shape != known.shape or array.dtype != known.dtype:
+        if array.shape != expected.shape or array.dtype != expected.dtype:
             raise ValueError(
-                f"{name} has the shape {array.shape} and the type {array.dtype}, not {known.shape} "
-                f"and {known.dtype}"
+                f"{name} has the shape {array.shape} and the type {array.dtype}, not "
+                f"{expected.shape} and {expected.dtype}"
             )
         finite = ~np.isnan(array) if name == "gap" else np.isfinite(array)
         if not finite.all():
