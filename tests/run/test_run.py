@@ -293,6 +293,34 @@ def test_nowhere_to_keep_the_packages_is_one_sentence(bare, tmp_path):
     assert process.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize("mode", [0o775, 0o757, 0o777])
+def test_a_cache_folder_that_others_may_write_to_is_not_trusted(bare, tmp_path, mode):
+    script, theirs = tmp_path / "project" / "run", tmp_path / "open"
+    script.parent.mkdir()
+    shutil.copy(RUN, script)
+    (script.parent / ".cache").write_text("no folder")
+    folder = theirs / "pw-elements"
+    folder.mkdir(parents=True)
+    folder.chmod(mode)
+    env, programs = {"XDG_CACHE_HOME": str(theirs)}, FOUND | {"id": "echo 0"}
+    process = bare("true", script=script, env=env, **programs)
+    assert process.returncode == 1
+    assert f"run: others may write to {folder}, which is not used" in process.stderr
+    assert list(folder.iterdir()) == []
+    folder.chmod(0o755)
+    assert "others may write" not in bare("true", script=script, env=env, **programs).stderr
+
+
+def test_folders_for_dolfinx_are_made_so_that_others_cannot_write_to_them(bare, tmp_path):
+    command, cache = f"umask 000; exec {RUN} true", tmp_path / "open-to-all"
+    programs = FOUND | MOUNTS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": LISTED}
+    env = {"XDG_CACHE_HOME": str(cache)}
+    bare("-c", command, script="/bin/sh", env=env, **programs)
+    folders = [path for path in cache.rglob("*") if path.is_dir()]
+    assert folders
+    assert [path for path in folders if path.stat().st_mode & 0o022] == []
+
+
 def test_a_signal_passes_through():
     assert run("sh", "-c", "kill -TERM $$").returncode == -signal.SIGTERM
 

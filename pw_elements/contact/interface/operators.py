@@ -26,6 +26,7 @@ from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import answer, arguments, collective, listed
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
+    CLOSED_FORMS,
     KNOWN_BODIES,
     Cone,
     NotFound,
@@ -79,6 +80,26 @@ class Points:
     counterpart: Indices
     # (k,), global numbers of a deformable surface's nodes, of all processes, `by_position`
     opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+
+@dataclass(frozen=True)
+class InitialGap:
+    """The gap (m,) at a mortar's own points, which change with the master's rigid motion alone."""
+
+    position: Array
+    initial: Array
+    direction: Array
+
+    def gap(self, x: Array) -> Array:
+        """Gap (m,) of the points (m, dim), as they were or shifted all alike."""
+        return self.initial + np.sum(self.direction * (x - self.position), axis=1)
+
+    def normal(self, x: Array) -> Array:  # noqa: ARG002
+        return self.direction
+
+
+# Surfaces of which each process asks for its own points alone
+_ASKED_LOCALLY = (*CLOSED_FORMS, InitialGap)
 
 
 class NoContactStated(ValueError):
@@ -304,6 +325,14 @@ class Interface:
         return np.asarray(self.node - first)
 
     @cached_property
+    def first_nodes(self) -> list[Array]:
+        """Position (1, dim) of each pair's first node: who has no points asks surfaces there.
+
+        So all processes call a user's surface equally often, which may communicate.
+        """
+        return [self.in_order(k, self.position)[:1] for k in range(self.pairs)]
+
+    @cached_property
     def extent(self) -> float:
         return float(extents(self.comm, self.position).max())
 
@@ -390,14 +419,17 @@ class Interface:
         These have moved (m, dim) in the frame of their surfaces.
         """
         x, step = self.position + moved, _DIFFERENCES * (self.extent or 1.0)
+        users = [
+            (k, surface, self.gathered(x[(self.pair == k) & pressed]))
+            for k, surface in enumerate(self.surfaces)
+            if k not in self.mortars and type(surface) not in KNOWN_BODIES
+        ]
         with collective(self.comm):
-            for k, surface in enumerate(self.surfaces):
-                mine = (self.pair == k) & pressed
-                known = k in self.mortars or type(surface) in KNOWN_BODIES
-                if known or not isinstance(surface, RigidBody) or not mine.any():
+            for k, surface, points in users:
+                if not isinstance(surface, RigidBody) or not len(points):
                     continue
                 whose = f"the closest points of the surface of contact pair {k}"
-                wrong = answer(self.comm, whose, wrong_derivatives, surface, x[mine], step)
+                wrong = answer(self.comm, whose, wrong_derivatives, surface, points, step)
                 if wrong:
                     raise ValueError(f"{whose} have the {wrong}: correct it")
 
@@ -410,18 +442,38 @@ class Interface:
         return values
 
     def _ask(self, what: str, x: Array, answers: Sequence[Array], layout: str) -> None:
-        """Fills in what surfaces say of points x (m, dim)."""
+        """Fill in what surfaces say of points x (m, dim).
+
+        A user's surface is asked of the points of all processes on each of them, so that all call
+        it equally often: it may communicate, or look for closest points until all are found.
+        """
         name = "closest points" if what == "closest" else what
+        pairs = []
+        for k, surface in enumerate(self.surfaces):
+            mine = self.pair == k
+            if what == "closest" and k in self.mortars:
+                continue
+            if type(surface) in _ASKED_LOCALLY:
+                points, own = x[mine], slice(None)
+            else:
+                points, own = gather_points(self.comm, x[mine])
+            if len(points):
+                pairs.append((k, mine, points, own))
         with collective(self.comm):
-            for k, surface in enumerate(self.surfaces):
-                mine = self.pair == k
-                if mine.any() and not (what == "closest" and k in self.mortars):
-                    whose = f"the {name} of the surface of contact pair {k}"
-                    given = answer(self.comm, whose, getattr(surface, what), x[mine])
-                    each = given if len(answers) > 1 else (given,)
-                    for values, known in zip(answers, each, strict=True):
-                        shape = (int(mine.sum()), *values.shape[1:])
-                        values[mine] = arguments.field(whose, known, shape, layout)
+            for k, mine, points, own in pairs:
+                whose = f"the {name} of the surface of contact pair {k}"
+                given = answer(self.comm, whose, getattr(self.surfaces[k], what), points)
+                each = given if len(answers) > 1 else (given,)
+                for values, known in zip(answers, each, strict=True):
+                    shape = (len(points), *values.shape[1:])
+                    values[mine] = arguments.field(whose, known, shape, layout)[own]
+
+
+def gather_points(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:
+    """Return the points (n, dim) of all processes, and which of them are this one's; collective."""
+    parts = comm.allgather(x)
+    first = sum(map(len, parts[: comm.rank]))
+    return np.concatenate(parts), slice(first, first + len(x))
 
 
 def extents(comm: MPI.Comm, x: Array) -> Array:

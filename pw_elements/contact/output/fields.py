@@ -486,6 +486,8 @@ def _here(space: fem.FunctionSpace, nodes: Indices) -> Local:
 def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
     kinds = (Body, fem.FunctionSpace)
     arguments.of_type("body", body, kinds, "it has to be a Body, or its trial space")
+    if not isinstance(body, Body):
+        arguments.space(body)
     return SubSpace.displacements(body.spaces.trial if isinstance(body, Body) else body).space
 
 
@@ -535,7 +537,7 @@ def write(
         OSError: if something else is there, which is not replaced, or there is no room.
     """
     path, space = checked_path(path), _trial(body)
-    states = [states] if isinstance(states, ContactState) else list(states)
+    states = arguments.as_list(states)
     comm = space.mesh.comm
     with collective(comm):
         for state in states:

@@ -62,10 +62,10 @@ def refuse_tools_through_supports(
                 for j in range(len(ways))
             ]
         )
-        gaps: Array = np.full(seen.shape[:2], np.inf)
+        count, other = int(fixed.sum()), interface.first_nodes[k]
         with collective(interface.comm), np.errstate(all="ignore"):
-            if fixed.any():
-                gaps = np.array([np.asarray(surface.gap(x), dtype=float) for x in seen])
+            asked = [surface.gap(x if count else other) for x in seen]
+            gaps: Array = np.array([np.asarray(one, dtype=float)[:count] for one in asked])
         gaps = np.where(np.isnan(gaps), np.inf, gaps)
         least, extent = gaps.min(axis=0, initial=np.inf), _extent(interface, k)
         deep = least < -_SUPPORT_DEPTH * extent
@@ -120,9 +120,9 @@ def _find_crushed(
     of_node = interface.gathered(pieces.number[interface.own_nodes[mine]])
     spacing = float(cKDTree(x).query(x, 2)[0][:, 1].max()) if len(x) > 1 else 0.0
     with collective(comm), np.errstate(all="ignore"):
-        normal = np.zeros_like(seen)
-        if len(seen):
-            normal = np.asarray(interface.surfaces[pair].normal(seen), dtype=float)
+        # a user's surface may communicate: all processes ask it
+        asked = interface.surfaces[pair].normal(seen if len(seen) else interface.first_nodes[pair])
+        normal = np.asarray(asked, dtype=float)[: len(seen)]
     moved, nodes, behind = pieces.move(x, of_node), [], []
     for j in range(len(supports)):
         away = seen[j] - tools.see_from_surface(pair, way[sample[j]], moved[sample[j]])

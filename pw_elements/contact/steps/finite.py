@@ -51,6 +51,7 @@ from pw_elements.contact.model import (
     Scale,
     exhausted_friction,
 )
+from pw_elements.contact.output import Coefficients, ResidualProbe
 from pw_elements.contact.rescue import (
     SupportedPieces,
     ends_clear,
@@ -128,6 +129,7 @@ class FiniteStepping:
         self._pairs = list(pairs)
         self._guard, self._slips = CellGuard(problem.u, problem.form), SlipCheck(self.interface)
         self.history, self._update = list(history), update
+        self.coefficients = Coefficients.from_form(self.form, self.u, self.history)
         self._system: ContactSystem | None = None
         self._watch: TangentWatch | None = None
         (weights,) = self.form.arguments()
@@ -417,6 +419,16 @@ class FiniteStepping:
     def _reference(self, state: ContactState) -> Reference:
         return replace(Reference.of(state, self.interface), translations=state.placements)
 
+    def identify(self) -> tuple[Indices, ResidualProbe]:
+        """Return -1 for each unknown (n,) of this process that is prescribed, and the residual."""
+        free, _ = prescribed(self._whole, self._conditions)
+        return np.where(free, 0, -1), ResidualProbe(self._body, self.coefficients)
+
+    @property
+    def stiffness(self) -> PETSc.Mat:
+        """Return the last tangent (n, n)."""
+        return self._body.matrix
+
     def prescribed(self) -> PETSc.Vec:
         return prescribed(self._whole, self._conditions)[1]
 
@@ -468,13 +480,20 @@ class FiniteStepping:
     def _apply(self, load: Loading | None, share: float) -> None:
         with collective(self.interface.comm) as same:
             if load is not None:
-                answer(self.interface.comm, "the load", load, share)
+                with self.coefficients.note_changes():
+                    answer(self.interface.comm, "the load", load, share)
             same["the constants and conditions"] = self._constants, self._conditions
 
     def _updated(self) -> tuple[Array, ...]:
         if self._update is not None:
             with collective(self.interface.comm):
                 answer(self.interface.comm, "the update of the history", self._update)
+                for k, function in enumerate(self.history):
+                    if not np.isfinite(function.x.array).all():
+                        raise ValueError(
+                            f"the update of the history has set function {k} to values that are "
+                            "not finite"
+                        )
         return tuple(function.x.array.copy() for function in self.history)
 
 
