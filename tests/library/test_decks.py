@@ -95,7 +95,7 @@ def check_against_calculix(part, path, kind, answer):
     and two in each direction of reduced elements do not give the volume exactly: we take as many.
     """
     weight = 1.0
-    degree = 2 if kind.startswith("C3D10") else 3 if kind in ("CAX8R", "C3D20R") else 9
+    degree = 2 if kind in ("CAX6", "C3D10", "C3D10T") else 3 if kind in ("CAX8R", "C3D20R") else 9
     if kind.startswith("CAX"):
         angle = np.radians(2)
         straight = kind in ("CAX3", "CAX4")
