@@ -14,6 +14,7 @@ import numpy as np
 
 from pw_elements.abaqus.lines import (
     Block,
+    PlacedError,
     coordinates,
     entries,
     integers,
@@ -36,8 +37,10 @@ PARAMETERS = {
     "ELSET": {"ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"},
     "SURFACE": {"NAME", "TYPE", "INTERNAL", "TRIM", "PROPERTY", "NOTHICK", "NOOFFSET"},
 }
+KEYWORDS = NOT_READ | PARAMETERS.keys() | {"PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "STEP"}
 # A key is a number of a node or element and this times the number of its part
 PART = 2**32
+MAX_TYPES = 1000
 # Members that all sets may have together, and entries that ranges may be compared with: so many,
 # and so many times the nodes and elements
 MAX_MEMBERS, MAX_MEMBERSHIPS = 2_000_000, 20
@@ -103,6 +106,7 @@ class Deck:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.instances: dict[int, str] = {}
+        self._part_of_instance: dict[str, int] = {}
         self.notes: list[str] = []
         self.sets: dict[str, dict[Name, Indices]] = {}
         self.surfaces: dict[Name, list[SurfacePart]] = {}
@@ -118,15 +122,17 @@ class Deck:
         self._named_rows: dict[str, list[tuple[Name, int, int]]] = {"NSET": [], "ELSET": []}
         self._chunks: dict[str, dict[Name, list[Indices]]] = {"NSET": {}, "ELSET": {}}
         self._with_gaps: dict[str, None] = {}
-        for block in read_blocks(path):
+        for block in read_blocks(path, KEYWORDS):
             if block.keyword == "STEP":
                 break
             try:
                 self._add(block)
             except KeyError as error:
                 raise ValueError(f"{block.place}: {error.args[0]}=... is missing") from error
+            except PlacedError:
+                raise
             except ValueError as error:
-                raise ValueError(f"{block.place}: {error}") from error
+                raise ValueError(f"{block.here()}, *{block.keyword}: {error}") from error
         self._finish_tables()
         self._resolve_sets("ELSET")
         self._resolve_sets("NSET")
@@ -169,13 +175,14 @@ class Deck:
         name, part = (label(block.parameters[key], block.place) for key in ("NAME", "PART"))
         rows = [text.split(",") for text in block.rows]
         number = self._parts.get(part, -1)
-        if name in self.instances.values():
+        if name in self._part_of_instance:
             raise ValueError(f"the instance {name} is given twice")
         if number < 1:
             raise ValueError(f"{name}: there is no part {part} before it")
         if number in self.instances or len(rows) > 1 or len(rows[:1] and rows[0]) > 4:
             raise ValueError(f"{name}: parts that are turned, or used twice, are not read")
         self.instances[number] = name
+        self._part_of_instance[name] = number
         self._part = number  # nodes and elements may stand in the instance, too
         shift = ",".join(["1", *rows[0]]) if rows else "1"
         self._shifts[number] = coordinates(shift)[1]
@@ -199,6 +206,8 @@ class Deck:
         name = label(block.parameters["TYPE"], block.place)
         kind = kind_of(name)
         number = self._types.setdefault(name, len(self._types))
+        if number >= MAX_TYPES:
+            raise ValueError(f"there are more than {MAX_TYPES} types of elements")
         if number == len(self._connectivity):
             self._connectivity.append(array("q"))
         connectivity = self._connectivity[number]
@@ -282,7 +291,7 @@ class Deck:
         if not is_number(entry):
             name = label(entry, block.place)
             instance, _, rest = name.rpartition(".")
-            if instance and instance in self.instances.values():
+            if instance in self._part_of_instance:
                 part, name = self._part_of(instance), rest
             if not is_number(name):
                 block.references.append(Reference(block.sort, (part, name), face))
@@ -292,9 +301,8 @@ class Deck:
         block.faces.append(face)
 
     def _part_of(self, instance: str) -> int:
-        for part, name in self.instances.items():
-            if name == instance:
-                return part
+        if instance in self._part_of_instance:
+            return self._part_of_instance[instance]
         if self.instances or len(self._parts) > 1:
             raise ValueError(f"there is no instance {instance} before it")
         return self._part  # CalculiX knows no instances, and passes the parameter by
@@ -329,7 +337,8 @@ class Deck:
             number = self.number(keys[moved[0]])
             raise ValueError(f"{self.path}: node {number} is given twice, at two places")
         for part, shift in self._shifts.items():
-            self.x[self.node_keys // PART == part] += shift
+            first, end = np.searchsorted(self.node_keys, [part * PART, (part + 1) * PART])
+            self.x[first:end] += shift
 
         keys = np.array(self._element_keys, dtype=np.int64)
         order = np.argsort(keys, kind="stable")
@@ -381,7 +390,7 @@ class Deck:
             self._extend(sort, name, np.unique(position[first:end]), str(self.path))
         for block, members in self._with_positions(self._blocks[sort]):
             sets.setdefault(block.name, [])
-            chunks = [members, self._range_members(block)]
+            chunks = [unique(members), self._range_members(block)]
             for reference in block.references:
                 chunk = self._set(reference.sort, reference.name, block.place)
                 chunks.append(self._nodes_of(chunk) if reference.sort != sort else chunk)
@@ -433,6 +442,8 @@ class Deck:
         """Positions of the nodes or elements in ranges of keys; numbers without one are noted."""
         known = self.node_keys if block.sort == "NSET" else self.element_keys
         chunks = [np.empty(0, dtype=np.int32)]
+        if not block.ranges:
+            return chunks[0]
         for first, last, step in merged(block.ranges):
             start, end = np.searchsorted(known, [first, last + 1])
             count = (last - first) // step + 1
@@ -495,6 +506,11 @@ class Deck:
             names = [name for name, part in self._parts.items() if part in parts[parts > 0]]
             raise ValueError(f"{self.path}: the parts {', '.join(names)} are in no instance")
         return np.union1d(parts, 0)
+
+
+def unique(members: Indices) -> Indices:
+    """Return members in ascending order, each once; quick where there is but one."""
+    return np.unique(members) if len(members) > 1 else members
 
 
 def merged(ranges: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:

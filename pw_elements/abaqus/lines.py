@@ -7,7 +7,7 @@ capitals but in quoted names and names of files. Bytes that are no UTF-8 are tak
 
 import re
 import string
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Set
 from io import StringIO
 from pathlib import Path
 from typing import IO, NamedTuple
@@ -31,20 +31,26 @@ _FIELD = re.compile(r'((?:"[^"]*"|[^,"])*)(?:,|$)')
 _NO_QUOTES = re.compile(r'"([^"]*)"|([^"]+)')
 
 
-class Block(NamedTuple):
-    """A keyword such as NODE, without blanks, its parameters, where it stands, its rows of text.
+class PlacedError(ValueError):
+    """A ValueError whose words begin with file and line."""
 
-    Rows have to be taken before the next block is asked for.
+
+class Block(NamedTuple):
+    """A keyword such as NODE, without blanks, its parameters, and its rows of text.
+
+    Rows have to be taken before the next block is asked for. `place` is where the keyword stands,
+    `here()` the line that was read last.
     """
 
     keyword: str
     parameters: dict[str, str]
     place: str
     rows: Iterator[str]
+    here: Callable[[], str]
 
 
-def read_blocks(path: Path) -> Iterator[Block]:
-    """Yield the blocks of a file and of those that it includes.
+def read_blocks(path: Path, keywords: Set[str]) -> Iterator[Block]:
+    """Yield the blocks of some keywords from a file and those that it includes.
 
     Raises:
         FileNotFoundError: if a file is not there.
@@ -56,14 +62,18 @@ def read_blocks(path: Path) -> Iterator[Block]:
         for _ in _rows(source):  # what stands before the first keyword says nothing
             pass
         if not source.head:
-            raise ValueError(f"{path} has no keyword, such as *NODE: it is no input file")
+            raise PlacedError(f"{path} has no keyword, such as *NODE: it is no input file")
         while source.head:
             keyword, parameters, place = source.head
             source.head = None
+            if keyword not in keywords:
+                for _ in _rows(source):
+                    pass
+                continue
             if keyword in ("NODE", "ELEMENT") and "INPUT" in parameters:
                 source.include(parameters.pop("INPUT"), place)
             rows = _rows(source)
-            yield Block(keyword, parameters, place, rows)
+            yield Block(keyword, parameters, place, rows, lambda: source.place)
             for _ in rows:
                 pass
     finally:
@@ -77,11 +87,10 @@ def _rows(source: "_Source") -> Iterator[str]:
             yield text
             continue
         keyword, parameters = _keyword(text, source)
-        place = f"{source.place}, *{keyword}"
         if keyword != "INCLUDE":
-            source.head = keyword, parameters, place
+            source.head = keyword, parameters, f"{source.place}, *{keyword}"
             return
-        source.include(parameters.get("INPUT", ""), place)
+        source.include(parameters.get("INPUT", ""), f"{source.place}, *{keyword}")
 
 
 def _keyword(text: str, source: "_Source") -> tuple[str, dict[str, str]]:
@@ -89,6 +98,8 @@ def _keyword(text: str, source: "_Source") -> tuple[str, dict[str, str]]:
 
     After a comma at the end the next line goes on, if it has a parameter and is no row.
     """
+    if "," not in text:
+        return label(text[1:], source.place), {}
     lines = [text]
     while lines[-1].endswith(","):
         following = source.next_line()
@@ -106,7 +117,7 @@ def _keyword(text: str, source: "_Source") -> tuple[str, dict[str, str]]:
         key, _, value = pair.partition("=")
         key = label(key, place)
         if key in parameters:
-            raise ValueError(f"{place}: the parameter {key} is given twice")
+            raise PlacedError(f"{place}: the parameter {key} is given twice")
         if key:
             parameters[key] = value.strip(" \t")
     return label(keyword[1:], place), parameters
@@ -126,7 +137,7 @@ class _Source:
     @property
     def place(self) -> str:
         """Name of the file and number of the line that was read last."""
-        return f"{self._last.path}, line {self._last.number}"
+        return f"{self._last.name}, line {self._last.number}"
 
     def next_line(self) -> str | None:
         if self._waiting:
@@ -152,7 +163,7 @@ class _Source:
         Names are relative to the folder of the file that includes it, or else to the first one's.
         """
         if not name.strip('" \t'):
-            raise ValueError(f"{place}: INPUT=... is missing, the name of a file")
+            raise PlacedError(f"{place}: INPUT=... is missing, the name of a file")
         name = name.strip('"')
         beside = self._last.path.parent / name
         path = beside if beside.is_file() else self._main.parent / name
@@ -161,11 +172,13 @@ class _Source:
         self._includes += 1
         resolved = path.resolve()
         if any(resolved == file.resolved for file in self._open):
-            raise ValueError(f"{place}: {path} includes itself")
+            raise PlacedError(f"{place}: {path} includes itself")
         if len(self._open) > MAX_DEPTH:
-            raise ValueError(f"{place}: files include each other over more than {MAX_DEPTH} levels")
+            raise PlacedError(
+                f"{place}: files include each other over more than {MAX_DEPTH} levels"
+            )
         if self._includes > MAX_INCLUDES:
-            raise ValueError(f"{place}: more than {MAX_INCLUDES} files are included")
+            raise PlacedError(f"{place}: more than {MAX_INCLUDES} files are included")
         self._push(path)
 
     def _push(self, path: Path) -> None:
@@ -177,14 +190,15 @@ class _Source:
         self._read += file.size
         self._sizes[file.resolved] = file.size
         if self._read > MAX_REPEATS * sum(self._sizes.values()) + MAX_REPEATED_TEXT:
-            raise ValueError(f"{path} is included too often: its text would be read without end")
+            raise PlacedError(f"{path} is included too often: its text would be read without end")
 
 
 class _File:
     """An open file, whose lines end with line feed, carriage return, or both."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.resolved, self.number = path, path.resolve(), 0
+        self.path, self.resolved = path, path.resolve()
+        self.name, self.number = str(path), 0
         self.size = path.stat().st_size
         with path.open("rb") as file:
             mark = file.read(3) if self.size else b""
@@ -204,11 +218,11 @@ class _File:
             if not text.isascii() and not self._wide:
                 text = _decoded(text)
         except UnicodeError as error:
-            raise ValueError(f"{self.path}, line {self.number}: this is no text") from error
+            raise PlacedError(f"{self.path}, line {self.number}: this is no text") from error
         if "\0" in text:
-            raise ValueError(f"{self.path}, line {self.number}: this is no text")
+            raise PlacedError(f"{self.path}, line {self.number}: this is no text")
         if len(text) >= MAX_LINE and not text.endswith("\n"):
-            raise ValueError(
+            raise PlacedError(
                 f"{self.path}, line {self.number}: the line is longer than {MAX_LINE} characters"
             )
         return text.strip(" \t\n")
@@ -231,7 +245,7 @@ def entries(text: str, place: str) -> list[str]:
     if '"' not in text:
         parts = [part.strip(" \t") for part in text.split(",")]
     elif text.count('"') % 2:
-        raise ValueError(f"{place}: a quotation mark is missing in {shortened(text)}")
+        raise PlacedError(f"{place}: a quotation mark is missing in {shortened(text)}")
     else:
         parts = [part.strip(" \t") for part in _FIELD.findall(text)]
     while parts and not parts[-1]:
@@ -243,7 +257,7 @@ def label(text: str, place: str) -> str:
     """Return a name: in capitals and without blanks, but as it is where it is in quotes."""
     if '"' in text:
         if text.count('"') % 2:
-            raise ValueError(f"{place}: a quotation mark is missing in {shortened(text)}")
+            raise PlacedError(f"{place}: a quotation mark is missing in {shortened(text)}")
         return "".join(quoted or label(plain, place) for quoted, plain in _NO_QUOTES.findall(text))
     return capitals(text.replace(" ", "").replace("\t", ""))
 

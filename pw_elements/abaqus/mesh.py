@@ -13,7 +13,7 @@ import basix
 import numpy as np
 import scipy.sparse as sp
 
-from pw_elements.abaqus.deck import PART, Deck, Name, SurfacePart
+from pw_elements.abaqus.deck import PART, Deck, Name, SurfacePart, unique
 from pw_elements.abaqus.lines import capitals
 from pw_elements.abaqus.types import EDGES, FACES, Kind
 from pw_elements.arrays import Array, Indices, Mask
@@ -90,10 +90,10 @@ def read_deck(path: Path, cells: Sequence[str] | None = None) -> DeckMesh:
 
 def _labels(deck: Deck) -> dict[str, dict[Name, str]]:
     """Names of the sets of each sort: as they are if that is clear, or else "INSTANCE.NAME"."""
-    parts = [int(part) for part in deck.placed]
+    parts = set(map(int, deck.placed))
     labels: dict[str, dict[Name, str]] = {}
-    sorts = {sort: [*named] for sort, named in deck.sets.items()}
-    for sort, named in {**sorts, "SURFACE": [*deck.surfaces]}.items():
+    sorts = {sort: dict.fromkeys(named) for sort, named in deck.sets.items()}
+    for sort, named in {**sorts, "SURFACE": dict.fromkeys(deck.surfaces)}.items():
         labels[sort] = {}
         for part, name in named:
             if part not in parts:
@@ -176,7 +176,10 @@ class _Cells:
         found = {(kind.cell, kind.degree) for kind in kinds if kind.dim == dim > 0}
         if dim < 2 or len(found) > 1:
             words = " and ".join(sorted(f"{cell}s of degree {n}" for cell, n in found)) or "none"
-            advice = "; from_file(path, cells=NAME) reads those of an ELSET" if dim > 1 else ""
+            others = ", ".join(sorted({kind.name for kind in kinds})[:6])
+            advice = f", but {others}" if others else ""
+            if dim > 1:
+                advice = "; from_file(path, cells=NAME) reads those of an ELSET"
             raise ValueError(
                 f"{path}: a mesh has plane or solid cells of one kind, here are {words}{advice}"
             )
@@ -413,7 +416,7 @@ class _Sets:
         ]
 
     def _add(self, sets: dict[str, Indices], label: str, members: Indices) -> None:
-        members = np.unique(members[members >= 0])
+        members = unique(members[members >= 0])
         if len(members):
             sets[label] = members
 
@@ -479,4 +482,4 @@ def _numbered(sets: dict[str, Indices], count: int) -> tuple[Indices, Tags]:
     tag = np.zeros(last + 1, dtype=np.int64)
     tag[tags] = np.arange(1, len(tags) + 1)
     numbers = tag[codes]
-    return numbers, {name: tuple(map(int, np.unique(numbers[own]))) for name, own in sets.items()}
+    return numbers, {name: tuple(map(int, unique(numbers[own]))) for name, own in sets.items()}

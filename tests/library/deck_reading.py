@@ -80,7 +80,8 @@ class Reading:
     def _text(self, path):
         data = path.read_bytes()
         try:
-            text = data.decode("utf-8-sig")
+            wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
+            text = data.decode("utf-16" if wide else "utf-8-sig")
         except UnicodeDecodeError:
             text = data.decode("latin-1")
         lines = []

@@ -74,7 +74,7 @@ def _numbers():
     for text in ("1.5+3", "1 2", "١", "--1", "1.0F", "1d", "<h>", "'1'", "1e1e1", "\x0b1", "\xa01"):
         yield f"coordinate {text!r}", BASE.replace("3, 2., 0.", f"3, {text}, 0."), True
     for text in (
-        "1.D0",
+        "2.D0",
         "+2.",
         "2.d+00",
         ".2E1",
@@ -161,10 +161,20 @@ def _names():
     """Names that merge or are cut, sets that are not there."""
     two = "*NSET,NSET={a}\n1,2\n*NSET,NSET={b}\n2,3\n"
     for a, b in (
-        ('"A=B, C"', "AB"), ('"A, B"', '"A, C"'), ('"A B"', "AB"), ('"a"', "A"), ("Straße", "STRASSE"),
-        ("Ä", "Ö"), ("ı", "I"), ("ﬁ", "FI"), ("ä", "Ä"), ("A\xa0B", "AB"), ("A.1", "A"), ("1A", "A1"),
+        ('"A=B, C"', "AB"),
+        ('"A, B"', '"A, C"'),
+        ('"A B"', "AB"),
+        ('"a"', "A"),
+        ("Straße", "STRASSE"),
+        ("Ä", "Ö"),
+        ("ı", "I"),
+        ("ﬁ", "FI"),
+        ("ä", "Ä"),
+        ("A\xa0B", "AB"),
+        ("A.1", "A"),
+        ("1A", "A1"),
         ("A" * 90, "A" * 89),
-    ):  # fmt: skip
+    ):
         yield f"names {a[:9]} and {b[:9]}", BASE + two.format(a=a, b=b), False
         yield (
             f"names {a[:9]} and {b[:9]} in Latin-1",
@@ -179,6 +189,7 @@ def _names():
     for sort, row in (("NSET", "77"), ("ELSET", "77"), ("NSET", "OTHER"), ("ELSET", "OTHER")):
         yield f"{sort} of {row}", f"{BASE}*{sort},{sort}=A\n1,{row}\n", True
         yield f"{sort} of negative", f"{BASE}*{sort},{sort}=A\n1,-2\n", True
+    yield "members twice", BASE + "*NSET,NSET=A\n1,1,1\n*ELSET,ELSET=B\n2,2,E\n", False
     yield "a set of itself", BASE + "*NSET,NSET=A\nA,1,2\n", False
     yield "sets of each other", BASE + "*NSET,NSET=A\nB\n*NSET,NSET=B\nA\n", True
     yield "a surface first", "*SURFACE,NAME=S\nE,S2\n" + BASE, False
@@ -207,9 +218,14 @@ def _files():
     }, True  # fmt: skip
     levels = {f"{k}.inp": f"*INCLUDE,INPUT={k + 1}.inp\n" for k in range(20)}
     yield "many levels", {**levels, "deck.inp": BASE + levels["0.inp"], "20.inp": "**\n"}, True
-    yield "INCLUDE in a block", {
-        "deck.inp": BASE.replace("4, 0., 1.\n", "*INCLUDE, INPUT=four.inp\n"), "four.inp": "4, 0., 1."
-    }, False  # fmt: skip
+    yield (
+        "INCLUDE in a block",
+        {
+            "deck.inp": BASE.replace("4, 0., 1.\n", "*INCLUDE, INPUT=four.inp\n"),
+            "four.inp": "4, 0., 1.",
+        },
+        False,
+    )
     yield "INCLUDE of much, often", {
         "deck.inp": BASE + "*INCLUDE,INPUT=much.inp\n" * 40, "much.inp": "** much\n" * 50_000
     }, True  # fmt: skip

@@ -8,6 +8,7 @@ import basix
 import numpy as np
 import pytest
 import ufl
+from dolfinx.fem import functionspace, locate_dofs_topological
 
 from pw_elements import assemble_scalar
 from pw_elements._compat import cell_nodes
@@ -125,3 +126,175 @@ def test_calculix_answers_as_it_did():
     assert {*answers} == {*MODELS}
     for kind, answer in answers.items():
         assert deck_calculix.compute(kind, deck_calculix.executable()) == answer
+
+
+SQUARES = """*NODE, NSET=ALL
+1, 0., 0.
+2, 1., 0.
+3, 2., 0.
+4, 0., 1.
+5, 1., 1.
+6, 2., 1.
+*ELEMENT, TYPE=CPS4, ELSET=LEFT
+1, 1, 2, 5, 4
+*ELEMENT, TYPE=CPS4, ELSET=RIGHT
+2, 2, 3, 6, 5
+"""
+
+
+def test_cells_of_a_set_are_read_alone(tmp_path):
+    part = read(tmp_path, SQUARES, cells="right")
+    assert volume(part) == pytest.approx(1.0)
+    assert {*part.names["cells"]} == {"RIGHT"}
+    assert volume(read(tmp_path, SQUARES, cells=["LEFT", "RIGHT"])) == pytest.approx(2.0)
+    with pytest.raises(ValueError, match="no ELSET is called TOP; known are LEFT, RIGHT"):
+        read(tmp_path, SQUARES, cells="TOP")
+    mixed = SQUARES + "*ELEMENT, TYPE=CPS3, ELSET=T\n3, 3, 7, 6\n*NODE\n7, 3., .5\n"
+    with pytest.raises(ValueError, match=r"of degree 1 and triangles .* cells=NAME"):
+        read(tmp_path, mixed)
+    assert volume(read(tmp_path, mixed, cells="T")) == pytest.approx(0.5)
+
+
+def test_shells_and_springs_beside_solids_are_left_out_and_named(tmp_path, caplog):
+    text = (
+        MODELS["C3D10"]
+        + """*NODE
+9001, 9., 9., 9.
+9002, 10., 9., 9.
+9003, 10., 10., 9.
+9004, 9., 10., 9.
+*ELEMENT, TYPE=S4, ELSET=SHELL
+9001, 9001, 9002, 9003, 9004
+*ELEMENT, TYPE=SPRINGA, ELSET=SPRING
+9002, 9001, 9002
+"""
+    )
+    part = read(tmp_path, text)
+    assert part.mesh.topology.dim == 3
+    assert "neither cells nor facets are left out: 1 S4, 1 SPRINGA" in caplog.text
+    assert not {"SHELL", "SPRING"} & {*part.names["cells"], *part.names["facets"]}
+    shell = read(tmp_path, text, cells="SHELL")
+    assert shell.mesh.topology.dim == 2
+    assert volume(shell) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"), [((0, 2), "y = 7: x and z"), ((1, 2), "x = 7: y and z")]
+)
+def test_shells_in_other_planes_keep_two_coordinates(tmp_path, caplog, axes, words):
+    lines = SQUARES.splitlines()
+    for k in range(1, 7):
+        number, *x = lines[k].split(",")
+        at = ["7."] * 3
+        at[axes[0]], at[axes[1]] = x
+        lines[k] = ",".join([number, *at])
+    text = "\n".join(lines)
+    with pytest.raises(ValueError, match="do not lie in one plane z = constant"):
+        read(tmp_path, text)
+    part = read(tmp_path, text.replace("CPS4", "S4"))
+    assert words in caplog.text
+    assert sorted(map(tuple, part.mesh.geometry.x[:, :2].tolist())) == [
+        (x, y) for x in (0.0, 1.0, 2.0) for y in (0.0, 1.0)
+    ]
+
+
+def test_cells_keep_their_shape_and_faces_hold_added_nodes(tmp_path, caplog):
+    """A set of all nodes of a face selects the facet, whose unknowns are nine."""
+    part = read(tmp_path, MODELS["C3D20"])
+    assert "8 cells of 20 nodes have got 7 more" in caplog.text
+    space = functionspace(part.mesh, ("Lagrange", 2))
+    part.mesh.topology.create_connectivity(2, 3)
+    count = len(locate_dofs_topological(space, 2, part.facets("BASE")))
+    assert len(part.facets("BASE")) == 4
+    assert count == 25
+
+
+def test_rows_that_are_too_long_are_cut_and_counted(tmp_path, caplog):
+    read(tmp_path, SQUARES.replace("1, 1, 2, 5, 4", "1, 1, 2, 5, 4, 6"))
+    assert "1 rows of CPS4 have more than 4 nodes" in caplog.text
+
+
+def test_names_in_quotes_keep_commas_and_their_case(tmp_path):
+    text = SQUARES + '*NSET, NSET="A=b, C"\n1, 2\n*SURFACE, NAME=S, TYPE=NODE\n"A=b, C"\n'
+    part = read(tmp_path, text)
+    assert {*part.names["facets"]} == {"ALL", "A=b, C", "S"}
+    assert np.array_equal(part.facets("A=b, C"), part.facets("s"))
+    with pytest.raises(ValueError, match="no set of facets is called A=B"):
+        part.facets("A=B")
+
+
+def test_nodes_and_elements_of_a_set_make_others(tmp_path):
+    text = SQUARES + "*NSET, NSET=N, ELSET=LEFT\n*NSET, NSET=GAPS, GENERATE\n1, 90\n"
+    part = read(tmp_path, text)
+    assert len(part.facets("N")) == 3
+    assert len(part.facets("GAPS")) == 6
+
+
+def test_ranges_with_gaps_are_named(tmp_path, caplog):
+    read(tmp_path, SQUARES + "*NSET, NSET=GAPS, GENERATE\n1, 90\n")
+    assert "ranges of NSET GAPS have numbers of nothing that is there" in caplog.text
+    caplog.clear()
+    read(tmp_path, SQUARES + "*NSET, NSET=WHOLE, GENERATE\n1, 6\n")
+    assert not caplog.text
+
+
+def test_nodes_are_read_from_the_file_that_they_name(tmp_path):
+    nodes, cells = SQUARES.split("*ELEMENT", 1)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "Nodes.txt").write_text(nodes.partition("\n")[2])
+    text = f"*NODE, NSET=ALL, INPUT=sub/Nodes.txt\n*ELEMENT{cells}"
+    assert volume(read(tmp_path, text)) == pytest.approx(2.0)
+
+
+PARTS = """*PART, NAME=P
+{nodes}*ELSET, ELSET=SAME
+1
+*END PART
+*ASSEMBLY, NAME=A
+*INSTANCE, NAME=I, PART=P
+{shift}{inside}*END INSTANCE
+*ELSET, ELSET=SAME, INSTANCE=I
+2
+*END ASSEMBLY
+"""
+
+
+def test_sets_of_one_name_in_part_and_assembly_stay_two(tmp_path):
+    part = read(tmp_path, PARTS.format(nodes=SQUARES, shift="", inside=""))
+    assert {*part.names["cells"]} == {"LEFT", "RIGHT", "I.SAME", "SAME"}
+    assert part.cells("I.SAME").tolist() != part.cells("SAME").tolist()
+
+
+def test_a_mesh_may_stand_in_the_instance_unless_that_is_moved(tmp_path):
+    inside = SQUARES.replace("*ELEMENT", "** the part is empty\n*ELEMENT")
+    text = PARTS.replace("*ELSET, ELSET=SAME\n1\n", "")
+    assert volume(read(tmp_path, text.format(nodes="", shift="", inside=inside))) == pytest.approx(
+        2
+    )
+    with pytest.raises(ValueError, match="nodes in an instance that is moved are not read"):
+        read(tmp_path, text.format(nodes="", shift="1., 0., 0.\n", inside=inside))
+
+
+def test_errors_name_file_and_line(tmp_path):
+    with pytest.raises(ValueError, match=r"deck\.inp, line 4, \*NODE: 'nan' is no number"):
+        read(tmp_path, "*NODE\n1, 0., 0.\n** comment\n3, nan, 0.\n")
+    with pytest.raises(ValueError, match="edge between nodes 2 and 3 has the node"):
+        read(tmp_path, TORN)
+
+
+# Two triangles of an edge 2-3, in whose middle each has a node of its own
+TORN = """*NODE
+1, 0., 0.
+2, 1., 0.
+3, 0., 1.
+4, .5, 0.
+5, .5, .5
+6, 0., .5
+7, 1., 1.
+8, 1., .5
+9, .5, 1.
+11, .5, .5
+*ELEMENT, TYPE=CPS6
+1, 1, 2, 3, 4, 5, 6
+2, 3, 2, 7, 11, 8, 9
+"""
