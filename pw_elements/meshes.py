@@ -177,13 +177,18 @@ def from_file(
     """
     arguments.communicator(comm)
     arguments.of_type("path", path, (str, Path), "it has to be the path of a file")
+    one_or_more = (str, Sequence, type(None))
+    arguments.of_type("cells", cells, one_or_more, "give the name of an ELSET, or several")
     path = Path(path)
     if path.suffix.lower() == ".msh":
         if cells is not None:
             raise ValueError(f"{path}: cells = {cells!r} names ELSETs, which .inp files alone have")
         return from_gmsh(comm, path)
     if path.suffix.lower() == ".inp":
-        return _from_abaqus(path, comm, (cells,) if isinstance(cells, str) else cells)
+        names = (cells,) if isinstance(cells, str) else cells
+        if names is not None and not all(isinstance(name, str) for name in names):
+            raise TypeError(f"cells = {cells!r}: give the name of an ELSET, or several")
+        return _from_abaqus(path, comm, names)
     raise ValueError(f"{path}: files end with .msh (Gmsh) or .inp (Abaqus, CalculiX)")
 
 

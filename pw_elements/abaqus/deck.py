@@ -24,7 +24,7 @@ from pw_elements.abaqus.lines import (
 )
 from pw_elements.abaqus.types import Kind, kind_of
 from pw_elements.arrays import Indices
-from pw_elements.checks.arguments import LARGEST
+from pw_elements.checks import arguments
 
 # Keywords that make nodes or elements, or move them
 NOT_READ = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "IMPORT"}
@@ -199,8 +199,10 @@ class Deck:
             self._x.extend(x)
         self._name_rows("NSET", block, first, len(self._node_keys))
         size = max(map(abs, self._x[3 * first :]), default=0.0)
-        if not size <= LARGEST:
-            raise ValueError(f"a coordinate is of the size {size:.3g}, larger than {LARGEST:g}")
+        if not size <= arguments.LARGEST:
+            raise ValueError(
+                f"a coordinate is of the size {size:.3g}, larger than {arguments.LARGEST:g}"
+            )
 
     def _add_elements(self, block: Block) -> None:
         name = label(block.parameters["TYPE"], block.place)
@@ -409,7 +411,7 @@ class Deck:
         if chunks is None:
             raise ValueError(f"{place}: the {sort} {name[1]} is not defined before")
         if len(chunks) != 1:
-            members = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *chunks]))
+            members = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *chunks]))
             self._spend(sum(map(len, chunks)), place)
             chunks[:] = [members]
         return chunks[0]
@@ -436,12 +438,12 @@ class Deck:
                         f"{block.place}: {block.name[1]} has the {noun} {number}, which is not "
                         "there"
                     )
-                yield block, position[part].astype(np.int32)
+                yield block, position[part]
 
     def _range_members(self, block: SetBlock) -> Indices:
         """Positions of the nodes or elements in ranges of keys; numbers without one are noted."""
         known = self.node_keys if block.sort == "NSET" else self.element_keys
-        chunks = [np.empty(0, dtype=np.int32)]
+        chunks = [np.empty(0, dtype=np.int64)]
         if not block.ranges:
             return chunks[0]
         for first, last, step in merged(block.ranges):
@@ -461,7 +463,7 @@ class Deck:
                 )
             if len(chunk) < count:
                 self._with_gaps.setdefault(f"{block.sort} {block.name[1]}")
-            chunks.append(chunk.astype(np.int32))
+            chunks.append(chunk)
         return np.unique(np.concatenate(chunks))
 
     def _nodes_of(self, elements: Indices) -> Indices:

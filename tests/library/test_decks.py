@@ -149,6 +149,9 @@ def test_cells_of_a_set_are_read_alone(tmp_path):
     assert volume(read(tmp_path, SQUARES, cells=["LEFT", "RIGHT"])) == pytest.approx(2.0)
     with pytest.raises(ValueError, match="no ELSET is called TOP; known are LEFT, RIGHT"):
         read(tmp_path, SQUARES, cells="TOP")
+    for wrong in (5, [5]):
+        with pytest.raises(TypeError, match=r"cells .*: give the name of an ELSET, or several"):
+            read(tmp_path, SQUARES, cells=wrong)
     mixed = SQUARES + "*ELEMENT, TYPE=CPS3, ELSET=T\n3, 3, 7, 6\n*NODE\n7, 3., .5\n"
     with pytest.raises(ValueError, match=r"of degree 1 and triangles .* cells=NAME"):
         read(tmp_path, mixed)
