@@ -189,7 +189,7 @@ def _names():
     for sort, row in (("NSET", "77"), ("ELSET", "77"), ("NSET", "OTHER"), ("ELSET", "OTHER")):
         yield f"{sort} of {row}", f"{BASE}*{sort},{sort}=A\n1,{row}\n", True
         yield f"{sort} of negative", f"{BASE}*{sort},{sort}=A\n1,-2\n", True
-    yield "members twice", BASE + "*NSET,NSET=A\n1,1,1\n*ELSET,ELSET=B\n2,2,E\n", False
+    yield "members twice", BASE + "*NSET,NSET=A\n1,1\n*ELSET,ELSET=B\n2,2,E\n", False
     yield "a set of itself", BASE + "*NSET,NSET=A\nA,1,2\n", False
     yield "sets of each other", BASE + "*NSET,NSET=A\nB\n*NSET,NSET=B\nA\n", True
     yield "a surface first", "*SURFACE,NAME=S\nE,S2\n" + BASE, False
