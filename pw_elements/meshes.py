@@ -1,6 +1,7 @@
 """Structured rectangles, their smooth images, and meshes of Gmsh and Abaqus with their sets."""
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
@@ -11,7 +12,6 @@ import basix
 import basix.ufl
 import numpy as np
 from dolfinx import fem
-from dolfinx.io.utils import cell_perm_vtk
 from dolfinx.mesh import (
     CellType,
     DiagonalType,
@@ -23,9 +23,18 @@ from dolfinx.mesh import (
 )
 
 from pw_elements._compat import model_to_mesh
-from pw_elements.abaqus import FACES, Model
-from pw_elements.arrays import Array, Indices, Local
-from pw_elements.checks import answer, arguments, collective, compare_function, same_everywhere
+from pw_elements.abaqus import DeckMesh, capitals, read_deck
+from pw_elements.arrays import Array, Local
+from pw_elements.checks import (
+    DegenerateMesh,
+    answer,
+    arguments,
+    check_cells,
+    collective,
+    compare_function,
+    same_everywhere,
+)
+from pw_elements.progress import told
 
 __all__ = ["curved", "from_file", "from_gmsh", "mapped", "quadrilaterals", "triangles"]
 
@@ -123,7 +132,7 @@ class TaggedMesh(NamedTuple):
 
     def _find(self, kind: str, tags: MeshTags, name: str) -> Local:
         known = self.names[kind]
-        own = known.get(name, known.get(name.upper(), ()))
+        own = known.get(name, known.get(capitals(name), ()))
         if not own:
             raise ValueError(
                 f"no set of {kind} is called {name}; known are {', '.join(known) or 'none'}"
@@ -132,37 +141,55 @@ class TaggedMesh(NamedTuple):
 
 
 @same_everywhere
-def from_file(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> TaggedMesh:
+def from_file(
+    path: str | Path,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    *,
+    cells: str | Sequence[str] | None = None,
+) -> TaggedMesh:
     """Mesh and sets from a file of Gmsh (`.msh`) or of Abaqus or CalculiX (`.inp`).
 
         part = from_file("seal.inp")
         K = assemble_matrix(Body(Spaces.petrov_galerkin(part.mesh), steel, "solid").stiffness())
         pressed = boundary_measure(part.mesh, part.facets("TOP"))
 
-    Of `.inp` files: C3D10, C3D4, C3D8, and plane elements and shells with 3, 4 or 6 nodes, such as
-    CPS6, CPE6, CAX6, S6, all in one plane z = constant. Elements of the highest dimension are
-    cells, those of one less are facets. ELSETs are sets of cells or facets; SURFACEs are sets of
-    facets, and so are NSETs: of the boundary's facets with all nodes in them. If a SURFACE and a
-    set have one name, the SURFACE's facets count. Sets without any facet or cell, and those whose
-    names begin with an underscore, are left out. Sets of parts keep their names if there is one
-    part; otherwise they are called "INSTANCE.SET". Names are in capitals.
+    Of `.inp` files: C3D4, C3D8, C3D10, C3D20, and plane elements, shells and membranes with 3, 4, 6
+    or 8 nodes, such as CPS6, CPE8, CAX6, S8R; plane ones lie in a plane z = constant, shells may
+    lie in one x or y = constant, too. C3D20 and those of 8 nodes get nodes in the middle of faces
+    and cells, with the same shape. Elements of the highest dimension are cells, those of one less
+    are facets; the log names what is left out, as a warning.
+
+    ELSETs are sets of cells or facets; SURFACEs are sets of facets, and so are NSETs: of the
+    boundary's facets with all nodes in them. If a SURFACE and a set have one name, the SURFACE's
+    facets count. Sets without any facet or cell, and those whose names begin with an underscore,
+    are left out. Sets of parts keep their names if there is one part that has no name in common
+    with the assembly; otherwise they are called "INSTANCE.SET". Names are in capitals, but those in
+    quotes are as they are.
 
     Args:
         path: of the file.
         comm: communicator.
+        cells: of an `.inp` file, names of ELSETs whose elements are the cells; all if None.
 
     Raises:
         FileNotFoundError: if there is no such file, or it includes one that is not there.
-        ValueError: for a file of another kind, or one that states no such mesh; the message names
-            what cannot be read, such as elements C3D20 and CPS8, which DOLFINx has no cells for.
+        ValueError: for a file of another kind, or one that states no such mesh; the message says
+            where and why, such as elements C3D15, which DOLFINx has no cells for.
     """
     arguments.communicator(comm)
     arguments.of_type("path", path, (str, Path), "it has to be the path of a file")
+    one_or_more = (str, Sequence, type(None))
+    arguments.of_type("cells", cells, one_or_more, "give the name of an ELSET, or several")
     path = Path(path)
     if path.suffix.lower() == ".msh":
+        if cells is not None:
+            raise ValueError(f"{path}: cells = {cells!r} names ELSETs, which .inp files alone have")
         return from_gmsh(comm, path)
     if path.suffix.lower() == ".inp":
-        return _from_abaqus(path, comm)
+        names = (cells,) if isinstance(cells, str) else cells
+        if names is not None and not all(isinstance(name, str) for name in names):
+            raise TypeError(f"cells = {cells!r}: give the name of an ELSET, or several")
+        return _from_abaqus(path, comm, names)
     raise ValueError(f"{path}: files end with .msh (Gmsh) or .inp (Abaqus, CalculiX)")
 
 
@@ -328,14 +355,16 @@ def _check_plane(whose: str, x: Array) -> None:
         raise ValueError(f"{whose} has plane cells that do not lie in one plane z = constant")
 
 
-def _from_abaqus(path: Path, comm: MPI.Comm) -> TaggedMesh:
+def _from_abaqus(path: Path, comm: MPI.Comm, chosen: Sequence[str] | None) -> TaggedMesh:
     with collective(comm):
-        deck = None if comm.rank else _deck(path)
-    (cell, degree), x, cells, tags, names = comm.bcast(deck)
-    dim = x.shape[1]
+        own = None if comm.rank else read_deck(path, chosen)
+    deck: DeckMesh = comm.bcast(own)
+    x, cells, dim = deck.x, deck.cells, deck.x.shape[1]
+    if deck.notes:
+        told(comm, logging.WARNING, f"{path}: {'; '.join(deck.notes)}")
     if comm.rank:
         x, cells = x[:0], cells[:0]
-    element = basix.ufl.element("Lagrange", cell, degree, shape=(dim,))
+    element = basix.ufl.element("Lagrange", deck.cell, deck.degree, shape=(dim,))
     mesh = create_mesh(comm, cells=cells, x=x, e=element)
     mesh.topology.create_connectivity(dim, dim - 1)
     given = mesh.topology.original_cell_index
@@ -345,106 +374,11 @@ def _from_abaqus(path: Path, comm: MPI.Comm) -> TaggedMesh:
     }
     found = []
     for k, (kind, entity) in enumerate(entities.items()):
-        tag = tags[kind][given].ravel()
+        tag = deck.tags[kind][given].ravel()
         each, first = np.unique(entity[tag > 0], return_index=True)
         found.append(meshtags(mesh, dim - k, each, tag[tag > 0][first].astype(np.int32)))
-    return TaggedMesh(mesh, found[0], found[1], names)
-
-
-def _deck(path: Path) -> tuple[tuple[str, int], Array, Indices, dict[str, Indices], Names]:
-    """Cell and degree, nodes (k, dim), cells (n, nodes of each) in DOLFINx' order, tags, names.
-
-    Tags are of "cells" (n, 1) and of "facets" (n, facets of each), 0 being none.
-    """
-    model = Model(path)
-    placed = {"", *model.instances.values()} if model.instances else {k[0] for k in model.nodes}
-    elements = {key: element for key, element in model.elements.items() if key[0] in placed}
-    dim = max((kind[0] for kind, _ in elements.values()), default=0)
-    kinds = {kind[1:3] for kind, _ in elements.values() if kind[0] == dim}
-    if dim < 2 or len(kinds) > 1:
-        found = " and ".join(sorted(f"{name}s of degree {n}" for name, n in kinds)) or "none"
-        raise ValueError(f"{path}: a mesh has plane or solid cells of one kind, here are {found}")
-    ((cell, degree),) = kinds
-    own = {key: nodes for key, (kind, nodes) in elements.items() if kind[0] == dim}
-    used = {node for nodes in own.values() for node in nodes}
-    if lost := used - model.nodes.keys():
-        raise ValueError(f"{path}: elements have the node {min(lost)[1]}, which is not there")
-    x = np.array([at for key, at in model.nodes.items() if key in used])
-    row = {key: k for k, key in enumerate(key for key in model.nodes if key in used)}
-    cells = np.array([[row[node] for node in nodes] for nodes in own.values()])
-    order = cell_perm_vtk(CellType[cell], cells.shape[1])  # Abaqus' is VTK's
-    cells = cells[:, order]
-    if dim == 2:
-        _check_plane(str(path), x)
-
-    # every facet once, by its corners, and which of them each cell has
-    corners = np.array(basix.topology(basix.CellType[cell])[dim - 1])
-    rows = np.sort(cells[:, corners], axis=2).reshape(-1, corners.shape[1])
-    facets, which, times = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
-    which = which.reshape(len(cells), -1)
-    outer = times[which] == 1
-    element = basix.ufl.element("Lagrange", cell, degree)
-    with_middles = np.array(element.entity_closure_dofs[dim - 1])
-    sides: list[set[int]] = [{*map(int, facet)} for facet in corners]
-    side = {
-        f"S{n}": sides.index({order.index(int(k)) for k in face})
-        for n, face in enumerate(FACES[cell], 1)
-    }
-    number = {key: k for k, key in enumerate(own)}
-    by_corners = {tuple(row): k for k, row in enumerate(facets.tolist())}
-    ends, skin = {*rows.ravel().tolist()}, {}
-    for key, (made_as, nodes) in elements.items():
-        if made_as[0] == dim - 1:
-            corner = tuple(sorted({row.get(node, -1) for node in nodes} & ends))
-            if corner not in by_corners:
-                raise ValueError(
-                    f"{path}: element {key[1]} is no facet of a cell: shells are not read"
-                )
-            skin[key] = by_corners[corner]
-
-    def facets_of(kind: str, members: list[Any]) -> list[int]:
-        if kind == "NSET":
-            inside = np.isin(np.arange(len(x)), [row[key] for key in members if key in row])
-            return which[inside[cells[:, with_middles]].all(axis=2) & outer].tolist()
-        if kind == "ELSET":
-            return [skin[key] for key in members if key in skin]
-        of = {made: [m[1:] for m in members if m[0] == made] for made in ("NSET", "ELSET")}
-        found = [facet for made in of for facet in facets_of(made, [key for _, key in of[made]])]
-        for face, key in of["ELSET"]:
-            if (k := number.get(key)) is None:
-                continue
-            if face and face not in side:
-                raise ValueError(f"{path}: a surface has faces {face}; a {cell} has {[*side]}")
-            found += [which[k, side[face]]] if face else [*which[k][outer[k]]]
-        return found
-
-    sets: dict[str, dict[str, Indices]] = {"cells": {}, "facets": {}}
-    instance = {part: name for name, part in model.instances.items() if len(model.instances) > 1}
-    for sort, named in model.sets.items():
-        for (part, title), members in named.items():
-            if part not in placed or title.startswith("_"):
-                continue
-            label = f"{instance[part]}.{title}" if part in instance else title
-            if chosen := facets_of(sort, members):
-                sets["facets"][label] = np.unique(chosen)
-            if sort == "ELSET" and not number.keys().isdisjoint(members):
-                sets["cells"][label] = np.unique([number[key] for key in members if key in number])
-    cell_tags, of_cells = _numbered(sets["cells"], len(cells))
-    facet_tags, of_facets = _numbered(sets["facets"], len(facets))
-    tags = {"cells": cell_tags[:, None], "facets": facet_tags[which]}
-    names = {"cells": of_cells, "facets": of_facets}
-    return (cell, degree), np.ascontiguousarray(x[:, :dim]), cells, tags, names
-
-
-def _numbered(sets: dict[str, Indices], count: int) -> tuple[Indices, dict[str, tuple[int, ...]]]:
-    """Tags (count,) that tell in which of the sets each member is, from 1, and those of a set."""
-    codes: Indices = np.zeros(count, dtype=np.int64)
-    for members in sets.values():
-        inside = np.isin(np.arange(count), members)
-        codes = np.unique(2 * codes + inside, return_inverse=True)[1].astype(np.int64)
-    tag: dict[int, int] = {}
-    names = {}
-    for name, members in sets.items():
-        own = map(int, np.unique(codes[members]))
-        names[name] = tuple(tag.setdefault(code, len(tag) + 1) for code in own)
-    return np.array([tag.get(code, 0) for code in range(codes.max() + 1)])[codes], names
+    try:
+        check_cells(mesh)
+    except DegenerateMesh as error:
+        raise DegenerateMesh(f"{path}: {error}") from error
+    return TaggedMesh(mesh, found[0], found[1], deck.names)

@@ -13,4 +13,4 @@ from pw_elements.checks.guard import (
     same_everywhere,
     spread_rows,
 )
-from pw_elements.checks.meshes import DegenerateMesh, check_mesh, listed, pieces_of
+from pw_elements.checks.meshes import DegenerateMesh, check_cells, check_mesh, listed, pieces_of
