@@ -20,7 +20,7 @@ from pw_elements.contact import (
     write,
 )
 from pw_elements.contact.interface import ROUND_OFF
-from pw_elements.contact.steps.stepping import Target
+from pw_elements.contact.steps.stepping import IncrementTarget
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
 from study.elements import taylor_hood
@@ -131,10 +131,13 @@ def test_round_off_of_volumes_is_allowed_in_the_equations_of_pressures_alone():
     held = [prescribe(U, k, at(1, 0.0)) for k in (0, 1)]
     pair = ContactPair(at(1, 1.0), Sphere((1.0, 2.0), 1.0))
     stepping = (problem := ContactProblem.of_residual(residual, w, held, pair))._finite
-    goal = Target.of(None, [Motion((0.0, 0.0))], stepping.interface, turning=True)
-    state, system = problem.undeformed, stepping._bound(goal.free)
-    _, equilibrium, _ = stepping._begun(state, goal, system, state.unknowns)
-    alone = np.eye(equilibrium.load.getLocalSize())
+    rest = [Motion((0.0, 0.0))]
+    target = IncrementTarget.from_motions(None, rest, stepping.interface, turning=True)
+    state, system = problem.undeformed, stepping._system_for(target.free)
+    increment, kinematics = stepping._start_increment(state, target, system, state.unknowns)
+    equilibrium, start = increment.equilibrium, increment.start
+    linearised = kinematics.linearise(start.q, start.displacement, start.force)
+    alone = np.eye(equilibrium.linearise(linearised.torque_map).getLocalSize())
     allowed = 1 / np.array([equilibrium.violation(one, 0.0, None) for one in alone])
 
     q, pressure = ufl.TestFunctions(U)[1], SubSpace.pressure(U)

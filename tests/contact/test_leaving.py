@@ -66,7 +66,7 @@ def test_a_step_is_made_the_ordinary_way_if_the_end_is_not_found_at_once(monkeyp
     rubber = Rubber()
     (pressed,) = walked(rubber.problem, [Motion((0.0, -0.2))])
     stepping, at_once = rubber.problem._finite, []
-    solve = stepping._solved
+    solve = stepping._solve_part
 
     def fail_at_first(*given):
         at_once.append(given[-1] is not None)
@@ -74,7 +74,7 @@ def test_a_step_is_made_the_ordinary_way_if_the_end_is_not_found_at_once(monkeyp
             raise NotFound("not at once")
         return solve(*given)
 
-    monkeypatch.setattr(stepping, "_solved", fail_at_first)
+    monkeypatch.setattr(stepping, "_solve_part", fail_at_first)
     state = rubber.problem.step(pressed, motions=Motion((0.0, 2.0)))
     assert at_once == [True, False]
     assert (state.pairs[0].status == OPEN).all()
@@ -89,7 +89,7 @@ def lifts_clear(problem, ends, unknowns):
     pieces = SupportedPieces.fit(
         stepping._positions, stepping._held, stepping._piece, path, stepping.interface.comm
     )
-    return ends_clear(stepping.interface, stepping._tools, pieces, ways, unknowns)
+    return ends_clear(stepping.interface, stepping._surfaces, pieces, ways, unknowns)
 
 
 def test_what_goes_through_a_body_does_not_leave_it():
@@ -139,4 +139,4 @@ def test_supports_behind_a_gap_may_be_reached(in_one_piece):
     nodes = stepping._positions, stepping._held, stepping._piece * (not in_one_piece)
     ways, path = np.zeros((65, 1, 3)), np.zeros((65, *nodes[0].shape))
     ways[:, 0, 1] = np.linspace(0.0, -1.1, 65)
-    refuse_tools_through_supports(stepping.interface, stepping._tools, *nodes, ways, path)
+    refuse_tools_through_supports(stepping.interface, stepping._surfaces, *nodes, ways, path)
