@@ -82,7 +82,7 @@ def refuse_tools_through_supports(
         reached = reached[np.argsort(least[reached])[:_MOST_REACHED]]
         pieces = SupportedPieces.fit(positions, held, number, paths, interface.comm)
         sample = gaps[:, reached].argmin(axis=0)
-        supports = positions[fixed][reached], number[fixed][reached], seen[sample, reached], sample
+        supports = positions[fixed][reached], seen[sample, reached], sample
         places = _find_crushed(interface, motion, k, pieces, ways[:, k], *supports)
         if len(places):
             raise SurfacePassed(
@@ -98,7 +98,6 @@ def _find_crushed(
     pieces: SupportedPieces,
     way: Array,
     supports: Array,
-    piece: Indices,
     seen: Array,
     sample: Indices,
 ) -> Array:
@@ -111,7 +110,6 @@ def _find_crushed(
         pieces: of the body, as supports carry them along.
         way: (samples, dim + 1), placements of the surface.
         supports: (s, dim), undeformed positions, of this process.
-        piece: (s,), which they belong to.
         seen: (s, dim), the supports in the frame of the surface, where they are reached.
         sample: (s,), when that is.
     """
@@ -128,7 +126,7 @@ def _find_crushed(
         away = seen[j] - motion.positions_in_surface_frame(pair, way[sample[j]], moved[sample[j]])
         depth = away @ normal[j]
         beside = np.linalg.norm(away - depth[:, None] * normal[j], axis=1)
-        beside[(depth <= 0) | (of_node != piece[j]) | ~pieces.rigid[of_node]] = np.inf
+        beside[(depth <= 0) | ~pieces.rigid[of_node]] = np.inf
         nearest = int(beside.argmin())
         if beside[nearest] <= spacing:
             nodes.append(x[nearest])

@@ -83,9 +83,12 @@ class SupportedPieces:
             places.append(place)
             rotations.append(left @ right)
         pieces = cls(number, pivot, np.array(places), np.array(rotations), rigid)
-        away = np.abs(pieces.move(positions, number) - positions - paths)
+        supported = held.any(axis=1)
+        x, of_piece = positions[supported], number[supported]
+        away = np.abs(pieces.move(x, of_piece) - x - paths[:, supported])
         farthest = np.zeros(count)
-        np.maximum.at(farthest, number, np.where(held, away, 0.0).max(axis=(0, 2), initial=0.0))
+        away = np.where(held[supported], away, 0.0).max(axis=(0, 2), initial=0.0)
+        np.maximum.at(farthest, of_piece, away)
         comm.Allreduce(MPI.IN_PLACE, farthest, MPI.MAX)
         longest = comm.allreduce(float(np.abs(paths).max(initial=0.0)), MPI.MAX)
         extent = np.sqrt(spread[:, 0] / nodes[:, 0]) + longest
@@ -184,9 +187,9 @@ def _follow_tool(
             normal = np.asarray(surface.normal(points), dtype=float).reshape(seen.shape)
     depth = np.where(np.isnan(gap), np.inf, -gap).max(axis=1, initial=0.0)
     comm.Allreduce(MPI.IN_PLACE, depth, MPI.MAX)
-    faces = np.sum(normal * (beyond - seen), axis=2) <= OUTWARDS * np.linalg.norm(
-        beyond - seen, axis=2
-    )
+    outward = beyond - seen
+    pushed = np.sum(normal * outward, axis=2)
+    faces = pushed <= OUTWARDS * np.linalg.norm(outward, axis=2)
     now = interface.at_points(unknowns)[mine] + x
     return _Way(
         depth,

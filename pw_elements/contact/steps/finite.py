@@ -22,7 +22,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, equilibrated, masked, prescribed
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import answer, arguments, collective
+from pw_elements.checks import answer, arguments, collective, pieces_of
 from pw_elements.contact.interface import ROUND_OFF, nodal_interface
 from pw_elements.contact.iteration import (
     CellGuard,
@@ -83,7 +83,7 @@ from pw_elements.contact.steps.verification import (
 from pw_elements.contact.system import ContactSystem
 from pw_elements.elasticity import REMEDY, TangentWatch
 from pw_elements.progress import doing, told
-from pw_elements.solvers import LinearSolver, NotConverged, Pieces, is_matrix_free
+from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
 from pw_elements.spaces import is_hybrid
 
 Loading: TypeAlias = Callable[[float], None]
@@ -170,7 +170,7 @@ class FiniteStepping:
                 self._watch.is_beyond_limit()
             path = self._trace_supports(state, load)
             self._refuse_passing(state, start, end, path)
-            begin = self._place_clear(state, load, start, end)
+            begin = self._place_clear(state, load, start, end, path)
             pieces = self._count_pieces(start, end, path)
             if pieces > 1:
                 words = f"in {pieces} parts, as slip is not seen from its ends alone"
@@ -268,6 +268,7 @@ class FiniteStepping:
         load: Loading | None,
         start: IncrementTarget,
         end: IncrementTarget,
+        path: Array,
     ) -> PETSc.Vec | None:
         """Return unknowns (n,) of a body that supports carry along to where all is clear.
 
@@ -278,8 +279,10 @@ class FiniteStepping:
         if self.history or self._update or not comm.allreduce(bool(closed.any()), MPI.LOR):
             return None
         nodes = self._positions, self._held, self._piece
+        path = path[[0, -1]]
         for samples in (1, _LEAVING_SAMPLES):  # the ends alone tell most
-            path = self._sample_supports(state, load, samples)
+            if samples > 1:
+                path = self._sample_supports(state, load, samples)
             ways, _ = _sample_ways(start, end, path, samples)
             pieces = SupportedPieces.fit(*nodes, path, comm)
             if not ends_clear(interface, self._surfaces, pieces, ways, state.unknowns):
@@ -323,7 +326,9 @@ class FiniteStepping:
     @cached_property
     def _piece(self) -> Indices:
         """Number (owned nodes,) of the connected piece that each node belongs to."""
-        return Pieces.of(self.space).number[: len(self._positions)]
+        dofmap = self.space.dofmap
+        number, _ = pieces_of(self.interface.comm, dofmap.index_map, dofmap.list)
+        return number[: len(self._positions)]
 
     def release(self) -> None:
         if self._system is not None:
