@@ -11,7 +11,7 @@ another state than the whole one would, had it been found, and says so by `Conta
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from time import perf_counter
 from typing import Literal, TypeAlias
 
@@ -157,7 +157,7 @@ class IncrementTarget:
             q[index] = np.nan
         return replace(self, q=q)
 
-    @property
+    @cached_property
     def free(self) -> Free:
         """(pair, component) of each free motion."""
         return tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(self.q)))
