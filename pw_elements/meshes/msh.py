@@ -79,6 +79,13 @@ def _split_sections(data: bytes) -> dict[str, bytes]:
     return sections
 
 
+def _decode(line: bytes) -> str:
+    try:
+        return line.decode()
+    except UnicodeDecodeError:  # of a program that writes in the encoding of its place
+        return line.decode("latin-1")
+
+
 class _Reader:
     def __init__(self, data: bytes) -> None:
         self._sections = _split_sections(data)
@@ -139,16 +146,10 @@ class _Reader:
             raise ValueError(f"${name}: {error}") from error
 
     def _read_names(self) -> None:
-        try:
-            text = self._sections["PhysicalNames"].decode()
-        except UnicodeDecodeError:
-            text = self._sections["PhysicalNames"].decode("latin-1")
-        lines = [line for line in text.split("\n") if line.strip()]
-        if not lines or lines[0].strip() != str(len(lines) - 1):
-            raise ValueError(
-                f"$PhysicalNames: {len(lines) - 1} names do not agree with their count"
-            )
-        for line in lines[1:]:
+        lines = [line for line in self._sections["PhysicalNames"].split(b"\n") if line.strip()]
+        if not lines or lines[0].strip() != b"%d" % (len(lines) - 1):
+            raise ValueError("$PhysicalNames: the names are not as many as it states")
+        for line in map(_decode, lines[1:]):
             if not (match := _NAME.fullmatch(line)):
                 raise ValueError(
                     f"$PhysicalNames: '{line.strip()[:60]}' is no dimension, number and name"
