@@ -8,14 +8,25 @@ import argparse
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
-from figures.drawing import Drawn, Entry, draw, export, natural, scripts, title, up_to_date
+from figures.drawing import (
+    Drawn,
+    Entry,
+    check_exports,
+    draw,
+    export,
+    natural,
+    scripts,
+    title,
+    up_to_date,
+)
+from study.core.folder import ensure_writable
 from study.core.pool import Failed, Pool, Task
 from study.core.store import Results, StudyError, write_json
+from study.core.supervisor import supervise
 from study.paper.items import ITEMS
 
 ROOT = Path(__file__).parents[1]
@@ -30,7 +41,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Draw the named figures, or list all.
 
     Returns:
-        0; 1 if a figure is not drawn; 2 if there is none of that name.
+        0; 1 if a figure is not drawn; 2 if there is none of that name, or something else is in
+        the place of its files.
     """
     parser = argparse.ArgumentParser(prog="./run figure", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="as fig05, tab01")
@@ -58,6 +70,12 @@ def main(arguments: list[str] | None = None) -> int:
         _say(f"{ROOT / 'results'} cannot be written: name another folder by --results or --out")
         return 2
     found = {name: named()[name][0] for name in options.names}
+    try:
+        for name in found if options.out else ():
+            check_exports(options.out / name)
+    except OSError as error:
+        _say(str(error))
+        return 2
     if not _computed(list(dict.fromkeys(found.values())), results, options.jobs):
         return 1
     folder = options.out or results / "figures"
@@ -116,7 +134,7 @@ def draw_all(folder: Path, complete: bool, jobs: int = 1) -> bool:
     try:
         write_json(folder / "figures" / "index.json", ordered)
     except OSError as error:
-        _say(f"{error.filename} cannot be written: {error.strerror}")
+        _say(f"the index of figures cannot be written: {error}")
         return False
     return not (failed or (complete and wanting))
 
@@ -127,11 +145,10 @@ def _results_folder(stated: Path | None, out: Path | None) -> Path | None:
         return stated.absolute()
     results = ROOT / "results"
     try:
-        results.mkdir(exist_ok=True)
-        with tempfile.TemporaryFile(dir=results):
-            return results
-    except OSError:
+        ensure_writable(results)
+    except StudyError:
         return (out / "results").absolute() if out else None
+    return results
 
 
 def _computed(names: list[str], results: Path, jobs: int) -> bool:
@@ -175,8 +192,4 @@ def _say(line: str) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except KeyboardInterrupt:
-        _say("interrupted")
-        sys.exit(130)
+    sys.exit(supervise(main, "figures"))

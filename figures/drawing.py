@@ -24,8 +24,11 @@ from PIL import Image
 import figures
 from figures.narrow import narrowed
 from figures.style import MANY, style
+from study.core import files
 from study.core.sources import closure
 from study.core.store import (
+    CorruptResult,
+    MissingResult,
     Results,
     Stored,
     StudyError,
@@ -43,6 +46,9 @@ COLOURS = 128  # of such an image: lines and flat faces need few
 
 SVG, XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 
+MADE_BY = "figure of pw_elements"  # what files that are exported say of themselves
+METADATA = {"png": {"Software": MADE_BY}, "pdf": {"Creator": MADE_BY}}
+
 Entry = dict[str, Any]
 
 
@@ -51,7 +57,7 @@ class Drawn(NamedTuple):
 
     Attributes:
         entry: Its entry of the index; None if it was not drawn.
-        missing: Keys of results that it needs and that are not there.
+        missing: Keys of results that it needs and that are not there, or cannot be read.
         error: Why it could not be drawn; empty if it could.
     """
 
@@ -88,20 +94,44 @@ def export(name: str, results: Results, path: Path) -> list[Path]:
         name: Its script.
         results: What it is drawn from.
         path: Where to write, without the ending.
+
+    Raises:
+        ForeignEntry: If a file is there that this has not drawn.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    written = [path.with_name(f"{path.name}.{kind}") for kind in ("png", "pdf")]
+    written = exports(path)
+    ours = None if path.parent == results.folder / "figures" else _is_export
     with style():
         figure = import_module(f"figures.{name}").draw(results)
         _lay_out(figure)
         try:
             for file in written:
                 stream = io.BytesIO()
-                figure.savefig(stream, format=file.suffix[1:])
-                write_whole(file, stream.getvalue())
+                kind = file.suffix[1:]
+                figure.savefig(stream, format=kind, metadata=METADATA[kind])
+                files.replace_file(file, stream.getvalue(), ours)
         finally:
             plt.close("all")
     return written
+
+
+def exports(path: Path) -> list[Path]:
+    """Return the files that an export makes."""
+    return [path.with_name(f"{path.name}.{kind}") for kind in METADATA]
+
+
+def check_exports(path: Path) -> None:
+    """Refuse to export to a place where files are that this has not drawn.
+
+    Raises:
+        ForeignEntry: Says which.
+    """
+    for file in exports(path):
+        files.check_file(file, _is_export)
+
+
+def _is_export(file: Path) -> bool:
+    return MADE_BY.encode() in file.read_bytes()
 
 
 def update(name: str, folder: Path) -> None:
@@ -115,12 +145,12 @@ def up_to_date(name: str, results: Results) -> Entry | None:
     try:
         note = json.loads(_note(results.folder, name).read_bytes())
         entry, digest = note["entry"], note["digest"]
-        files = [picture(results.folder, name, kind) for kind in KINDS]
+        pictures = [picture(results.folder, name, kind) for kind in KINDS]
         digests = {key: _file_digest(results.folder, key) for key in note["keys"]}
         names = {section: results.cases(section) for section in note["sections"]}
         same = digest == _digest(name, digests, names)
-        return entry if same and all(path.is_file() for path in files) else None
-    except (OSError, ValueError, TypeError, KeyError):
+        return entry if same and all(path.is_file() for path in pictures) else None
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
 
 
@@ -168,7 +198,7 @@ class _Inputs(TrackedResults):
 def _attempt(name: str, results: _Inputs) -> Drawn:
     try:
         script = import_module(f"figures.{name}")
-        missing = [key for key in script.NEEDS if key not in results]
+        missing = [key for key in script.NEEDS if not _is_readable(key, results)]
         if missing:
             return Drawn(None, missing, "")
         size, narrow = _draw(script, name, results)
@@ -191,6 +221,13 @@ def _attempt(name: str, results: _Inputs) -> Drawn:
     except Exception as error:  # one bad script must not take the others' figures away
         return Drawn(None, [], f"{type(error).__name__}: {error}")
     return Drawn(entry, [], "")
+
+
+def _is_readable(key: str, results: Results) -> bool:
+    try:
+        return bool(results[key])
+    except (MissingResult, CorruptResult):
+        return False
 
 
 def _draw(script: ModuleType, name: str, results: Results) -> tuple[tuple[int, int], list[int]]:

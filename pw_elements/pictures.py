@@ -20,6 +20,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh, exterior_facet_indices
 from scipy.spatial.transform import Rotation
 from ufl.core.expr import Expr
+from ufl.domain import extract_unique_domain
 
 from pw_elements._compat import interpolation_points
 from pw_elements.arrays import Array, Indices
@@ -156,6 +157,11 @@ def _check(mesh: Mesh, values: Expr | None, displacement: fem.Function | None) -
         arguments.of_type("values", values, Expr, "give a function or a UFL expression")
         if values.ufl_shape != ():
             raise ValueError(f"values have the shape {values.ufl_shape}: draw one component, u[0]")
+        domain = extract_unique_domain(values)
+        if domain is None or isinstance(values, fem.Constant):
+            raise ValueError("values are a constant: there is nothing to draw")
+        if domain != mesh.ufl_domain():
+            raise ValueError("the values belong to another mesh")
     if displacement is not None:
         remedy = "as_function(U, a) makes a function of a vector"
         arguments.of_type("displacement", displacement, fem.Function, remedy)

@@ -1,11 +1,15 @@
-"""Starts the command line: from here on, Ctrl-C ends it with one line."""
+"""Starts the command line under its supervisor."""
 
 import sys
 
-from study.core import interrupt
+from study.core.supervisor import supervise
+
+
+def _run() -> int:
+    from study.command import main  # slow to import, which a signal may interrupt, too
+
+    return main()
+
 
 if __name__ == "__main__":
-    with interrupt.handled(interrupt.end):
-        from study.command import main
-
-        sys.exit(main())
+    sys.exit(supervise(_run, "study"))

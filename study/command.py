@@ -3,11 +3,9 @@
 import argparse
 import errno
 import os
-import signal
+import resource
 import sys
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -15,8 +13,10 @@ from typing import TYPE_CHECKING, TextIO
 
 from study.core import runner
 from study.core.cases import SECTIONS, Case, Section, load_section
-from study.core.interrupt import INTERRUPTED, end, handled, stop
-from study.core.store import Results, StudyError, TrackedResults
+from study.core.files import ForeignEntry
+from study.core.folder import ensure_writable
+from study.core.pool import ignore_broken_pipes
+from study.core.store import EXIT_CORRUPT, Results, StudyError, TrackedResults
 
 if TYPE_CHECKING:
     from study.judge.claims import Claim, Verdict
@@ -26,6 +26,7 @@ FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
 """Where ./run study was called, if not in the project's folder."""
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
+OPEN_FILES = 64  # that two processes, their pipes and the report need
 NAMED = 5  # outdated results that are named; more are counted
 
 USAGE = """\
@@ -40,11 +41,13 @@ USAGE = """\
   study check             judge the claims by the stored results
   study report            claims, figures and report again from stored results
 
-check and report take stored results as they are, and say on stderr which are outdated or missing.
+check and report take stored results as they are, and say on stderr which are outdated, missing or
+corrupt, that is not as they were written. What needs missing or corrupt ones is not judged.
 Sections and cases that are named print the verdicts that depend on them; the other commands all.
 
 exit status: 0; 1 if a case failed or a verdict differs from the pinned one; 2 for bad usage or
-no room; 130 after Ctrl-C; 141 if nobody reads any more what it says
+no room; 3 if stored results are corrupt, whatever the other verdicts; 141 if nobody reads any more
+what it says; 128 and its number if a signal ended it, as 130 after Ctrl-C
 """
 
 
@@ -72,11 +75,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=_folder, default=results, metavar="DIR")
     options = parser.parse_intermixed_args(arguments)
     try:
-        with handled(stop):
-            status = _command(options)
-            sys.stdout.flush()
-            return status
-    except StudyError as error:
+        status = _command(options)
+        sys.stdout.flush()
+        return status
+    except (StudyError, ForeignEntry) as error:
         print(f"study: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # who reads has seen enough, as in "study list | head"
@@ -88,9 +90,6 @@ def main(arguments: list[str] | None = None) -> int:
         where = error.filename or ("what it says" if _unsaid() else options.out)
         print(f"study: {where}: {error.strerror}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print(INTERRUPTED, file=sys.stderr)
-        return 130
 
 
 def _unsaid() -> bool:
@@ -148,7 +147,8 @@ def study(
         raise StudyError(f"there is no section {unknown}; there are {', '.join(SECTIONS)}")
     if jobs < 1:
         raise StudyError(f"--jobs needs at least 1 process, not {jobs}")
-    _ensure_writable(out)
+    _ensure_open_files()
+    ensure_writable(out)
     if any("/" in one for one in wanted):
         cases = _cases(wanted, sections)
         if recompute:
@@ -194,7 +194,7 @@ def report(out: Path, jobs: int = 1) -> int:
     from study.judge import claims
 
     results = _ensure_stored(out)
-    _ensure_writable(out)
+    ensure_writable(out)
     _tell_outdated(results)
     return conclude(out, claims.load_claims(), complete=False, jobs=jobs)
 
@@ -202,7 +202,10 @@ def report(out: Path, jobs: int = 1) -> int:
 def check(out: Path) -> int:
     """Print the claims whose verdict differs from the pinned one; without a verdict, it does.
 
-    That results are outdated is said on stderr; the exit status is that of the verdicts.
+    That results are outdated, missing or corrupt is said on stderr.
+
+    Returns:
+        3 if results are corrupt, 1 if a verdict differs, else 0.
     """
     from study.judge import claims
 
@@ -211,7 +214,8 @@ def check(out: Path) -> int:
     verdicts = claims.judge(claims.load_claims(), results)
     differing = [verdict for verdict in verdicts if verdict.differs]
     print(claims.table(differing) + claims.summary(verdicts))
-    return int(bool(differing))
+    _tell_unreadable(verdicts)
+    return EXIT_CORRUPT if _any_corrupt(results) else int(bool(differing))
 
 
 def show(out: Path) -> int:
@@ -239,8 +243,8 @@ def conclude(
         of: Sections: verdicts that depend on their results are printed; without any, all verdicts.
 
     Returns:
-        1 if a printed verdict differs from the pinned one, a figure cannot be drawn, or something
-        is missing that may not; else 0.
+        3 if stored results are corrupt; 1 if a printed verdict differs from the pinned one, a
+        figure cannot be drawn, or something is missing that may not; else 0.
     """
     from study.judge import claims, facts
     from study.report import build  # slow to import, and worker processes do not need it
@@ -258,9 +262,12 @@ def conclude(
         if verdict.differs and (complete or verdict.verdict != "not judged")
     ]
     print(claims.table(differing) + claims.summary(printed))
+    _tell_unreadable(printed)
     for part in incomplete if complete else ():
         print(f"report: incomplete, {part}", file=sys.stderr)
     print(f"report: {out / 'report.html'} and {out / 'report.pdf'}")
+    if _any_corrupt(results):
+        return EXIT_CORRUPT
     return int(bool(differing) or not drawn or (complete and bool(incomplete)))
 
 
@@ -280,8 +287,9 @@ def draw_figures(out: Path, complete: bool, jobs: int = 1) -> bool:
 
 
 def _load(sections: list[str]) -> list[Section]:
-    with _quiet_imports():
-        return [_with_recomputed(load_section(section)) for section in sections]
+    loaded = [_with_recomputed(load_section(section)) for section in sections]
+    ignore_broken_pipes()  # which PETSc, imported just now, takes for a crash
+    return loaded
 
 
 def _with_recomputed(section: Section) -> Section:
@@ -294,56 +302,68 @@ def _with_recomputed(section: Section) -> Section:
     return replace(section, cases=cases)
 
 
-@contextmanager
-def _quiet_imports() -> Iterator[None]:
-    """Let Ctrl-C end the process at once, before anything was written.
-
-    A package takes it for a part of itself that is missing, and prints advice. PETSc takes a
-    reader who has seen enough for a crash: pipes are as before afterwards.
-    """
-    try:
-        with handled(end):
-            yield
-    finally:
-        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-
-
-def _ensure_writable(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out):
-            pass
-    except OSError as error:
-        raise StudyError(f"{out} cannot be written to: {error.strerror}") from None
+def _ensure_open_files() -> None:
+    allowed = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    if 0 <= allowed < OPEN_FILES:
+        raise StudyError(
+            f"{allowed} open files are allowed, and {OPEN_FILES} are needed: "
+            f"allow them by ulimit -n {OPEN_FILES}"
+        )
 
 
 def _ensure_stored(out: Path) -> Results:
-    """Return the results of a folder, but refuse one without any, or with one not to be read."""
+    """Return the results of a folder, but refuse one without any."""
     results = Results(out)
-    stored = [case for section in SECTIONS for case in results.section(section)]
-    if not stored:
+    if not any(results.cases(section) for section in SECTIONS):
         raise StudyError(f"there are no results in {out}: run ./run study")
     return results
 
 
+def _any_corrupt(results: Results) -> bool:
+    return any(results.corrupt(section) for section in SECTIONS)
+
+
+def _tell_unreadable(verdicts: "Sequence[Verdict]") -> None:
+    """Say why claims are not judged though their results are there."""
+    claims_by_reason: dict[str, list[str]] = {}
+    for verdict in verdicts:
+        if verdict.unreadable:
+            claims_by_reason.setdefault(verdict.unreadable, []).append(verdict.claim.id)
+    for reason, ids in claims_by_reason.items():
+        are = "is" if len(ids) == 1 else "are"
+        print(f"study: {_first(ids)} {are} not judged: {reason}", file=sys.stderr)
+
+
+def _first(names: list[str]) -> str:
+    """Return the first few names, and how many more there are."""
+    rest = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + rest
+
+
 def _tell_outdated(results: Results) -> None:
-    """Say which stored results code or parameters have left behind, and which are missing."""
+    """Say which stored results code or parameters have left behind, are missing or corrupt."""
     try:
         cases = [case for section in _load(list(SECTIONS)) for case in section.cases]
     except StudyError as error:  # results can be judged where they cannot be computed
         print(f"study: whether results are outdated cannot be told: {error}", file=sys.stderr)
-        return
+        cases = []
     states = runner.states(cases, results)
-    for what in ("outdated", "missing"):
-        found = [case for case in cases if states[case.key] == what]
-        if not found:
-            continue
-        named = ", ".join(case.key for case in found[:NAMED])
-        rest = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-        sections = dict.fromkeys(case.section for case in found)
-        again = "" if len(sections) == len(SECTIONS) else " ".join(["", *sections])
-        print(
-            f"study: of {len(cases)} results {len(found)} {'is' if len(found) == 1 else 'are'} "
-            f"{what}: {named}{rest}; run ./run study{again}",
-            file=sys.stderr,
-        )
+    for what in ("outdated", "missing", "corrupt") if cases else ():
+        _tell_state(what, [key for key, state in states.items() if state == what], len(cases))
+    corrupt = {key: why for one in SECTIONS for key, why in results.corrupt(one).items()}
+    for key in sorted(corrupt.keys() - states.keys()):
+        stray = f"{results.folder / key}.json {runner.STRAY}"
+        print(f"study: {stray if cases else corrupt[key]}", file=sys.stderr)
+
+
+def _tell_state(what: str, keys: list[str], n_cases: int) -> None:
+    """Say how many results are in a state, and how to mend it: by cases, if they are few."""
+    if not keys:
+        return
+    sections = list(dict.fromkeys(key.partition("/")[0] for key in keys))
+    again = keys if len(keys) <= NAMED else [] if len(sections) == len(SECTIONS) else sections
+    print(
+        f"study: of {n_cases} results {len(keys)} {'is' if len(keys) == 1 else 'are'} {what}: "
+        f"{_first(keys)}; run {' '.join(['./run study', *again])}",
+        file=sys.stderr,
+    )

@@ -48,9 +48,9 @@ def pytest_addoption(parser):
         "24, 200 at large strains in place of 10, 100 that slide in place of 4, 400 of large "
         "sliding in place of 20, 60 pairs of blocks in place of 6, 5 000 examples of each "
         "property, new ones each time, in place of 25, "
-        "contact on three processes in place of two, the study interrupted 80 times and killed "
-        "50 times, contact with half a million unknowns at large strains, and the memory of eight "
-        "processes",
+        "contact on three processes in place of two, commands interrupted 80 times and the "
+        "study killed 50 times, the study in places that lack something, contact with half a "
+        "million unknowns at large strains, and the memory of eight processes",
     )
 
 

@@ -139,7 +139,7 @@ def check_reduction(reduction: object) -> None:
 
 
 def check_solver(solver: object) -> None:
-    if solver is None or solver == "auto":
+    if solver is None or arguments.is_one_of(solver, ("auto",)):
         return
     if isinstance(solver, type) or not callable(getattr(solver, "prepare", None)):
         raise TypeError(

@@ -172,7 +172,10 @@ class Reduction:
         with collective(arguments.processes(self.offset, self.space)):
             remedy = "`Reduction.dirichlet` and `condensation` make it"
             for name, kind in get_type_hints(type(self)).items():
-                arguments.of_type(f"its part `{name}`", getattr(self, name), kind, remedy)
+                part = getattr(self, name)
+                arguments.of_type(f"its part `{name}`", part, kind, remedy)
+                if isinstance(part, PETSc.Object):
+                    arguments.refuse_empty(f"its part `{name}`", part)
             sizes = self.right.getSizes()
             if self.left.getSizes() != sizes or self.offset.getSizes() != sizes[0]:
                 raise ValueError(

@@ -4,7 +4,7 @@ What is of the wrong type is a TypeError; each error names the thing and says wh
 are real, finite and in range, of whatever type they are.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable
 from types import UnionType
 from typing import Any, TypeGuard
 
@@ -16,7 +16,9 @@ import numpy.typing as npt
 from basix import ElementFamily
 from dolfinx import fem
 from dolfinx.mesh import Mesh
+from ufl import Measure
 from ufl.core.expr import Expr
+from ufl.form import BaseForm
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks.guard import collective, processes
@@ -28,6 +30,24 @@ Sizes = tuple[int, int]  # of vectors, own and global
 SMALLEST, LARGEST = 1e-75, 1e75
 
 
+def as_list(value: object) -> list[Any]:
+    """Return the things of a list or another iterable, or a single thing in a list.
+
+    Expressions and PETSc's objects are single ones, though some can be gone through.
+    """
+    if isinstance(value, Iterable) and not isinstance(value, Expr | PETSc.Object | str | bytes):
+        try:
+            return list(value)
+        except Exception:  # of whatever kind: it is a user's
+            return [value]
+    return [value]
+
+
+def is_one_of(value: object, names: Collection[str]) -> TypeGuard[str]:
+    """Return whether a value is one of some strings: other things may refuse to be compared."""
+    return isinstance(value, str) and value in names
+
+
 def is_number(value: Any) -> bool:  # noqa: ANN401
     """Whether a value is one real number, a 0-d array being one, too: no truth value, no text."""
     plain = isinstance(value, int | float | np.number | np.ndarray)
@@ -35,8 +55,12 @@ def is_number(value: Any) -> bool:  # noqa: ANN401
 
 
 def is_function(value: object) -> TypeGuard[Callable[..., Any]]:
-    """Whether a value is a user's function; UFL's expressions and classes can be called, too."""
-    return callable(value) and not isinstance(value, Expr | type)
+    """Return whether a value is a user's function.
+
+    Expressions and forms of UFL, matrices of PETSc and classes can be called, too.
+    """
+    others = Expr | BaseForm | Measure | PETSc.Object | type
+    return callable(value) and not isinstance(value, others)
 
 
 def check_range(name: str, size: float, least: float = SMALLEST) -> None:
@@ -69,10 +93,8 @@ def whole(name: str, value: Any, least: int) -> int:  # noqa: ANN401
 
 
 def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa: ANN401
-    try:
-        each = list(values)
-    except TypeError:
-        each = []
+    several = isinstance(values, Iterable) and not isinstance(values, PETSc.Object)
+    each = as_list(values) if several else []
     finite = all(is_number(one) and np.isfinite(one) for one in each)
     if not (each and finite and len(each) == (length or len(each))):
         count = f"{length} finite" if length else "finite"
@@ -84,8 +106,8 @@ def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa:
 
 def real_array(name: str, values: Any, shape: tuple[int, ...]) -> Array:  # noqa: ANN401
     """Return finite real numbers of a shape as floats; ValueError for anything else."""
-    try:
-        given = np.asarray(values)
+    try:  # of vectors of PETSc empty ones end the process
+        given = np.asarray(None if isinstance(values, PETSc.Object) else values)
     except ValueError:  # rows of different lengths
         given = np.empty(0, dtype=object)
     if given.shape != shape or given.dtype.kind not in "iuf" or not np.isfinite(given).all():
@@ -129,6 +151,10 @@ def mesh(value: Any) -> None:  # noqa: ANN401
 def space(value: Any, name: str = "the space") -> None:  # noqa: ANN401
     of_type(name, value, fem.FunctionSpace, "it has to be a fem.FunctionSpace, one of `Spaces`")
     mesh(value.mesh)
+    if getattr(value, "component", list)():  # which not every version of DOLFINx may have
+        raise ValueError(
+            f"{name} is a part of another, {name}.sub(i): give the whole, or collapse it"
+        )
 
 
 def flag(name: str, value: object) -> None:
@@ -139,7 +165,7 @@ def matrix(name: str, value: object, whose: str = "", sizes: Sizes | None = None
     """Raises unless it is a square matrix; if sizes are given, of these."""
     of_type(name, value, PETSc.Mat, "assemble_matrix(form) makes a PETSc matrix")
     assert isinstance(value, PETSc.Mat)
-    _set_up(name, value, "matrix")
+    refuse_empty(name, value)
     rows, columns = value.getSize()
     if rows != columns:
         raise ValueError(f"{name} has the shape ({rows}, {columns}): it has to be square")
@@ -155,14 +181,16 @@ def petsc_vector(
     """Raises unless it is a vector; if another thing is given, of its sizes."""
     of_type(name, value, PETSc.Vec, "assemble_vector(form) makes one, float(s) * vector a share")
     assert isinstance(value, PETSc.Vec)
-    _set_up(name, value, "vector")
+    refuse_empty(name, value)
     if other is not None:
         same_sizes(name, value.getSizes(), whose, other)
 
 
-def _set_up(name: str, value: PETSc.Mat | PETSc.Vec, what: str) -> None:
+def refuse_empty(name: str, value: PETSc.Object) -> None:
+    """Raise ValueError for an object of PETSc that was destroyed, or never set up."""
     if value.handle == 0 or value.getType() is None:
-        raise ValueError(f"{name} is an empty {what}: it was destroyed, or never set up")
+        kind = {"Mat": "matrix", "Vec": "vector"}.get(type(value).__name__, "object")
+        raise ValueError(f"{name} is an empty {kind}: it was destroyed, or never set up")
 
 
 def coefficient(

@@ -36,6 +36,8 @@ from ufl.core.expr import Expr
 from ufl.core.multiindex import FixedIndex, MultiIndex
 from ufl.corealg.traversal import unique_pre_traversal
 
+from pw_elements.arrays import Array
+
 P = ParamSpec("P")
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -45,6 +47,12 @@ F = TypeVar("F", bound=Callable[..., Any])
 _LOCAL = {"where", "nodes", "free", "history", "substates", "callback", "axes", "source"}
 # Of each open block, the errors that blocks within it have raised on how many processes
 _open: list[list[tuple[BaseException, int]]] = []
+# Attribute of a statement that its check has refused, on one of several processes
+_REFUSAL = "_refusal"
+# Relative difference of values of two processes that is no round-off of other machines
+ROUND_OFF = 1e-8
+# Points of each process at which functions are compared on all of them, and the most of all
+_COMPARED_POINTS, _ALL_COMPARED_POINTS = 64, 2**15
 # Whether what is called now has been compared by a function around it; a user's function has not
 _compared = [False]
 # Attributes by which things know their processes, directly or by what they belong to
@@ -67,7 +75,7 @@ def collective(comm: MPI.Comm) -> Iterator[dict[str, object]]:
     _open.append(known)
     try:
         yield same
-        if comm.size > 1:
+        if MPI.COMM_WORLD.size > 1:  # a single process' own statements may have been refused, too
             digest = int.from_bytes(_digest(same)[:7])
     except BaseException as raised:
         own = raised
@@ -98,11 +106,89 @@ def _refuse_differing(comm: MPI.Comm, same: Mapping[str, object]) -> None:
     for each in zip_longest(*told, fillvalue=("what is done", b"")):
         if len(set(each)) > 1:
             other = next(k for k, one in enumerate(each) if one != each[0])
-            error = ValueError(
-                f"{each[0][0]}: this differs between processes 0 and {other}, but all of them have "
-                "to state the same problem"
-            )
-            raise _known(error, comm)
+            raise _differing(each[0][0], other, comm)
+
+
+def _differing(name: str, other: int, comm: MPI.Comm) -> BaseException:
+    error = ValueError(
+        f"{name}: this differs between processes 0 and {other}, but all of them have to state the "
+        "same problem"
+    )
+    return _known(error, comm)
+
+
+def relative_difference(values: Array, reference: Array, least_scale: float = 0.0) -> float:
+    """Return the largest difference over the largest finite size of the reference.
+
+    It is infinite where shapes differ, or what is infinite or no number.
+
+    Args:
+        values: of any shape.
+        reference: of the same shape.
+        least_scale: a size below which the reference is nothing but round-off.
+    """
+    if values.shape != reference.shape:
+        return np.inf
+    finite = np.isfinite(reference)
+    if not np.array_equal(values[~finite], reference[~finite], equal_nan=True):
+        return np.inf
+    difference = float(np.abs(values[finite] - reference[finite]).max(initial=0.0))
+    scale = max(least_scale, float(np.abs(reference[finite]).max(initial=0.0)))
+    if not difference <= np.finfo(float).max:
+        return np.inf
+    return 0.0 if difference == 0.0 else difference / scale if scale else np.inf
+
+
+def compare_function(
+    comm: MPI.Comm, whose: str, function: Callable[[Array], Any], *points: Array
+) -> None:
+    """Raise ValueError on all processes where a user's function differs between them; collective.
+
+    It is asked at some points of each process on all of them. There is no comparison if it fails
+    there, or gives another number of values than points: it may be one of its own process' points.
+
+    Args:
+        comm: of the processes.
+        whose: name of the function.
+        function: of points as rows (n, dim); the first axis of its answer is theirs.
+        points: kinds of points (n, dim) of this process, of each of which some are taken.
+    """
+    if comm.size == 1:
+        return
+    count = max(2, min(_COMPARED_POINTS, _ALL_COMPARED_POINTS // comm.size))
+    own = np.concatenate([spread_rows(rows, count) for rows in points])
+    every: Array = np.concatenate(comm.allgather(own))
+    values: Array = np.empty(0)
+    with collective(comm), np.errstate(all="ignore"), suppress(Exception):
+        values = np.asarray(answer(comm, whose, function, every.copy()), dtype=float)
+    if comm.allreduce(values.shape[:1] == (len(every),), MPI.LAND):
+        compare_numbers(comm, {whose: values}, ROUND_OFF)
+
+
+def spread_rows(rows: Array, count: int) -> Array:
+    """Return at most so many rows, evenly spread."""
+    return rows[np.unique(np.linspace(0, max(0, len(rows) - 1), count).astype(int))[: len(rows)]]
+
+
+def compare_numbers(comm: MPI.Comm, numbers: Mapping[str, Array], tolerance: float) -> None:
+    """Raise ValueError on all processes for numbers that differ between them; collective.
+
+    Args:
+        comm: of the processes.
+        numbers: by the names of what gave them, the same names on all processes.
+        tolerance: of differences, over the largest size of each array.
+    """
+    if comm.size == 1:
+        return
+    reference = comm.bcast(dict(numbers))
+    unlike = [
+        name
+        for name, values in numbers.items()
+        if not relative_difference(values, reference[name]) <= tolerance
+    ]
+    for rank, names in enumerate(comm.allgather(unlike)):
+        if names:
+            raise _differing(names[0], rank, comm)
 
 
 def same_everywhere(function: F) -> F:
@@ -121,6 +207,7 @@ def same_everywhere(function: F) -> F:
             given.apply_defaults()
             same["the function that is called"] = function.__qualname__
             for name, value in given.arguments.items():
+                _raise_refusal(value)
                 parts = vars(value) if name == "self" and is_dataclass(value) else {name: value}
                 same |= {k: part for k, part in parts.items() if k not in _LOCAL}
         with _comparing(done=True):
@@ -128,6 +215,36 @@ def same_everywhere(function: F) -> F:
 
     called.compares = True  # type: ignore[attr-defined]
     return cast(F, called)
+
+
+def refused_together(check: Callable[[Any], None]) -> Callable[[Any], None]:
+    """Return the check of a statement whose error all processes raise, if there are several.
+
+    Each process states materials, motions and pairs by itself: an error there would stay on its
+    process, for which the others would wait. It is kept, and raised on all of them by the first
+    function that takes the statement.
+
+    Args:
+        check: `__post_init__` of a dataclass.
+    """
+
+    @wraps(check)
+    def checked(self: Any) -> None:  # noqa: ANN401
+        try:
+            check(self)
+        except (TypeError, ValueError) as error:
+            if MPI.COMM_WORLD.size == 1:
+                raise
+            object.__setattr__(self, _REFUSAL, error)
+
+    return checked
+
+
+def _raise_refusal(value: object) -> None:
+    """Raise the error that `refused_together` has kept of a statement, if there is one."""
+    refusal = getattr(value, "__dict__", {}).get(_REFUSAL)
+    if refusal is not None:
+        raise refusal
 
 
 @contextmanager
@@ -229,6 +346,7 @@ def _parts(value: Any) -> Iterator[object]:  # noqa: ANN401
 
 
 def _told(value: Any) -> Iterator[object]:  # noqa: ANN401
+    _raise_refusal(value)
     if isinstance(value, Enum):
         yield value.name
     elif isinstance(value, fem.Constant):

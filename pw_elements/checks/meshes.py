@@ -77,6 +77,15 @@ def check_mesh(mesh: Mesh) -> None:
     _checked[mesh] = now
 
 
+def check_cells(mesh: Mesh) -> None:
+    """Refuse cells without volume or partly inside out, folds, and facets of more than two cells.
+
+    Raises:
+        DegenerateMesh: with the places of such cells.
+    """
+    _Cells(mesh).check()
+
+
 class _Cells:
     """Cells of this process (without ghosts), and what is around them.
 

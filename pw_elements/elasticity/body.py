@@ -22,10 +22,11 @@ import ufl
 from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 from ufl.core.expr import Expr
+from ufl.domain import extract_unique_domain
 
 from pw_elements.algebra import check_problem
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, check_mesh, listed, same_everywhere
+from pw_elements.checks import arguments, check_mesh, listed, refused_together, same_everywhere
 from pw_elements.elasticity.incompressibility import (
     REMEDY,
     bulk_over_shear,
@@ -102,6 +103,7 @@ class Material:
     poissons_ratio: Scalar = 0.0
     density: Scalar = 1.0
 
+    @refused_together
     def __post_init__(self) -> None:
         for name in ("youngs_modulus", "density"):
             _set(self, name, arguments.positive_coefficient(name, getattr(self, name)))
@@ -261,7 +263,9 @@ class Body:
         arguments.of_type("material", material, Material, "Material(E, nu) makes one")
         check_parts(parts)
         largest = _largest(material.poissons_ratio, mesh.comm)
-        plane_stress = state in (StressState.PLANE_STRESS, StressState.PLANE_STRESS.value)
+        named = isinstance(state, str | StressState)  # other things may refuse to be compared
+        stresses = StressState.PLANE_STRESS, StressState.PLANE_STRESS.value
+        plane_stress = named and state in stresses
         if largest <= _HYBRID_NU or plane_stress:
             spaces = Spaces.petrov_galerkin(mesh)
         else:
@@ -408,7 +412,7 @@ class Body:
         u, v = self._arguments()
         if stress.ufl_shape != (shape := self.strain(u).ufl_shape):
             raise ValueError(f"stress has the shape {stress.ufl_shape}: the strain's is {shape}")
-        if form not in ("G", "J"):
+        if not arguments.is_one_of(form, ("G", "J")):
             raise ValueError(f"geometric stiffness {form!r}: the forms are 'G' and 'J'")
         integrand = ufl.inner(ufl.dot(self._gradient(u), stress), self._gradient(v))
         if form == "J":
@@ -427,6 +431,13 @@ class Body:
 
     def _gradient(self, u: Expr) -> Expr:
         u, _ = self._split(u)
+        dim = self.spaces.mesh.geometry.dim
+        if u.ufl_shape != (dim,):
+            raise ValueError(
+                f"the displacement has the shape {u.ufl_shape}: a vector in {dim}-D has ({dim},)"
+            )
+        if extract_unique_domain(u) != self.spaces.mesh.ufl_domain():
+            raise ValueError("the displacement does not belong to the body's mesh")
         grad = ufl.grad(u)
         if self.state is not StressState.AXISYMMETRIC:
             return grad
@@ -545,7 +556,7 @@ def prescribe(
     now = value.value if isinstance(value, fem.Constant) else value
     arguments.number("the prescribed value", now)
     axis = 0 if fluid else int(component)
-    if callable(where):
+    if arguments.is_function(where):
         nodes = some_nodes_of(field.space, "the prescribed nodes", where)
     else:
         # nodes given in place of facets are hardly ever all of the boundary's

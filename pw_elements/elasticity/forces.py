@@ -144,11 +144,13 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
 
     Raises:
         ValueError: if there is no such node, the marker fails or does not return truth values, or
-            the vector does not belong to the space.
+            the vector is not finite or does not belong to the space.
     """
     arguments.space(space)
     with collective(space.mesh.comm):
         arguments.petsc_vector("the vector of forces", forces, "the space", space)
+    if not is_finite(forces):
+        raise ValueError("the vector of forces is not finite")
     nodes = some_nodes_of(space, "the line", where)
     values = forces.array_r.reshape(-1, space.dofmap.index_map_bs)
     return BoundaryForces(*_in_order(space, nodes, values)[:2])
@@ -246,8 +248,11 @@ class SurfaceNodes:
         Args:
             u: displacements, or these and a pressure, with the values of when areas are taken.
         """
+        arguments.of_type("u", u, fem.Function, "as_function(U, a) makes a function of a vector")
         space = u.function_space
         moved = ufl.split(u)[0] if is_hybrid(space) else u
+        if moved.ufl_shape != (space.mesh.geometry.dim,):
+            raise ValueError(f"the displacement has the shape {moved.ufl_shape}: give a vector")
         F = ufl.Identity(space.mesh.geometry.dim) + ufl.grad(moved)
         area = ufl.det(F) * ufl.inv(F).T * ufl.FacetNormal(space.mesh)
         return ufl.sqrt(ufl.inner(area, area))
@@ -326,7 +331,10 @@ class SurfaceNodes:
 
     def _checked(self, values: Array, scalar: bool = False) -> Array:
         """Raises ValueError if there is not one value, or one vector, for each node."""
-        given, count = np.asarray(values), len(self.position)
+        try:
+            given, count = np.asarray(values), len(self.position)
+        except ValueError:  # rows of different lengths
+            given, count = np.empty(0, dtype=object), len(self.position)
         if given.dtype.kind not in "iuf" or given.ndim not in ((1,) if scalar else (1, 2)):
             raise ValueError(
                 f"values are {given.dtype} of the shape {given.shape}: they have to be numbers "
@@ -477,7 +485,7 @@ def nodal_flux(
     space = spaces.trial
     with collective(space.mesh.comm):
         arguments.petsc_vector("the vector of reactions", reactions, "the space", space)
-    if area not in get_args(Area):
+    if not arguments.is_one_of(area, get_args(Area)):
         raise ValueError(f"area {area!r}: it is 'geometric' or 'own'")
     if not is_finite(reactions):
         raise ValueError("the vector of reactions is not finite")

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction
+from pw_elements.algebra import Reduction, is_finite
 from pw_elements.checks import arguments, collective, listed, same_everywhere, sizes_of
 from pw_elements.elasticity.forces import transposed_transfer
 from pw_elements.solvers import unblocked
@@ -88,7 +88,8 @@ class Sibling:
             standard: f, (n,), of the standard element.
 
         Raises:
-            TypeError, ValueError: if it is not a vector of the space, or has another test space.
+            TypeError, ValueError: if it is not a finite vector of the space, or has another test
+                space.
         """
         self._check_vector("the load", standard)
         load = self.basis.createVecRight()
@@ -103,7 +104,7 @@ class Sibling:
             coefficients: a, (n,).
 
         Raises:
-            TypeError, ValueError: if it is not a vector of the space.
+            TypeError, ValueError: if it is not a finite vector of the space.
         """
         self._check_vector("the coefficients", coefficients)
         return self.basis * coefficients
@@ -116,7 +117,7 @@ class Sibling:
             displacement: u, (n,), or a velocity.
 
         Raises:
-            TypeError, ValueError: if it is not a vector of the space.
+            TypeError, ValueError: if it is not a finite vector of the space.
         """
         self._check_vector("the displacement", displacement)
         return self.inverse * displacement
@@ -152,6 +153,8 @@ class Sibling:
         with collective(self.space.mesh.comm):
             arguments.petsc_vector(name, vector, "the space", self.space)
             self._check(name, vector)
+        if not is_finite(vector):
+            raise ValueError(f"{name} is not finite")
 
     def _check(self, name: str, thing: PETSc.Mat | PETSc.Vec) -> None:
         """Raises ValueError for what is not the standard element's; local."""

@@ -11,7 +11,7 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, DiagonalType, Mesh, create_mesh, create_rectangle
 
 from pw_elements.arrays import Array
-from pw_elements.checks import answer, arguments, collective, same_everywhere
+from pw_elements.checks import answer, arguments, collective, compare_function, same_everywhere
 
 Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]
 PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
@@ -38,7 +38,7 @@ def triangles(
     Raises:
         ValueError: for an empty rectangle, no divisions, or an unknown pattern.
     """
-    if pattern not in PATTERNS:
+    if not arguments.is_one_of(pattern, PATTERNS):
         raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
     return _rectangle(comm, lower, upper, divisions, diagonal=DiagonalType[pattern])
 
@@ -109,6 +109,8 @@ def curved(mesh: Mesh, image: Map) -> Mesh:
 def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
     dim = mesh.geometry.dim
     with collective(mesh.comm):
+        if callable(image) and not arguments.is_function(image):
+            raise TypeError(f"the image is {arguments.described(image)}: give a function of points")
         given = np.asarray(answer(mesh.comm, "the image of the mesh", image, x.copy()))
         shape = (len(x), dim if given.shape[1:] == (dim,) else 3)
         placed = arguments.field(
@@ -116,6 +118,7 @@ def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
         )
         if not np.isfinite(placed).all():
             raise ValueError("the image of the mesh is not finite at a node")
+    compare_function(mesh.comm, "the image of the mesh", image, x)
     return placed[:, :dim]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh, MeshTags, create_mesh, meshtags
 
+from pw_elements.abaqus import capitals
 from pw_elements.arrays import Array, Indices, Local
 
 Names = dict[str, dict[str, tuple[int, ...]]]  # of "cells" and "facets": the tags of each set
@@ -57,7 +58,7 @@ class TaggedMesh(NamedTuple):
 
     def _find(self, kind: str, tags: MeshTags, name: str) -> Local:
         known = self.names[kind]
-        own = known.get(name, known.get(name.upper(), ()))
+        own = known.get(name, known.get(capitals(name), ()))
         if not own:
             raise ValueError(
                 f"no set of {kind} is called {name}; known are {', '.join(known) or 'none'}"

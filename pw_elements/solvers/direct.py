@@ -5,6 +5,7 @@ to one matrix. Any object with these methods is one: nothing asks for its class.
 """
 
 import logging
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ import numpy as np
 
 from pw_elements._compat import option_used
 from pw_elements.arrays import Indices
-from pw_elements.checks import arguments, same_everywhere
+from pw_elements.checks import arguments, refused_together, same_everywhere
 from pw_elements.progress import told
 
 Options: TypeAlias = Mapping[str, str | int | float | bool]
@@ -31,6 +32,11 @@ _LOST = 1e-4
 _SINGULAR = 1e8
 _ROUND_OFF = 10 * float(np.finfo(float).eps)
 _REFINED = 4
+# Options that say how often something is repeated, which PETSc's -3 makes endless; those of the
+# outermost method, which ends when it has converged, and the most of any other
+_COUNT = re.compile(r"(max_it|restart|cycles|steps|_l?its)$")
+_OUTER_COUNTS = ("ksp_max_it", "ksp_gmres_restart")
+_MOST_INNER_STEPS = 1000
 
 
 class SingularSystem(RuntimeError):
@@ -181,6 +187,7 @@ class Direct:
 
     options: Options = field(default_factory=dict)
 
+    @refused_together
     def __post_init__(self) -> None:
         check_options(self.options)
 
@@ -373,6 +380,24 @@ def check_options(options: object) -> None:
             raise ValueError(f"option {name!r}: its name has to be a string")
         kinds = (str, int, float, np.number)
         arguments.of_type(f"option {name!r}", value, kinds, "it has to be a string, number or bool")
+        if _COUNT.search(name):
+            _check_count(name, value)
+
+
+def _check_count(name: str, value: str | float) -> None:
+    """Raise ValueError for numbers of repetitions of which PETSc would make an endless loop."""
+    of_outer_method = name.lstrip("-") in _OUTER_COUNTS
+    try:
+        count = arguments.whole(name, int(value) if isinstance(value, str) else value, 1)
+    except ValueError:
+        count = 0
+    if count < 1 or (count > _MOST_INNER_STEPS and not of_outer_method):
+        most = "" if of_outer_method else f" and at most {_MOST_INNER_STEPS}"
+        raise ValueError(
+            f"option {name} = {value!r}: it has to be a whole number, at least 1{most}. PETSc "
+            "takes some others for no limit, and methods within a preconditioner do not look "
+            "whether they have converged"
+        )
 
 
 @contextmanager

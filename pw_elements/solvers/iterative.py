@@ -25,7 +25,14 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
 from pw_elements.arrays import Array, Indices, Local, Mask
-from pw_elements.checks import arguments, collective, pieces_of, same_everywhere, sizes_of
+from pw_elements.checks import (
+    arguments,
+    collective,
+    pieces_of,
+    refused_together,
+    same_everywhere,
+    sizes_of,
+)
 from pw_elements.progress import told
 from pw_elements.solvers.direct import (
     Direct,
@@ -266,6 +273,7 @@ class Iterative:
     tolerance: float = 1e-11
     options: Options = field(default_factory=dict)
 
+    @refused_together
     def __post_init__(self) -> None:
         if not 0 < arguments.number("tolerance", self.tolerance) < 1:
             raise ValueError(f"tolerance = {self.tolerance}: has to lie between 0 and 1")
@@ -629,7 +637,7 @@ def auto_solver(
     """
     if solver is not None and not isinstance(solver, str):
         return solver
-    if solver not in (None, "auto"):
+    if not (solver is None or arguments.is_one_of(solver, ("auto",))):
         raise ValueError(f'solver {solver!r}: use Direct(), Iterative() or "auto"')
     if supports is None:
         return Direct()

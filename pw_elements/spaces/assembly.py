@@ -185,6 +185,8 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
         space: the test space.
         degree: of the polynomials that are integrated exactly on each sub-cell.
     """
+    arguments.space(space)
+    arguments.whole("degree", degree, 0)
     metadata: dict[str, Any] = {"quadrature_degree": degree}
     if _halved_tetrahedra(space.ufl_element()):
         metadata |= _custom(*twelve_cell_rule(degree))

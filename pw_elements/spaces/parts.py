@@ -1,8 +1,7 @@
 """Parts of a body as users name them: by a marker, by local numbers, or by a mask of these."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 from mpi4py import MPI
 
@@ -12,7 +11,12 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities_boundary
 
 from pw_elements.arrays import Array, Local, Mask
-from pw_elements.checks import answer, arguments, collective
+from pw_elements.checks import (
+    answer,
+    arguments,
+    collective,
+    compare_function,
+)
 from pw_elements.spaces.hybrid import SubSpace
 
 # of points as columns (3, n): True or False for each, (n,)
@@ -23,7 +27,7 @@ Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 
 def marked(comm: MPI.Comm, whose: str, where: Marker, x: Array) -> Mask:
     """Mask (n,) of the points (3, n) at which a marker holds; local, for use under the guard."""
-    if not callable(where):
+    if not arguments.is_function(where):
         raise TypeError(
             f"{whose} is of the type {type(where).__name__}: give a function of points. Tagged "
             "facets are taken by prescribe, boundary_measure and nodal_flux"
@@ -68,26 +72,32 @@ def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
     Of a hybrid space they are those of its displacements; numbers in `where` are of its unknowns, a
     mask may be one of nodes.
     """
+    asked = _AskedMarker(space.mesh.comm, f"the marker of {whose}", where)
+    with collective(space.mesh.comm):
+        nodes = _local_nodes(space, whose, where, asked)
+    asked.compare()
+    return nodes
+
+
+def _local_nodes(space: fem.FunctionSpace, whose: str, where: Part, asked: "_AskedMarker") -> Local:
+    """Return what `nodes_of` does; local, for use under the guard."""
     comm, field = space.mesh.comm, SubSpace.displacements(space)
-    x = field.space.tabulate_dof_coordinates()
-    index_map = space.dofmap.index_map
-    with collective(comm):
-        if callable(where):
-            holds = marked(comm, f"the marker of {whose}", where, x.T)
-            return np.flatnonzero(holds).astype(np.int32)
-        mask = np.asarray(where).dtype == bool and len(where) == len(x)
-        by_node = field.is_all or mask
-        count = len(x) if by_node else index_map.size_local + index_map.num_ghosts
-        numbers = numbered(comm, f"the nodes of {whose}", where, count)
-        if by_node:
-            return numbers
-        inside = np.isin(field.unknowns, numbers)
-        nodes = inside.all(axis=1)
-        if np.any(inside.any(axis=1) != nodes) or (len(numbers) and not nodes.any()):
-            raise ValueError(
-                f"the nodes of {whose} are not whole nodes of the hybrid space U: give a marker "
-                "or numbers of U itself, fem.locate_dofs_topological(U, tags.dim, tags.find(value))"
-            )
+    x, index_map = field.space.tabulate_dof_coordinates(), space.dofmap.index_map
+    if asked.is_marker:
+        return np.flatnonzero(asked.holds(x.T)).astype(np.int32)
+    mask = np.asarray(where).dtype == bool and len(np.asarray(where)) == len(x)
+    by_node = field.is_all or mask
+    count = len(x) if by_node else index_map.size_local + index_map.num_ghosts
+    numbers = numbered(comm, f"the nodes of {whose}", where, count)
+    if by_node:
+        return numbers
+    inside = np.isin(field.unknowns, numbers)
+    nodes = inside.all(axis=1)
+    if np.any(inside.any(axis=1) != nodes) or (len(numbers) and not nodes.any()):
+        raise ValueError(
+            f"the nodes of {whose} are not whole nodes of the hybrid space U: give a marker "
+            "or numbers of U itself, fem.locate_dofs_topological(U, tags.dim, tags.find(value))"
+        )
     return np.flatnonzero(nodes).astype(np.int32)
 
 
@@ -108,19 +118,49 @@ def exterior_facets(mesh: Mesh, where: Part, inner: bool = True) -> Local:
     topology.create_connectivity(dimension, topology.dim)
     topology.create_connectivity(topology.dim, dimension)
     index_map = topology.index_map(dimension)
+    asked = _AskedMarker(mesh.comm, "the marker of the boundary", where)
     with collective(mesh.comm):
-        if callable(where):
-            holds = partial(marked, mesh.comm, "the marker of the boundary", where)
-            return locate_entities_boundary(mesh, dimension, holds)
-        count = index_map.size_local + index_map.num_ghosts
-        given = numbered(mesh.comm, "facets", where, count)
-        outer = np.intersect1d(given, exterior_facet_indices(topology))
-        if not inner and np.sum(given < index_map.size_local) > len(outer):
-            raise ValueError(
-                "the prescribed part has facets within the body: numbers are those of facets of "
-                "its boundary, tags.find(value); for nodes there is fem.dirichletbc"
-            )
-    return outer
+        if asked.is_marker:
+            facets: Local = locate_entities_boundary(mesh, dimension, asked.holds)
+        else:
+            count = index_map.size_local + index_map.num_ghosts
+            given = numbered(mesh.comm, "facets", where, count)
+            facets = np.intersect1d(given, exterior_facet_indices(topology))
+            if not inner and np.sum(given < index_map.size_local) > len(facets):
+                raise ValueError(
+                    "the prescribed part has facets within the body: numbers are those of facets "
+                    "of its boundary, tags.find(value); for nodes there is fem.dirichletbc"
+                )
+    asked.compare()
+    return facets
+
+
+class _AskedMarker:
+    """A part as a user names it, and where its marker has been asked, if it is named by one."""
+
+    def __init__(self, comm: MPI.Comm, whose: str, where: Part) -> None:
+        self._comm, self._whose, self._where = comm, whose, where
+        self.is_marker = arguments.is_function(where)
+        self._points: list[Array] = [np.empty((0, 3))]
+        self._marks: list[Mask] = [np.zeros(0, dtype=bool)]
+
+    def holds(self, x: Array) -> Mask:
+        """Return the mask (n,) of points (3, n) at which the marker holds; local."""
+        marks = marked(self._comm, self._whose, cast(Marker, self._where), x)
+        self._points.append(np.array(x.T))
+        self._marks.append(marks)
+        return marks
+
+    def compare(self) -> None:
+        """Raise ValueError where all processes have markers, but others; collective."""
+        if not self._comm.allreduce(self.is_marker, MPI.LAND):
+            return
+        where, x, marks = self._where, np.concatenate(self._points), np.concatenate(self._marks)
+
+        def mark(points: Array) -> Mask:
+            return cast(Marker, where)(np.array(points.T, order="C"))
+
+        compare_function(self._comm, self._whose, mark, x[marks], x[~marks])
 
 
 def by_cell_tag(

@@ -26,7 +26,7 @@ def earlier(results: Results) -> dict[str, float]:
         try:
             value = json.loads(path.read_bytes())["provenance"]["seconds"]
             seconds[f"{path.parent.name}/{path.stem}"] = float(value)
-        except (OSError, ValueError, TypeError, KeyError):
+        except (OSError, ValueError, TypeError, KeyError, RecursionError):
             pass  # no result, or none that can be read
     return seconds
 

@@ -14,6 +14,8 @@ from multiprocessing import connection, resource_tracker
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from study.core.supervisor import signals_blocked
+
 Channel: TypeAlias = connection.Connection
 
 
@@ -53,7 +55,7 @@ class Killed:
 class Pool:
     """Worker processes; iterating gives each task as it ends, with its outcome.
 
-    Tasks may be added meanwhile. Workers leave Ctrl-C to this process, and end with it.
+    Tasks may be added meanwhile. Workers leave signals to this process, and end with it.
 
     Args:
         processes: How many there may be; they start as there is work.
@@ -65,7 +67,7 @@ class Pool:
         self._count = 0
         self._idle: list[_Worker] = []
         self._busy: dict[Channel, tuple[_Worker, Task]] = {}
-        _ignore_broken_pipes()
+        ignore_broken_pipes()
 
     def submit(self, task: Task) -> None:
         """Add a task."""
@@ -115,13 +117,11 @@ class _Worker:
         self.channel, theirs = context.Pipe()
         self._process = context.Process(target=_work, args=(theirs,), daemon=True)
         resource_tracker.ensure_running()  # which would unblock Ctrl-C
-        # the process inherits this from its first moment on: Ctrl-C is handled in this one, once
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            self._process.start()
+            with signals_blocked():  # the process inherits it from its first moment on
+                self._process.start()
         finally:
             theirs.close()
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def give(self, task: Task) -> bool:
         """Hand a task over; return whether the process is still there."""
@@ -151,8 +151,8 @@ class _Worker:
         self._process.join()
 
 
-def _ignore_broken_pipes() -> None:
-    """PETSc takes them for a crash and aborts; a process that was killed is no reason."""
+def ignore_broken_pipes() -> None:
+    """Have writing fail where nobody reads: PETSc takes the signal for a crash, and aborts."""
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
@@ -170,7 +170,7 @@ def _work(channel: Channel) -> None:
     while True:
         try:
             outcome = _done(channel)
-            _ignore_broken_pipes()  # once a task may have imported PETSc
+            ignore_broken_pipes()  # once a task may have imported PETSc
             channel.send(outcome)
         except (EOFError, OSError):
             return

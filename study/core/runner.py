@@ -16,12 +16,22 @@ from study.core.expected import expected
 from study.core.jit import unblocked
 from study.core.pool import Failed, Killed, Pool, Task, one_line
 from study.core.provenance import provenance
-from study.core.store import CorruptResult, Result, Results, discard, save, sweep
+from study.core.store import (
+    CorruptResult,
+    OutdatedResult,
+    Result,
+    Results,
+    discard,
+    is_result,
+    save,
+    sweep,
+)
 
 # Cases run beside each other: their lines on what goes on would cross those of the runner, and that
 # the paper's displacements are not small is no news in each of several hundred
 logging.getLogger("pw_elements").addHandler(logging.NullHandler())
 
+STRAY = "is the result of no case, and cannot be read: move it away"
 PATIENCE = 20  # times that a case is tried again because another process compiles what it needs
 
 Validity = Literal["stored", "outdated", "missing", "corrupt"]
@@ -76,16 +86,25 @@ def _state(key: str, marks: set[str | None], results: Results) -> Validity:
         return "missing"
     try:
         stored = results[key]
+    except OutdatedResult:
+        return "outdated"
     except CorruptResult:
         return "corrupt"
     return "stored" if stored.provenance.get("fingerprint") in marks else "outdated"
 
 
 def discard_others(section: Section, out: Path) -> None:
-    """Remove results that are no case of their section any more: measures would count them."""
+    """Remove results that are no case of their section any more: measures would count them.
+
+    Files that are no results stay, and are named.
+    """
     known = {case.name for case in section.cases}
-    for stored in set(Results(out).cases(section.id)) - known:
-        discard(out, section.id, stored)
+    for stored in sorted(set(Results(out).cases(section.id)) - known):
+        path = out / section.id / f"{stored}.json"
+        if is_result(path):
+            discard(out, section.id, stored)
+        else:
+            _say(f"{path} {STRAY}")
 
 
 def run(

@@ -4,10 +4,8 @@ import hashlib
 import io
 import json
 import math
-import os
-import re
-import secrets
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -15,8 +13,15 @@ from typing import Any
 
 import numpy as np
 
-# How the names of files end that are being written
-_UNFINISHED = ".pw-elements-unfinished"
+from study.core import files
+
+EXIT_CORRUPT = 3  # status of commands that meet stored results which cannot be read
+
+_KIND = "pw_elements study result"
+FORMAT = f"{_KIND} 2"
+_NUMBERS = ("parameters", "scalars", "units", "provenance")
+_KEYS = {"format", "section", "case", *_NUMBERS, "digest"}
+_EARLIER_KEYS = {"case", *_NUMBERS}  # of the first format, which had no name
 
 
 class StudyError(Exception):
@@ -27,8 +32,16 @@ class MissingResult(StudyError):
     """A result has not been computed."""
 
 
+class OutdatedResult(MissingResult):
+    """A result has been stored by another version, in another format."""
+
+
 class CorruptResult(StudyError):
-    """A stored result cannot be read."""
+    """A stored file cannot be read, or is not as it was written."""
+
+
+class NoScalar(StudyError):
+    """A stored result has no scalar of a name."""
 
 
 @dataclass(frozen=True)
@@ -95,35 +108,13 @@ class Stored:
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file wholly or not at all, making its folder if need be."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    # a name that nobody else knows, of a file that nobody else has made
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.{os.getpid()}{_UNFINISHED}")
-    unfinished = temporary.open("xb")
-    try:
-        with unfinished as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    files.replace_file(path, data)
 
 
 def sweep(out: Path) -> None:
-    """Remove what `write_whole` left unfinished where its process was killed, and nothing else.
-
-    It writes into the folder itself, and into folders in it.
-    """
-    for path in [*Path(out).glob(f".*{_UNFINISHED}"), *Path(out).glob(f"*/.*{_UNFINISHED}")]:
-        written = re.fullmatch(rf"\..+\.[0-9a-f]{{16}}\.([0-9]{{1,9}}){_UNFINISHED}", path.name)
-        if not written or path.is_symlink() or not path.is_file():
-            continue
-        try:
-            os.kill(int(written[1]), 0)
-        except ProcessLookupError:
-            path.unlink(missing_ok=True)
-        except PermissionError:  # it lives, and is another user's
-            pass
+    """Remove what killed processes have left unfinished, in the folder and in folders in it."""
+    for folder in (Path(out), *Path(out).glob("*/")):
+        files.sweep(folder)
 
 
 def write_json(path: Path, content: object) -> None:
@@ -142,8 +133,9 @@ def save(
 ) -> None:
     """Store a result; a process killed at any point leaves no mixture of old and new behind.
 
-    The provenance receives digests: of the curves, so that a `.npz` of another run is noticed, and
-    of parameters, scalars and units, so that an edited number is.
+    The file has a digest of all that it says: section, case, parameters, numbers and provenance,
+    which has the fingerprint and the digest of the curves. So neither an edited number, a file of
+    another section nor a `.npz` of another run passes for the result.
 
     Raises:
         StudyError: If there are no parameters, a scalar is not finite or has no unit, or a unit
@@ -159,25 +151,41 @@ def save(
         data = _packed(result.curves)
         digest = hashlib.sha256(data).hexdigest()
         write_whole(curves, data)
-    numbers = {"parameters": dict(parameters), "scalars": scalars, "units": units}
-    content = {
+    content: dict[str, Any] = {
+        "format": FORMAT,
+        "section": section,
         "case": case,
-        **numbers,
-        "provenance": {
-            **provenance,
-            "curves_sha256": digest,
-            "numbers_sha256": _digest(**numbers),
-        },
+        "parameters": dict(parameters),
+        "scalars": scalars,
+        "units": units,
+        "provenance": {**provenance, "curves_sha256": digest},
     }
+    content["digest"] = _digest(content)
     write_json(folder / f"{case}.json", content)  # last: it declares the result complete
     if digest is None:
-        curves.unlink(missing_ok=True)
+        files.remove_file(curves)
 
 
 def discard(out: Path, section: str, case: str) -> None:
     """Remove a stored result, if there is one."""
     for suffix in (".json", ".npz"):
-        (Path(out) / section / f"{case}{suffix}").unlink(missing_ok=True)
+        files.remove_file(Path(out) / section / f"{case}{suffix}")
+
+
+def is_result(path: Path) -> bool:
+    """Tell whether a file is a stored result, by its keys; of this or an earlier format."""
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and ({*content} == _KEYS or _of_another_version(content))
+
+
+def _of_another_version(content: object) -> bool:
+    if not isinstance(content, dict):
+        return False
+    named = str(content.get("format")).startswith(f"{_KIND} ") and content["format"] != FORMAT
+    return named or {*content} == _EARLIER_KEYS
 
 
 def _refuse_incomplete(
@@ -199,11 +207,10 @@ def _refuse_incomplete(
         raise StudyError(f"{key} has units of no number: {', '.join(idle)}")
 
 
-def _digest(
-    parameters: Mapping[str, Any], scalars: Mapping[str, float], units: Mapping[str, str]
-) -> str:
-    """Digest of what a file says, whatever the order and the layout."""
-    text = json.dumps([parameters, scalars, units], sort_keys=True, allow_nan=False)
+def _digest(content: Mapping[str, Any]) -> str:
+    """Digest of all else that a file says, whatever the order and the layout."""
+    said = {name: part for name, part in content.items() if name != "digest"}
+    text = json.dumps(said, sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -232,23 +239,30 @@ class Results:
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
         self._read: dict[str, Stored] = {}
+        self._failed: dict[str, StudyError] = {}
         self._names: dict[str, list[str]] = {}
 
     def __contains__(self, key: str) -> bool:
         return self._path(key).is_file()
 
     def __getitem__(self, key: str) -> Stored:
+        if key in self._failed:
+            raise self._failed[key]
         if key not in self._read:
-            self._read[key] = self._load(key)
+            try:
+                self._read[key] = self._load(key)
+            except StudyError as error:
+                self._failed[key] = error
+                raise
         return self._read[key]
 
     def scalar(self, key: str, name: str) -> float:
         """Return one number of a result."""
         scalars = self[key].scalars
         if name not in scalars:
-            raise CorruptResult(
+            raise NoScalar(
                 f"{self._path(key)} has no scalar {name!r} (but {', '.join(sorted(scalars))}): "
-                f"{_remedy(key)}"
+                f"{_remedy(key)} --force"
             )
         return scalars[name]
 
@@ -270,6 +284,26 @@ class Results:
         """Return all results of a section, sorted by case."""
         return [self[f"{section}/{case}"] for case in self.cases(section)]
 
+    def readable(self, section: str) -> list[Stored]:
+        """Return the results of a section that can be read, sorted by case."""
+        found = []
+        for case in self.cases(section):
+            with suppress(MissingResult, CorruptResult):
+                found.append(self[f"{section}/{case}"])
+        return found
+
+    def corrupt(self, section: str) -> dict[str, str]:
+        """Return what is wrong with the results of a section that cannot be read, by their keys."""
+        found = {}
+        for case in self.cases(section):
+            try:
+                self[f"{section}/{case}"]
+            except MissingResult:
+                pass
+            except CorruptResult as error:
+                found[f"{section}/{case}"] = str(error)
+        return found
+
     def where(self, section: str, /, **parameters: object) -> list[Stored]:
         """Return the results of a section with these parameters, see `Stored.has`."""
         return [stored for stored in self.section(section) if stored.has(**parameters)]
@@ -289,7 +323,7 @@ class Results:
             claims = json.loads(path.read_bytes())
         except FileNotFoundError:
             raise MissingResult(f"there is no {path}: {remedy}") from None
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise CorruptResult(f"{path} cannot be read ({error}): {remedy}") from None
         if not isinstance(claims, list) or not all(isinstance(claim, dict) for claim in claims):
             raise CorruptResult(f"{path} is not a list of claims: {remedy}")
@@ -303,22 +337,23 @@ class Results:
         section, _, case = key.partition("/")
         try:
             content = json.loads(path.read_bytes(), parse_constant=_refuse)
-            _check(content, case)
+            if _of_another_version(content):
+                raise OutdatedResult(f"{path} is of another version: {_remedy(key)}")
+            _check(content, section, case)
             digest = content["provenance"].get("curves_sha256")
             data = _data(path.with_suffix(".npz"), digest) if digest else b""
+            scalars = _floats(content["scalars"])
         except FileNotFoundError as error:
             if error.filename == str(path):
-                raise MissingResult(
-                    f"there is no result {path}: run ./run study {section}"
-                ) from None
+                raise MissingResult(f"there is no result {path}: {_remedy(key)}") from None
             raise CorruptResult(f"{error.filename} is missing: {_remedy(key)}") from None
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, OverflowError, RecursionError) as error:
             raise CorruptResult(f"{path} cannot be used ({error}): {_remedy(key)}") from None
         return Stored(
             section,
             case,
             content["parameters"],
-            _floats(content["scalars"]),
+            scalars,
             content["units"],
             partial(_unpacked, data),
             content["provenance"],
@@ -362,20 +397,21 @@ class TrackedResults(Results):
 
 
 def _remedy(key: str) -> str:
-    return f"run ./run study {key.partition('/')[0]} --force"
+    return f"run ./run study {key}"
 
 
 def _refuse(constant: str) -> float:
     raise ValueError(f"it contains {constant}")
 
 
-def _check(content: object, case: str) -> None:
-    parts = ("parameters", "scalars", "units", "provenance")
-    if not isinstance(content, dict) or set(content) != {"case", *parts}:
-        raise ValueError(f"its keys are not case, {', '.join(parts)}")
-    if content["case"] != case:
-        raise ValueError(f"it is of the case {content['case']!r}")
-    for part in parts:
+def _check(content: object, section: str, case: str) -> None:
+    if not isinstance(content, dict) or {*content} != _KEYS:
+        raise ValueError(f"its keys are not {', '.join(sorted(_KEYS))}")
+    if content["format"] != FORMAT:
+        raise ValueError("its format has no name of the study's")
+    if (content["section"], content["case"]) != (section, case):
+        raise ValueError(f"it is of the case {content['section']}/{content['case']}")
+    for part in _NUMBERS:
         if not isinstance(content[part], dict):
             raise ValueError(f"its {part} are no table")
     for name, value in content["scalars"].items():
@@ -384,9 +420,8 @@ def _check(content: object, case: str) -> None:
     for name, unit in content["units"].items():
         if not isinstance(unit, str):
             raise ValueError(f"the unit of {name} is no text")
-    found = _digest(content["parameters"], _floats(content["scalars"]), content["units"])
-    if content["provenance"].get("numbers_sha256") != found:
-        raise ValueError("its parameters, scalars or units have been edited since the run")
+    if content["digest"] != _digest(content):
+        raise ValueError("it has been edited since the run")
 
 
 def _floats(numbers: Mapping[str, float]) -> dict[str, float]:

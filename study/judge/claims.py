@@ -14,7 +14,14 @@ from typing import Any, Literal
 
 import jsonschema
 
-from study.core.store import MissingResult, Results, StudyError, write_json
+from study.core.store import (
+    CorruptResult,
+    MissingResult,
+    NoScalar,
+    Results,
+    StudyError,
+    write_json,
+)
 
 NO_REFERENCE: Literal["not judged: no reference"] = "not judged: no reference"
 HERE = Path(__file__).parent
@@ -126,11 +133,19 @@ class Claim:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A claim with what was measured; None if a result is missing or nothing can be measured."""
+    """A claim with what was measured; None if a result is missing or nothing can be measured.
+
+    Attributes:
+        claim: The claim.
+        measured: Its number.
+        verdict: What follows from that.
+        unreadable: Why it is not judged, if a result is there that cannot be used.
+    """
 
     claim: Claim
     measured: float | None
     verdict: Outcome
+    unreadable: str = ""
 
     @property
     def differs(self) -> bool:
@@ -368,8 +383,11 @@ def _judged(claim: Claim, results: Results) -> Verdict:
         return Verdict(claim, None, "not testable")
     try:
         measured = float(how.function(results, **how.args))
+        holds = _is_reference(how, results)
     except MissingResult:
         return Verdict(claim, None, "not judged")
+    except (CorruptResult, NoScalar) as error:
+        return Verdict(claim, None, "not judged", str(error))
     except StudyError:
         raise
     except Exception as error:  # measures are short formulas; which claim's it is, is what helps
@@ -377,11 +395,15 @@ def _judged(claim: Claim, results: Results) -> Verdict:
         raise StudyError(f"claim {claim.id}: {how.measure} failed with {what}") from error
     if not math.isfinite(measured):
         raise StudyError(f"claim {claim.id}: {how.measure} gave {measured}")
-    if how.reference is not None:
-        error_of, args = how.reference
-        if error_of(results, **args) >= (how.tol or abs(how.value)) / 3:
-            return Verdict(claim, measured, NO_REFERENCE)
-    return Verdict(claim, measured, _outcome(claim, measured))
+    return Verdict(claim, measured, _outcome(claim, measured) if holds else NO_REFERENCE)
+
+
+def _is_reference(how: Judgement, results: Results) -> bool:
+    """Tell whether the error of what is compared with is small enough, if it is known."""
+    if how.reference is None:
+        return True
+    error_of, args = how.reference
+    return bool(error_of(results, **args) < (how.tol or abs(how.value)) / 3)
 
 
 def _outcome(claim: Claim, measured: float) -> Outcome:

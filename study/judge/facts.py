@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from study.core.store import MissingResult, Results, Stored, StudyError
+from study.core.store import CorruptResult, MissingResult, Results, Stored, StudyError
 from study.judge import claims
 from study.judge.claims import PAPER, Claim, Verdict, judge
 from study.paper.items import TABLE_1, TABLE_2
@@ -225,7 +225,7 @@ class _Mutated(Results):
     def __getitem__(self, key: str) -> Stored:
         own, other = [self._own[key]], self._mutation.stored(key)
         if other != key:
-            with suppress(MissingResult):
+            with suppress(MissingResult, CorruptResult):
                 own.append(self._own[other])
         scalars = {name: value for one in own for name, value in one.scalars.items()}
 

@@ -9,7 +9,7 @@ import jinja2
 from markupsafe import Markup
 
 from study.core.cases import SECTIONS
-from study.core.store import CorruptResult, MissingResult, Results, write_whole
+from study.core.store import CorruptResult, MissingResult, NoScalar, Results, write_whole
 from study.texts import HERE, Place, Texts, numbers, provenance
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def render(results: Results, templates: Path = HERE) -> Rendered:
         paper.parts()  # now it is known where figures, tables and sections are
         paper.strict = not paper.incomplete
         parts = paper.parts()
-        cases = [case for section in SECTIONS for case in results.section(section)]
+        cases = [case for section in SECTIONS for case in results.readable(section)]
         origin = provenance(cases)
         html = paper.render(
             "base.html",
@@ -154,7 +154,7 @@ class _Paper(Texts):
         before = dict(self.numbers)
         try:
             return Markup(re.sub(BREAK, numbers.THIN, self.text(name)))
-        except MissingResult as missing:
+        except (MissingResult, CorruptResult, NoScalar) as missing:
             self.numbers = before  # its figures and tables are not shown
             self.incomplete.append(f"{name}: {missing}")
             return Markup('<p class="note">This part is incomplete: {}.</p>').format(missing)

@@ -9,12 +9,15 @@ import os
 import shutil
 from pathlib import Path
 
+from study.core.files import replacing_folder
 from study.core.store import Results, StudyError
 from study.site import evidence, gallery, reference
+from study.texts import load_figures
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDE = ROOT / "docs"
 STATIC = Path(__file__).with_name("static")
+KIND = "a site"
 
 # The theme's script is a module that imports another
 _MODULE = '<script type="module"', "<script defer"
@@ -26,16 +29,19 @@ def build(results: Results, out: Path, jobs: int = 1) -> list[str]:
 
     Returns:
         What is missing or wrong, a line for each.
+
+    Raises:
+        ForeignEntry: If something else is there, or something more than that build left.
+        StudyError: If claims or the index of figures are missing, or an example fails.
     """
-    source, pages = out.with_name(f".{out.name}-source"), out.with_name(f".{out.name}-pages")
-    for folder in (source, pages):
-        shutil.rmtree(folder, ignore_errors=True)
-    missing = write_sources(results, source, jobs)
-    missing += _sphinx(source, pages)
-    missing += evidence.copy_data(results, pages)
-    shutil.rmtree(out, ignore_errors=True)
-    pages.rename(out)
-    shutil.rmtree(source)
+    results.claims()  # what is missing is to be known now, not after the gallery
+    load_figures(results)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with replacing_folder(out, KIND) as made:
+        source = made.scratch / "source"
+        missing = write_sources(results, source, jobs)
+        missing += _sphinx(source, made.folder)
+        missing += evidence.copy_data(results, made.folder)
     return missing
 
 

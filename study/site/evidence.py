@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from study.core.cases import SECTIONS, title
 from study.core.sources import source
-from study.core.store import MissingResult, Results, StudyError
+from study.core.store import CorruptResult, MissingResult, NoScalar, Results, StudyError
 from study.judge import claims as judged
 from study.judge.facts import COMPUTED, ROWS
 from study.paper.items import ITEMS, TITLES, Item
@@ -74,7 +74,7 @@ def write(results: Results, source_folder: Path) -> list[str]:
 
 
 def copy_data(results: Results, pages: Path) -> list[str]:
-    """Put the files of all results and the report beside the pages, which refer to them.
+    """Put the files of all readable results and the report beside the pages, which refer to them.
 
     Returns:
         What is missing.
@@ -88,10 +88,11 @@ def copy_data(results: Results, pages: Path) -> list[str]:
     for section in SECTIONS:
         folder = pages / "data" / section
         folder.mkdir(parents=True)
-        for case in results.cases(section):
-            for name in (f"{case}.json", f"{case}.npz"):
-                if (path := results.folder / section / name).is_file():
-                    shutil.copy(path, folder)
+        missing += results.corrupt(section).values()
+        for stored in results.readable(section):
+            endings = ("json", "npz") if stored.curves else ("json",)
+            for ending in endings:
+                shutil.copy(results.folder / section / f"{stored.case}.{ending}", folder)
     return missing
 
 
@@ -144,7 +145,7 @@ class _Sheets(Texts):
         before = dict(self.numbers)
         try:
             body = self.text(name)
-        except MissingResult as missing:
+        except (MissingResult, CorruptResult, NoScalar) as missing:
             self.numbers = before  # its figures and tables are not shown
             self.incomplete.append(f"{name}: {missing}")
             body = Markup('<p class="note">This sheet is incomplete: {}.</p>').format(missing)
@@ -218,7 +219,7 @@ class _Sheets(Texts):
         for group, members in GROUPS.items():
             rows = [self._summary(section) for section in members if section in sections]
             parts += [f"## {group}", _raw(self.render("sheets.html", rows=rows))]
-        cases = [case for section in sections for case in self.results.section(section)]
+        cases = [case for section in sections for case in self.results.readable(section)]
         parts.append(f"## Computed with\n\n{_raw(self.render('origin.html', **provenance(cases)))}")
         tree = "\n".join(["paper", "claims", "facts", "figures-and-tables", *sections])
         parts.append(f"```{{toctree}}\n:hidden:\n\n{tree}\n```")
@@ -235,7 +236,7 @@ class _Sheets(Texts):
             raise StudyError(f"heads.toml: {section} has {', '.join(sorted(strange))}")
         path = source(SECTIONS[section])
         assert path is not None
-        cases = len(self.results.cases(section))
+        cases = len(self.results.readable(section))
         rows = [(part.capitalize(), typeset(sheet[part])) for part in PARTS if part in sheet]
         rows += [
             ("Computed in", Markup("<code>{}</code>").format(path.relative_to(ROOT).as_posix())),
@@ -245,7 +246,7 @@ class _Sheets(Texts):
         return _raw(self.render("facts.html", rows=rows))
 
     def _data(self, section: str) -> str:
-        page = self.render("data.html", section=section, cases=self.results.section(section))
+        page = self.render("data.html", section=section, cases=self.results.readable(section))
         return f"## Data\n\n{_raw(page)}"
 
     def _summary(self, section: str) -> dict[str, Any]:

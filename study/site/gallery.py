@@ -168,7 +168,7 @@ def _ensure_run(one: Example, store: Path) -> None:
         digest.update(f"{path.name} {code_digest(path)}".encode())
     note, picture, printed = (store / f"{one.name}.{end}" for end in ("sha256", "png", "txt"))
     made = all(path.is_file() for path in (picture, printed, note))
-    if made and note.read_text() == digest.hexdigest():
+    if made and note.read_bytes() == digest.hexdigest().encode():
         return
     environment = os.environ | {"PYTHONPATH": str(EXAMPLES.parent)}
     with tempfile.TemporaryDirectory() as folder:

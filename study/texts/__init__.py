@@ -275,7 +275,7 @@ def load_figures(results: Results) -> dict[str, dict[str, Any]]:
         return {entry["name"]: entry for entry in entries}
     except FileNotFoundError as error:
         raise MissingResult(f"there is no {error.filename}: {remedy}") from None
-    except (ValueError, TypeError, KeyError) as error:
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         raise CorruptResult(f"{folder / 'index.json'} cannot be used ({error}): {remedy}") from None
 
 

@@ -60,7 +60,7 @@ def computed(results: Results, section: str) -> Computed:
 
 def computed_and_recorded(results: Results) -> tuple[int, int]:
     """Return how many results were computed, and how many were read from tracked records."""
-    cases = [case for section in SECTIONS for case in results.section(section)]
+    cases = [case for section in SECTIONS for case in results.readable(section)]
     recorded = sum(bool(case.record) for case in cases)
     return len(cases) - recorded, recorded
 

@@ -1,5 +1,9 @@
 """Contact results as functions, in files for ParaView, and in pictures."""
 
+import os
+import shutil
+from unittest.mock import patch
+
 from mpi4py import MPI
 
 import matplotlib as mpl
@@ -30,6 +34,7 @@ from pw_elements.contact import (
     plot,
     write,
 )
+from pw_elements.files import MARK
 from pw_elements.meshes import mapped, triangles
 from study.elements import composite
 from study.verification.half_space import Elastic as HalfPlane
@@ -277,6 +282,10 @@ def test_files_that_cannot_be_written(tmp_path):
         write(path, states, block.body)
     assert path.read_text() == "mine"
     path.unlink()
+    full = patch.object(os, "posix_fallocate", side_effect=OSError(28, "No space left on device"))
+    with full, pytest.raises(OSError, match=r"it takes about 0\.\d+ MB: .*block\.bp"):
+        write(path, states, block.body)
+    assert list(tmp_path.iterdir()) == []
     other = Block(4, composite)
     (state,) = other.solve(0.3, 60.0, increments=0)
     with pytest.raises(ValueError, match="not Lagrange's of degree 2"):
@@ -286,6 +295,45 @@ def test_files_that_cannot_be_written(tmp_path):
     with pytest.raises(ValueError, match="belongs to another space"):
         write(path, [states[0], state], block.space, [0.0, 1.0])
     assert [file.name for file in tmp_path.iterdir()] == ["block.bp"]
+
+
+def test_a_folder_of_the_users_that_looks_like_a_series_loses_nothing(tmp_path):
+    """Nor does a series to which files of the user's have been added."""
+    block = Block(4)
+    states = block.solve(0.3, 60.0, increments=1)
+    copy, path = tmp_path / "copy.bp", tmp_path / "block.bp"
+    write(path, states[:1], block.body)
+    shutil.copytree(path, copy)
+    (copy / MARK).unlink()  # as one that another program has written
+    kept = {file: file.read_bytes() for file in copy.iterdir()}
+    with pytest.raises(FileExistsError, match="does not say that it is a time series"):
+        write(copy, states, block.body)
+    assert {file: file.read_bytes() for file in copy.iterdir()} == kept
+    (path / "data.1").write_text("mine")
+    with pytest.raises(FileExistsError, match=r"it holds data\.1, not written with it"):
+        write(path, states, block.body)
+    assert (path / "data.1").read_text() == "mine"
+    assert sorted(os.listdir(tmp_path)) == ["block.bp", "copy.bp"]
+
+
+def test_an_error_of_the_writer_leaves_the_old_series(tmp_path, monkeypatch):
+    block = Block(4)
+    states = block.solve(0.3, 60.0, increments=1)
+    path = tmp_path / "block.bp"
+    write(path, states[:1], block.body)
+    before = {file: file.read_bytes() for file in path.iterdir()}
+    fill = ContactFields.fill
+
+    def failing(self, state):
+        if state is states[1]:
+            raise RuntimeError("no more")
+        fill(self, state)
+
+    monkeypatch.setattr(ContactFields, "fill", failing)
+    with pytest.raises(RuntimeError, match="no more"):
+        write(path, states, block.body)
+    assert {file: file.read_bytes() for file in path.iterdir()} == before
+    assert os.listdir(tmp_path) == ["block.bp"]
 
 
 def curves(axes):

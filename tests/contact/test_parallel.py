@@ -1,8 +1,11 @@
 """Contact on two processes, at night on three: one start computes all that is compared."""
 
 import logging
+import os
 import re
+from contextlib import nullcontext
 from functools import partial
+from unittest.mock import patch
 
 from mpi4py import MPI
 
@@ -109,6 +112,62 @@ def numbers(comm, folder):
             found[f"{name} {k} smallness"] = list(vars(state.smallness).values())
             found[f"{name} {k} scale"] = list(vars(state.scale).values())
     return found
+
+
+def refusals_to_write(comm, folder):
+    """What each process is told where one alone meets what is in the way; then it is written."""
+    body, states = block(comm)
+    path, told = folder / "block.bp", []
+    if comm.rank == 0:
+        path.mkdir()
+        (path / "md.idx").write_text("mine")
+    comm.barrier()
+    none = patch.object(os, "posix_fallocate", side_effect=OSError(28, "No space left on device"))
+    for failure in (None, none):
+        with failure or nullcontext():
+            try:
+                write(path, states, body.body)
+            except OSError as error:
+                told.append(str(error))
+        comm.barrier()
+        if failure is None and comm.rank == 0:
+            told.append((path / "md.idx").read_text())
+            (path / "md.idx").unlink()
+            path.rmdir()
+        comm.barrier()
+    for _ in range(2):
+        write(path, states, body.body)
+    comm.barrier()
+    return told, sorted(os.listdir(folder))
+
+
+def test_what_stops_one_process_from_writing_is_told_on_all(tmp_path):
+    for rank, (told, left) in enumerate(run_on(2, refusals_to_write, tmp_path)):
+        foreign, *mine, room = told
+        assert "does not say that it is a time series" in foreign
+        assert mine == ["mine"] * (rank == 0)
+        assert "No space left on device: it takes about" in room
+        assert left == ["block.bp"]
+
+
+def failing_alone(comm, folder):
+    """A process that fails within the writing, while the others wait for it."""
+    body, states = block(comm)
+    fill = ContactFields.fill
+
+    def failing(self, state):
+        if comm.rank == 1 and state is states[1]:
+            raise OSError("no more")
+        fill(self, state)
+
+    with patch.object(ContactFields, "fill", failing), patch(f"{write.__module__}._PATIENCE", 1.0):
+        write(folder / "block.bp", states, body.body)
+
+
+def test_processes_do_not_wait_for_one_that_failed_while_writing(tmp_path):
+    with pytest.raises(AssertionError, match="writing failed on process 1 alone: no more"):
+        run_on(2, failing_alone, tmp_path, limit=300)
+    assert not (tmp_path / "block.bp").exists()
 
 
 def whole_and_resumed(name, problems, motions, folder, more=()):

@@ -66,6 +66,12 @@ def test_a_step_changes_no_state_and_can_be_repeated():
         first.iterations = 3
 
 
+def _archive(**arrays):
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return stream.getvalue()
+
+
 def test_files_that_are_no_state_of_this_problem(tmp_path):
     path = tmp_path / "state.npz"
 
@@ -76,10 +82,17 @@ def test_files_that_are_no_state_of_this_problem(tmp_path):
     refused(r"state\.npz", OSError)
     path.write_text("nothing")
     refused(r"state\.npz holds no contact state")
+    for mine in (b"nothing", _archive(nodes=np.zeros(3))):
+        path.write_bytes(mine)
+        with pytest.raises(FileExistsError, match="was not written by pw_elements"):
+            PROBLEM.save(PROBLEM.undeformed, path)
+        assert path.read_bytes() == mine
+    path.unlink()
     PROBLEM.save(PROBLEM.undeformed, path)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])  # a copy that was broken off
     refused(r"state\.npz holds no contact state")
+    PROBLEM.save(PROBLEM.undeformed, path)
     np.savez(path, state=np.load(io.BytesIO(content))["state"])  # without its arrays
     refused(r"state\.npz holds no contact state")
     half = ContactPair(lambda x: at(1, 0.0)(x) & (x[0] < 2.1), Plane((0, 0), (0, 1)), 0.3)

@@ -24,6 +24,7 @@ from dolfinx.mesh import create_mesh, create_unit_interval, exterior_facet_indic
 from pw_elements import (
     Body,
     Direct,
+    Iterative,
     Material,
     Reduction,
     Sibling,
@@ -325,6 +326,13 @@ VALUES = {
         lambda w, image: curved(w.mesh, image),
         [np.transpose, lambda x: x[0], lambda x: x * NAN, lambda x: x.astype(str)],
     ),
+    "option mg_levels_1_ksp_max_it = ": (
+        lambda w, count: Iterative(options={"mg_levels_1_ksp_max_it": count}),
+        [-3, "-3", "unlimited", 0, -1, 10**9, 2.5, True, NAN],
+    ),
+    "option mg_coarse_mg_levels_pc_sor_its = ": (
+        lambda w, count: Iterative(options={"mg_coarse_mg_levels_pc_sor_its": count}), [-3, 10**9]
+    ),
     "state ": (lambda w, state: Body(w.spaces, STEEL, state), [None, 3, "plane stres"]),
 }
 
@@ -540,6 +548,20 @@ REFUSED = [
     ("the force transfer T exists", lambda w: Sibling.of(w.spaces.test)),
     ("parts", lambda w: Spaces.hybrid(w.mesh, w.parts_of_another)),
     ("the depth or thickness is not", lambda w: w.flux(depth=-1 - w.x)),
+    ("the space is a part of another", lambda w: prescribe(w.U.sub(0), 0, left)),
+    ("the vector of forces is not finite", lambda w: forces_along(w.U, w.vector(NAN), left)),
+    ("the coefficients is not finite",
+     lambda w: Sibling.of(w.standard.trial).displacement(w.vector(NAN))),
+    ("the displacement has the shape ()", lambda w: w.body.strain(w.function(1.0))),
+    ("the displacement does not belong to the body's mesh",
+     lambda w: w.body.stress(fem.Function(w.twin[3]))),
+    ("values are a constant: there is", lambda w: draw(w.mesh, w.constant(1.0))),
+    ("the path '\\x00' has a null character", lambda w: w.problem.load("\0")),
+    ("TypeError: the image is of the type Mat", lambda w: mapped(square(), w.K)),
+    ("its part `left` is an empty matrix", lambda w: replace(w.held, left=PETSc.Mat())),
+    ("component 0 of a motion's translation = [0, 1]", lambda w: Motion([[0, 1], [2]])),
+    ("option ksp_max_it = -3: it has to be a whole number, at least 1.",
+     lambda w: Direct({"ksp_max_it": -3})),
     ("the depth or thickness is not", lambda w: w.flux(depth=ufl.max_value(w.x - 9, 0.0))),
 ]
 # fmt: on
@@ -578,8 +600,24 @@ def test_values_of_a_wrong_kind_or_size_are_named(words, w):
 
 
 # What is no right argument of most functions
-ODD = [None, object(), "x", -1, np.nan, np.array([])]
-ODDER = [0, np.inf, [], {}, True, 1e308, 1j, int, [np.nan] * 2, [[1.0]], 10**400, b"x", {1}, [None]]
+ODD = [None, object(), "x", -1, np.nan, np.array([]), PETSc.Mat(), ufl.as_ufl(1), ufl.dx]
+ODDER = [PETSc.Vec(), PETSc.KSP(), ufl.Form([]), "\0", [[0], [1, 2]], MPI.COMM_NULL]
+ODDER += [
+    0,
+    np.inf,
+    [],
+    {},
+    True,
+    1e308,
+    1j,
+    int,
+    [np.nan] * 2,
+    [[1.0]],
+    10**400,
+    b"x",
+    {1},
+    [None],
+]
 PLAIN = (TypeError, ValueError, OSError, RuntimeError)
 
 

@@ -15,6 +15,8 @@ import study.command
 import study.report
 from study.command import main
 from study.core.store import Result, Results, StudyError, save
+from study.core.supervisor import KEPT
+from tests.run.processes import Started
 from tests.study.toystudy import claim, install, started
 
 ROOT = Path(__file__).parents[2]
@@ -66,7 +68,7 @@ def test_whole_study_leaves_everything(run, out, capsys):
     printed = capsys.readouterr()
     assert {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()} == {
         "1/a.json", "1/a.npz", "1/b.json", "1/b.npz", "2/only.json",
-        "claims.json", "figures/index.json", "report.html", "report.pdf",
+        "claims.json", "figures/index.json", "report.html", "report.pdf", ".pw-elements",
     }  # fmt: skip
     first, one, two = printed.err.splitlines()
     assert first == "0 of 3 results are reused; 3 to be computed"
@@ -202,13 +204,97 @@ def test_case_that_raises_leaves_the_others_and_no_result(run, toy, out, capsys)
 
 
 @pytest.mark.parametrize("command", ["report", "check"])
-def test_corrupt_result_ends_what_only_reads(run, out, capsys, command):
-    run()
+@pytest.mark.parametrize("damage", ["{", "", "[" * 100_000, "another section's"])
+def test_corrupt_result_costs_its_own_verdicts_only(run, toy, out, capsys, command, damage):
+    """It has a status of its own, and what mends it is said, case by case."""
+    other = claim(id='"other"', args='{ key = "2/only", name = "z" }', value="7.0")
+    wrong = claim(id='"wrong"', value="4.0")
+    (toy / "claims.toml").write_text(claim() + other + wrong)
+    assert run() == 1
     capsys.readouterr()
-    (out / "2" / "only.json").write_text("{")
-    assert run(command) == 2
-    words = f"study: {out / '2' / 'only.json'} cannot be used.*run ./run study 2 --force\n"
-    assert re.fullmatch(words, capsys.readouterr().err)
+    path = out / "2" / "only.json"
+    text = (out / "1" / "b.json").read_text() if damage.startswith("another") else damage
+    path.write_text(text)
+    assert run(command) == 3
+    printed = capsys.readouterr()
+    assert "study: of 3 results 1 is corrupt: 2/only; run ./run study 2/only\n" in printed.err
+    assert f"study: other is not judged: {path} cannot be used" in printed.err
+    assert "3 reproduced; 1 not judged; 1 other than pinned" in printed.out
+    assert "wrong  5  = 4" in printed.out
+    verdicts = {row["id"]: row["verdict"] for row in Results(out).claims()}
+    if command == "report":
+        assert verdicts == {"the-claim": "holds", "other": "not judged", "wrong": "fails"}
+    assert run("2/only") == 0
+    assert run(command) == 1  # wrong
+    assert "corrupt" not in capsys.readouterr().err
+
+
+def test_a_missing_scalar_is_no_crash_of_the_check(run, toy, capsys):
+    other = claim(id='"other"', args='{ key = "2/only", name = "no" }')
+    (toy / "claims.toml").write_text(claim() + other)
+    assert run() == 1
+    printed = capsys.readouterr()
+    assert "study: other is not judged: " in printed.err
+    assert "has no scalar 'no' (but z): run ./run study 2/only --force" in printed.err
+    assert "other" in printed.out
+
+
+def test_files_that_are_no_results_stay_in_a_section_and_are_named(run, out, capsys):
+    run("1")
+    for name in ("notes", "broken"):
+        (out / "1" / f"{name}.json").write_text('{"mine": 1}')
+    (out / "1" / "notes.npz").write_text("mine")
+    capsys.readouterr()
+    assert run("check") == 3
+    said = capsys.readouterr().err
+    for name in ("notes", "broken"):
+        path = out / "1" / f"{name}.json"
+        assert f"study: {path} is the result of no case, and cannot be read: move it" in said
+    assert run("1") == 3
+    assert f"{out / '1' / 'broken.json'} is the result of no case" in capsys.readouterr().err
+    assert {path.stem for path in (out / "1").iterdir()} == {"a", "b", "notes", "broken"}
+
+
+def test_a_folder_in_the_place_of_a_file_is_one_sentence(run, out, capsys):
+    assert run("1") == 0
+    (out / "claims.json").unlink()
+    (out / "claims.json" / "mine").mkdir(parents=True)
+    capsys.readouterr()
+    assert run("report") == 2
+    assert capsys.readouterr().err.endswith("claims.json is no regular file: it is not replaced\n")
+    assert (out / "claims.json" / "mine").is_dir()
+
+
+@pytest.mark.parametrize("command", ["1", "1/b", "report", ""])
+def test_a_folder_of_someone_else_is_not_written_in(run, out, capsys, command):
+    """Even if it has a name of the study's, and a result in it."""
+    (out / "1").mkdir(parents=True)
+    for name in ("claims.json", "1/a.json", "1/former.json", "letter.txt"):
+        (out / name).write_text('{"mine": 1}')
+    save(out, "2", "only", Result({"y": 1.0}, {"y": "1"}), {"problem": "toy"}, {})
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    assert run(*command.split()) == 2
+    said = capsys.readouterr().err
+    assert f"study: {out} is not empty, and does not say that it is a folder of results" in said
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+def test_results_of_an_earlier_version_are_known_outdated_and_computed_again(run, toy, out, capsys):
+    run("1")
+    (out / ".pw-elements").unlink()
+    for case in "ab":
+        path = out / "1" / f"{case}.json"
+        content = json.loads(path.read_text())
+        keys = ("case", "parameters", "scalars", "units", "provenance")
+        path.write_text(json.dumps({key: content[key] for key in keys}))
+    capsys.readouterr()
+    assert run("check") == 1
+    assert "of 3 results 2 are outdated: 1/a, 1/b; run ./run study 1/a 1/b\n" in (
+        capsys.readouterr().err
+    )
+    assert started(toy) == 2
+    assert run("1") == 0
+    assert started(toy) == 4
 
 
 @pytest.mark.usefixtures("report")
@@ -244,8 +330,8 @@ def test_what_only_reads_tells_what_is_outdated_or_missing(run, toy, out, capsys
     (out / "2" / "only.json").unlink()
     assert run(command) == 0
     assert capsys.readouterr().err.splitlines()[:2] == [
-        "study: of 3 results 2 are outdated: 1/a, 1/b; run ./run study 1",
-        "study: of 3 results 1 is missing: 2/only; run ./run study 2",
+        "study: of 3 results 2 are outdated: 1/a, 1/b; run ./run study 1/a 1/b",
+        "study: of 3 results 1 is missing: 2/only; run ./run study 2/only",
     ]
     change(toy / "toy" / "one.py", "value * FACTOR", "FACTOR * value")
     change(toy / "toy" / "one.py", "CASES =", "# what is computed\nCASES =")
@@ -359,9 +445,9 @@ def test_full_disk_keeps_what_holds_and_is_told_in_a_line_each(run, toy, out, mo
     lines = capsys.readouterr().err.splitlines()
     failed = r"\d/\w+: failed: OSError: .*No space left on device.*"
     assert sum(bool(re.fullmatch(failed, line)) for line in lines) == 3
-    assert re.fullmatch(r"study: .*results: No space left on device", lines[-1])
+    assert re.fullmatch(r"study: .*claims.json: No space left on device", lines[-1])
     assert len(lines) == 7  # and what is reused, and a line for each of two sections
-    assert list(out.rglob(".*")) == []
+    assert [path.name for path in out.rglob(".*")] == [".pw-elements"]
     assert (stored(), started(toy)) == (before, 4)
     assert (run(), started(toy)) == (0, 4)
 
@@ -380,14 +466,17 @@ def test_reader_that_leaves_is_no_crash(tmp_path, command):
 
 
 def test_interrupt_while_importing_is_one_line(tmp_path):
+    """Packages may take it for a part of theirs that is missing."""
     (tmp_path / "toy").mkdir()
-    slow = "import os, signal\ntry:\n    os.kill(os.getpid(), signal.SIGINT)\n"
+    slow = "import os, signal\ntry:\n    os.killpg(0, signal.SIGINT)\n    signal.pause()\n"
     slow += "except KeyboardInterrupt:\n    raise ImportError('take a package') from None\n"
     (tmp_path / "toy" / "__init__.py").write_text(slow)
-    code = "import sys, signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    code += "from study.core.cases import SECTIONS; SECTIONS['1'] = 'toy'\n"
-    code += "from study.command import main; sys.exit(main(['1']))"
-    command, env = [sys.executable, "-c", code], os.environ | {"PYTHONPATH": f"{ROOT}:{tmp_path}"}
-    done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True)
-    assert done.returncode == 130
-    assert done.stderr == "study: interrupted; the results so far are kept\n"
+    code = "import sys; from study.core.cases import SECTIONS; SECTIONS['1'] = 'toy'\n"
+    code += "from study.core.supervisor import supervise; from study.command import main\n"
+    code += "sys.exit(supervise(lambda: main(['1', '--out', 'OUT']), 'study'))"
+    code = code.replace("OUT", str(tmp_path / "results"))
+    command, path = [sys.executable, "-c", code], f"{ROOT}:{tmp_path}"
+    with Started(command, tmp_path / "messages", PYTHONPATH=path) as run:
+        assert run.wait() == 130
+        assert run.lines() == [f"study: interrupted by SIGINT; {KEPT['study']}"]
+        assert run.left() == []

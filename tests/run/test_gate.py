@@ -20,7 +20,8 @@ def listed_steps():
 def clone(tmp_path):
     """A folder with the gate alone."""
     (tmp_path / ".ci").mkdir()
-    shutil.copy(GATE, tmp_path / ".ci")
+    for file in (GATE, GATE.with_name("signals.sh")):
+        shutil.copy(file, tmp_path / ".ci")
     return tmp_path
 
 

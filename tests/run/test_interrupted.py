@@ -1,11 +1,10 @@
-"""The study as it is started: Ctrl-C and kills, at moments that nobody chose."""
+"""Commands as they are started: signals and kills, at moments that nobody chose."""
 
 import multiprocessing
 import os
 import random
 import re
 import signal
-import subprocess
 import sys
 import time
 from contextlib import suppress
@@ -16,68 +15,36 @@ import pytest
 from study.command import main
 from study.core.jit import unblocked
 from study.core.pool import _work
-from study.core.store import Results, sweep, write_whole
+from study.core.store import Results, sweep
+from tests.run.processes import SIGNALS, Started, command_line
 from tests.study.toystudy import install
 
 ROOT = Path(__file__).parents[2]
+RUN = ROOT / "run"
 SECTIONS = ["7.1", "V1"]
 KILLS = 50
-INTERRUPTED = "study: interrupted; the results so far are kept"
-START = [sys.executable, "-X", "importtime", "-m", "study"]
-IMPORTED = "import time:"  # that is what Python tells of each import then
+SIGNALLED = {"study": 30, "figure": 30, "site": 20}
+# as ./run does it: signals wait until the supervisor is there
+BLOCKING = ["env", *(f"--block-signal={one.name.removeprefix('SIG')}" for one in SIGNALS)]
+SUPERVISED = [*BLOCKING, sys.executable, "-m", "study.core.supervisor"]
+TOLD = re.compile(r"\w+: interrupted by (SIG\w+)( before the command began)?(; .*|$)")
 
 
-class Run:
-    """The study in a process of its own, and what that leaves behind."""
+class Run(Started):
+    """The study in processes of its own, and what that leaves behind."""
 
     def __init__(self, out, *arguments, **environment):
-        self.errors = out.with_name(f"{out.name}.err")
-        with self.errors.open("wb") as errors:
-            self.process = subprocess.Popen(
-                [*START, *arguments, "--jobs", "2", "--out", str(out)],
-                cwd=ROOT,
-                env=os.environ | environment,
-                stdout=subprocess.DEVNULL,
-                stderr=errors,
-                start_new_session=True,
-                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-            )
-        while "study.core.interrupt" not in self.errors.read_text():
-            assert self.process.poll() is None
-            time.sleep(0.005)
-
-    def told(self):
-        lines = self.errors.read_text().splitlines()
-        return [line for line in lines if not line.startswith(IMPORTED)]
-
-    def processes(self):
-        found = []
-        for folder in Path("/proc").iterdir():
-            try:
-                fields = (folder / "stat").read_text().rpartition(")")[2].split()
-            except OSError:
-                continue
-            if int(fields[3]) == self.process.pid and fields[0] != "Z":
-                found.append(int(folder.name))
-        return found
+        command = [*SUPERVISED, "study", *arguments, "--jobs", "2", "--out", str(out)]
+        messages = out.with_name(f"{out.name}.err")
+        super().__init__(command, messages, PYTHONPATH=str(ROOT), **environment)
 
     def workers(self):
-        found = []
-        for process in self.processes():
-            with suppress(OSError):  # it has just ended
-                if b"spawn_main" in Path(f"/proc/{process}/cmdline").read_bytes():
-                    found.append(process)
-        return found
+        return [one for one in self.below() if "spawn_main" in command_line(one)]
 
-    def wait(self, seconds=1800):
-        return self.process.wait(seconds)
-
-    def survivors(self):
-        """Return the processes that are there some time after the main one."""
-        deadline = time.monotonic() + 600
-        while (left := self.processes()) and time.monotonic() < deadline:
-            time.sleep(0.05)
-        return left
+    def killable(self):
+        """Return leader, guard, main process and workers, but no compiler and no helper."""
+        ours = [one for one in self.below() if "-m study.core.supervisor" in command_line(one)]
+        return [self.pid, *ours, *self.workers()]
 
 
 def numbers(out):
@@ -90,42 +57,82 @@ def numbers(out):
     }
 
 
+def commands(folder):
+    """Return what is interrupted: computes, draws and makes pages."""
+    out = str(folder / "results")
+    return {
+        "study": [RUN, "study", "3", "--force", "--jobs", "2", "--out", out],
+        "figure": [RUN, "figure", "fig05", "--results", out, "--out", str(folder / "drawn")],
+        "site": [
+            *SUPERVISED,
+            "study.site",
+            "--results",
+            out,
+            "--out",
+            str(folder / "site"),
+            "--jobs",
+            "2",
+        ],
+    }
+
+
 @pytest.mark.random
-def test_interrupt_at_any_moment_is_one_line(tmp_path, request):
+@pytest.mark.parametrize("name", SIGNALLED)
+def test_a_signal_at_any_moment_is_one_line_and_leaves_nobody(tmp_path, request, name):
+    """Whatever the command is doing, from the first moment on; files of others stay."""
     if not request.config.getoption("--nightly"):
         pytest.skip("with --nightly")
-    for _ in range(80):
-        run = Run(tmp_path / "results", "3", "--force")
-        time.sleep(random.uniform(0.0, 4.0))
-        for _ in range(random.choice([1, 2])):  # as a terminal does, which means the workers, too
-            os.killpg(run.process.pid, signal.SIGINT)
-        status = run.wait()
-        assert not run.survivors()
-        assert not [line for line in run.told() if "Traceback" in line], run.told()
-        assert status == 0 or (status, run.told()[-1]) == (130, INTERRUPTED)
+    for folder in ("results", "results/3", "drawn"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / ".mine").write_text("mine")
+    for _ in range(SIGNALLED[name]):
+        number, group = random.choice(SIGNALS), random.random() < 0.5
+        before = numbers(tmp_path / "results")
+        command = commands(tmp_path)[name]
+        with Started(command, tmp_path / "messages", PYTHONPATH=str(ROOT)) as run:
+            time.sleep(random.uniform(0.0, 8.0))
+            for _ in range(random.choice([1, 2])):
+                run.send(number, group)
+            status = run.wait()
+            assert run.left() == []
+            told = [found for line in run.lines() if (found := TOLD.fullmatch(line))]
+            assert not [line for line in run.lines() if "Traceback" in line], run.lines()
+            if status in (0, 1):  # it had ended, or was ending
+                assert told == []
+            elif status == 128 + number:
+                assert [found[1] for found in told] == [number.name]
+                assert TOLD.fullmatch(run.lines()[-1])
+            else:  # while the shell handed over to the command it may be silent
+                assert status == -number, run.lines()
+                assert len(told) <= 1
+        after = numbers(tmp_path / "results")
+        assert {key: after.get(key) for key in before} == before
+    for folder in ("results", "results/3", "drawn"):
+        assert (tmp_path / folder / ".mine").read_text() == "mine"
 
 
 def test_interrupt_keeps_what_there_is_and_a_killed_main_process_takes_its_workers_along(tmp_path):
     out = tmp_path / "results"
-    run = Run(out, "V1")
-    while not (before := [path.name for path in out.rglob("[!.]*.json")]):
-        assert run.process.poll() is None
-        time.sleep(0.02)
-    os.killpg(run.process.pid, signal.SIGINT)
-    assert (run.wait(), run.told()[-1]) == (130, INTERRUPTED)
-    assert not run.survivors()
+    with Run(out, "V1") as run:
+        while not (before := [path.name for path in out.rglob("[!.]*.json")]):
+            assert run.process.poll() is None
+            time.sleep(0.02)
+        run.send(signal.SIGINT, group=True)
+        assert run.wait() == 130
+        assert TOLD.fullmatch(run.lines()[-1])[1] == "SIGINT"
+        assert run.left() == []
     assert {*before} <= {f"{key.partition('/')[2]}.json" for key in numbers(out)}
-    run = Run(out, "V1", "--force")
-    while not run.workers():
-        time.sleep(0.02)
-    run.process.kill()
-    run.wait()
-    assert not run.survivors()
+    with Run(out, "V1", "--force") as run:
+        while not run.workers():
+            time.sleep(0.02)
+        run.process.kill()
+        run.wait()
+        assert run.left_in_the_end() == []
 
 
 @pytest.mark.random
 def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
-    """Main process or worker, at random; half of the results is to be computed each time.
+    """Leader, guard, main process or worker, at random; half of the results is computed each time.
 
     Now and then without compiled forms: a compilation that is killed would block its form.
     """
@@ -133,8 +140,8 @@ def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
         pytest.skip("takes ten minutes, with --nightly")
     whole, out = tmp_path / "whole", tmp_path / "results"
     start = time.monotonic()
-    run = Run(whole, *SECTIONS)
-    assert run.wait() == 0, run.told()
+    with Run(whole, *SECTIONS) as run:
+        assert run.wait() == 0, run.lines()
     seconds, expected = time.monotonic() - start, numbers(whole)
     ended, attempt = [], 0
     while len(ended) < KILLS:
@@ -145,24 +152,25 @@ def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
             if random.random() < 0.5 and path.parent.name in SECTIONS:
                 path.unlink()
         before = numbers(out)
-        run = Run(out, *SECTIONS, *random.choice([["--force"], []]), **compiled)
-        time.sleep(random.uniform(0.0, seconds))
-        victim = random.choice([run.process.pid, *run.workers()])
-        killed = run.process.poll() is None
-        with suppress(ProcessLookupError):  # it has just ended
-            os.kill(victim, signal.SIGKILL)
-        status = run.wait()
-        ended += [status] * killed
-        assert status in (0, 1, -signal.SIGKILL), run.told()
-        assert not run.survivors()
-        assert not [line for line in run.told() if re.search("failed|Traceback", line)], run.told()
+        with Run(out, *SECTIONS, *random.choice([["--force"], []]), **compiled) as run:
+            time.sleep(random.uniform(0.0, seconds))
+            victim = random.choice(run.killable())
+            killed = run.process.poll() is None
+            with suppress(ProcessLookupError):  # it has just ended
+                os.kill(victim, signal.SIGKILL)
+            status = run.wait()
+            ended += [status] * killed
+            assert status in (0, 1, -signal.SIGKILL, 128 + signal.SIGKILL), run.lines()
+            assert run.left_in_the_end() == []
+            bad = [line for line in run.lines() if re.search("failed|Traceback", line)]
+            assert not bad, run.lines()
         after = numbers(out)
         assert {key: after.get(key) for key in before} == before
-    assert set(ended) >= {1, -signal.SIGKILL}  # workers with a case, and main processes
-    run = Run(out, *SECTIONS, **compiled)
-    assert run.wait() == 0, run.told()
+    assert set(ended) >= {1, 128 + signal.SIGKILL}  # workers with a case, and main processes
+    with Run(out, *SECTIONS, **compiled) as run:
+        assert run.wait() == 0, run.lines()
     assert numbers(out) == expected
-    assert [path.name for path in out.rglob(".*")] == []
+    assert [path.name for path in out.rglob(".*")] == [".pw-elements"]
 
 
 def test_a_worker_whose_main_process_has_gone_says_nothing():
@@ -172,50 +180,15 @@ def test_a_worker_whose_main_process_has_gone_says_nothing():
     _work(theirs)  # and nobody takes what it has done
 
 
-def test_what_killed_writers_leave_is_swept_and_what_live_ones_write_is_not(tmp_path):
-    """Hidden files of the user's stay, whatever they are called."""
-    with subprocess.Popen(["true"]) as gone:
-        pass
-    token = "0123456789abcdef"
-    left = f".a.json.{token}.{gone.pid}.pw-elements-unfinished"
-    kept = [
-        f".a.json.{token}.{os.getpid()}.pw-elements-unfinished",
-        f".a.json.{gone.pid}.pw-elements-unfinished",
-        f".a.json.{token}.{gone.pid}",
-        f".notes.{gone.pid}",
-        f".a.b.{gone.pid}",
-        "d.json",
-    ]
-    deep = tmp_path / "mine" / "deeper"
+def test_what_killed_writers_leave_is_swept_in_the_folders_of_results(tmp_path):
+    left = ".0123456789abcdef.pw-elements-unfinished"
+    deep = tmp_path / "7.1" / "deeper"
     deep.mkdir(parents=True)
-    (tmp_path / "7.1").mkdir()
-    for name in (left, *kept):
-        (tmp_path / "7.1" / name).write_text("")
-        (tmp_path / name).write_text("")
-        (deep / name).write_text("")
-    (tmp_path / "7.1" / f".link.{token}.{gone.pid}.pw-elements-unfinished").symlink_to(deep)
+    for folder in (tmp_path, tmp_path / "7.1", deep):
+        (folder / left).write_text("")
     sweep(tmp_path)
-    for folder in (tmp_path, tmp_path / "7.1"):
-        found = {path.name for path in folder.iterdir() if path.is_file()}
-        assert found == set(kept)
-    assert left in {path.name for path in deep.iterdir()}
-    assert len(list((tmp_path / "7.1").iterdir())) == len(kept) + 1
-
-
-def test_names_of_unfinished_files_cannot_be_told_beforehand(tmp_path, monkeypatch):
-    """And a file that is there under such a name is nobody's to write into."""
-    seen = []
-    monkeypatch.setattr("os.replace", lambda source, _: seen.append(source))
-    for _ in range(2):
-        write_whole(tmp_path / "a.json", b"text")
-    assert len(set(seen)) == 2
-    monkeypatch.setattr("secrets.token_hex", lambda _: "0" * 16)
-    target = tmp_path / "foreign"
-    name = f".a.json.{'0' * 16}.{os.getpid()}.pw-elements-unfinished"
-    (tmp_path / name).symlink_to(target)
-    with pytest.raises(FileExistsError):
-        write_whole(tmp_path / "a.json", b"text")
-    assert not target.exists()
+    assert [path.name for path in tmp_path.rglob(".*")] == [left]
+    assert (deep / left).exists()
 
 
 def waiting_for(source):

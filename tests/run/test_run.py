@@ -105,7 +105,7 @@ def test_figure_is_written_where_the_caller_is(tmp_path):
 
 TOOLS = (
     "sh env id dirname readlink sed tr sort tail cut cksum mkdir uname git head awk rm mktemp ls "
-    "cat cp"
+    "cat cp find rmdir touch"
 )
 
 
@@ -225,6 +225,34 @@ def test_without_a_debian_mirror_one_is_asked_for_and_a_given_one_is_taken(
     assert written.read_text() == f"deb {given or 'http://system'} trixie main\n"
 
 
+def test_folders_in_the_cache_without_a_mark_are_not_deleted(bare, tmp_path):
+    """What an earlier start has left is, mark and all."""
+    programs = FOUND | MOUNTS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": LISTED}
+    assert "Tried: " in bare("true", **programs).stderr
+    (made,) = tmp_path.glob("pw-elements/*.apt")
+    assert (made / ".pw-elements").is_file()
+    left = made.with_suffix(".new")
+    for folder in (made, left):
+        shutil.rmtree(folder, ignore_errors=True)
+        (folder / "deep").mkdir(parents=True)
+        (folder / "deep" / "mine").write_text("kept")
+        process = bare("true", **programs)
+        words = f"{folder} has not been made by this script: move it away"
+        assert (process.returncode, words in process.stderr) == (1, True)
+        assert (folder / "deep" / "mine").read_text() == "kept"
+        (folder / ".pw-elements").touch()
+    assert "Tried: " in bare("true", **programs).stderr
+    assert not left.exists()
+
+
+def test_shared_memory_of_other_programs_is_left_alone(tmp_path):
+    segment = tmp_path / "sm_segment.theirs"
+    segment.write_text("")
+    os.utime(segment, (0, 0))
+    assert run("true", OMPI_MCA_btl_sm_backing_directory=str(tmp_path)).returncode == 0
+    assert segment.exists()
+
+
 @pytest.mark.parametrize("there", [False, True])
 def test_debians_keys_are_fetched_or_the_lists_that_lead_to_them_asked_for(bare, tmp_path, there):
     script, keys = tmp_path / "project" / "run", "usr/share/keyrings/debian-archive-keyring.gpg"
@@ -263,6 +291,34 @@ def test_nowhere_to_keep_the_packages_is_one_sentence(bare, tmp_path):
         "run: no folder to keep DOLFINx in: name one by XDG_CACHE_HOME"
     )
     assert process.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("mode", [0o775, 0o757, 0o777])
+def test_a_cache_folder_that_others_may_write_to_is_not_trusted(bare, tmp_path, mode):
+    script, theirs = tmp_path / "project" / "run", tmp_path / "open"
+    script.parent.mkdir()
+    shutil.copy(RUN, script)
+    (script.parent / ".cache").write_text("no folder")
+    folder = theirs / "pw-elements"
+    folder.mkdir(parents=True)
+    folder.chmod(mode)
+    env, programs = {"XDG_CACHE_HOME": str(theirs)}, FOUND | {"id": "echo 0"}
+    process = bare("true", script=script, env=env, **programs)
+    assert process.returncode == 1
+    assert f"run: others may write to {folder}, which is not used" in process.stderr
+    assert list(folder.iterdir()) == []
+    folder.chmod(0o755)
+    assert "others may write" not in bare("true", script=script, env=env, **programs).stderr
+
+
+def test_folders_for_dolfinx_are_made_so_that_others_cannot_write_to_them(bare, tmp_path):
+    command, cache = f"umask 000; exec {RUN} true", tmp_path / "open-to-all"
+    programs = FOUND | MOUNTS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": LISTED}
+    env = {"XDG_CACHE_HOME": str(cache)}
+    bare("-c", command, script="/bin/sh", env=env, **programs)
+    folders = [path for path in cache.rglob("*") if path.is_dir()]
+    assert folders
+    assert [path for path in folders if path.stat().st_mode & 0o022] == []
 
 
 def test_a_signal_passes_through():
@@ -327,7 +383,7 @@ def test_no_folder_shows_twice():
 @pytest.mark.skipif(not shutil.which("shellcheck"), reason="shellcheck is not installed")
 def test_shellcheck():
     process = subprocess.run(
-        ["shellcheck", "run", ".ci/run", ".ci/nightly", ".ci/package"],
+        ["shellcheck", "run", ".ci/run", ".ci/nightly", ".ci/package", ".ci/signals.sh"],
         cwd=ROOT,
         capture_output=True,
         text=True,

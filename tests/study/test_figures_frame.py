@@ -284,11 +284,37 @@ def test_each_of_the_papers_figures_and_tables_has_its_name():
 
 def test_figure_whose_result_cannot_be_computed_is_1(tmp_path, script, capfd):
     script("toy_never", '"1/a"', '"7.1/never"')
-    assert main(["toy_never", "--results", str(tmp_path), "--out", str(tmp_path / "drawn")]) == 1
+    folders = ["--results", str(tmp_path / "mine"), "--out", str(tmp_path / "drawn")]
+    assert main(["toy_never", *folders]) == 1
     assert capfd.readouterr().err == "study: there is no case 7.1/never: see ./run study list\n"
     assert not (tmp_path / "drawn").exists()
     assert main(["nonsense"]) == 2
     assert "there is no figure nonsense, but these:\nfig01 " in capfd.readouterr().err
+
+
+def test_files_that_were_not_drawn_are_not_replaced_and_those_that_were_are(
+    out, script, tmp_path, monkeypatch, capsys
+):
+    script("toy_mine")
+    monkeypatch.setattr("figures.__main__._computed", lambda *_: computed.append(1) or True)
+    computed, drawn = [], tmp_path / "drawn"
+    arguments = ["toy_mine", "--results", str(out), "--out", str(drawn)]
+    drawn.mkdir()
+    (drawn / "toy_mine.pdf").write_bytes(b"%PDF mine")
+    assert main(arguments) == 2
+    assert "toy_mine.pdf is there, and was not written by pw_elements" in capsys.readouterr().err
+    assert (computed, os.listdir(drawn)) == ([], ["toy_mine.pdf"])
+    (drawn / "toy_mine.pdf").unlink()
+    for _ in range(2):
+        assert main(arguments) == 0
+    assert sorted(os.listdir(drawn)) == ["toy_mine.pdf", "toy_mine.png"]
+
+
+def test_a_figure_whose_result_is_corrupt_is_as_one_whose_result_is_missing(out, script, capsys):
+    script("toy_corrupt")
+    (out / "1" / "a.json").write_text("{")
+    assert draw_all(out, complete=False)
+    assert capsys.readouterr().err == "figures: toy_corrupt: not drawn, for want of 1/a\n"
 
 
 def test_every_script_has_what_the_frame_asks_for():

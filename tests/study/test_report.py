@@ -136,11 +136,15 @@ def test_numbers_of_statements_are_written_with_units(row, asked, found):
 def test_what_is_missing_is_listed(out, text, tmp_path):
     html = text('{{ figure("fig77") }}{{ s("1/never", "y") }}', out)
     assert "This part is incomplete: " in html
-    assert "run ./run study 1." in html
+    assert "run ./run study 1/never." in html
     figure, part = render(Results(out), tmp_path / "templates").incomplete
     assert figure == "figure fig77 has not been drawn"
     assert part.startswith("answer: ")
     assert any(line.startswith("7.2: ") for line in render(Results(out)).incomplete)
+    for damage, word in (("", "has no scalar"), ("{", "cannot be used")):
+        path = out / "1" / "a.json"
+        path.write_text(damage or path.read_text())
+        assert f"1/a.json {word}" in text('{{ s("1/a", "z") }}', out)
     html = text('{{ figure("fig77") }}', out)
     assert "Fig. 1 (the paper&#39;s Fig. 77) is not drawn" in html
     assert 'id="fig77"' in html
@@ -157,7 +161,6 @@ def test_what_is_missing_is_listed(out, text, tmp_path):
         ('{{ ref("nothing") }}', "refers to nothing"),
         ("{{ no_such_word }}", r"answer\.html: 'no_such_word' is undefined"),
         ("{% if %}", r"answer\.html: "),
-        ('{{ s("1/a", "z") }}', "no scalar 'z'"),
     ],
 )
 def test_mistake_in_a_text_is_named(out, text, fragment, message):

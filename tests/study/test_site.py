@@ -15,7 +15,9 @@ import pw_elements.contact
 from study.core.cases import SECTIONS
 from study.core.store import Results
 from study.site import evidence, gallery, reference
+from study.site.__main__ import main as site
 from study.texts import HEADS
+from tests.study import toystudy
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "results"
@@ -83,6 +85,75 @@ def test_examples_are_in_the_gallery_with_title_and_text():
     for one in every:
         assert one.title.endswith((".", "?")), one.name
         ast.parse((gallery.EXAMPLES / f"{one.name}.py").read_text())
+
+
+@pytest.fixture
+def toy(tmp_path, monkeypatch):
+    """Results with claims and figures, and a site that has one page besides their data."""
+    results = toystudy.reported(tmp_path, monkeypatch)
+    monkeypatch.setattr("study.site.write_sources", lambda *_: [])
+    monkeypatch.setattr("study.site._sphinx", lambda _, pages: _write(pages / "index.html") or [])
+    for name in evidence.REPORT:
+        _write(results / name)
+    return results
+
+
+def _write(path, text="made"):
+    path.write_text(text)
+
+
+def _site(results, out):
+    return site([f"--results={results}", f"--out={out}", "--jobs=1"])
+
+
+def test_a_site_takes_the_place_of_an_earlier_one_and_of_nothing_else(toy, tmp_path, capsys):
+    out = tmp_path / "pages"
+    for _ in range(2):
+        assert _site(toy, out) == 0
+        assert (out / "data" / "1" / "a.json").read_bytes() == (toy / "1" / "a.json").read_bytes()
+        assert (out / "data" / "1" / "a.npz").exists()
+        assert not (out / "data" / "1" / "b.npz").exists()
+    _write(out / "data" / "CNAME", "mine")
+    assert _site(toy, out) == 2
+    assert "it holds data/CNAME, not written with it" in capsys.readouterr().err
+    home = tmp_path / "home"
+    home.mkdir()
+    _write(home / "index.html", "mine")
+    assert _site(toy, home) == 2
+    assert f"{home} is there, and does not say that it is a site" in capsys.readouterr().err
+    assert (home / "index.html").read_text() == (out / "data" / "CNAME").read_text() == "mine"
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def test_a_site_that_fails_leaves_the_earlier_one(toy, tmp_path, monkeypatch):
+    out = tmp_path / "pages"
+    assert _site(toy, out) == 0
+    monkeypatch.setattr("study.site._sphinx", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        _site(toy, out)
+    assert (out / "index.html").read_text() == "made"
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def test_corrupt_results_cost_a_site_their_own_data_and_have_a_status(toy, tmp_path, capsys):
+    out = tmp_path / "pages"
+    _write(toy / "1" / "a.json", "{")
+    assert _site(toy, out) == 3
+    said = capsys.readouterr().err
+    assert f"site: {toy / '1' / 'a.json'} cannot be used" in said
+    assert "run ./run study 1/a\n" in said
+    assert [path.name for path in (out / "data" / "1").iterdir()] == ["b.json"]
+    for name in ("claims.json", "figures/index.json"):
+        _write(toy / name, "[")
+        assert _site(toy, out) == 3
+        assert f"{toy / name} can" in capsys.readouterr().err
+        (toy / name).unlink()
+        assert _site(toy, out) == 2
+        assert f"site: there is no {toy / name}" in capsys.readouterr().err
+        _write(toy / name, "[]")
+    assert _site(tmp_path / "nowhere", out) == 2
+    assert "there are no results" in capsys.readouterr().err
+    assert not (tmp_path / "nowhere").exists()
 
 
 @pytest.mark.skipif(not (RESULTS / "claims.json").exists(), reason="./run study makes results")

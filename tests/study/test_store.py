@@ -9,7 +9,18 @@ import sys
 import numpy as np
 import pytest
 
-from study.core.store import CorruptResult, MissingResult, Result, Results, StudyError, save
+from study.core.store import (
+    FORMAT,
+    CorruptResult,
+    MissingResult,
+    NoScalar,
+    OutdatedResult,
+    Result,
+    Results,
+    StudyError,
+    is_result,
+    save,
+)
 
 KEY = "7.1/pw-T6"
 RESULT = Result(
@@ -26,7 +37,7 @@ def number(value=1.0, unit="1", curves=None):
 
 @pytest.fixture
 def stored(tmp_path):
-    save(tmp_path, "7.1", "pw-T6", RESULT, PARAMETERS, {"seconds": 1.5})
+    save(tmp_path, "7.1", "pw-T6", RESULT, PARAMETERS, {"seconds": 1.5, "fingerprint": "f"})
     return tmp_path
 
 
@@ -40,7 +51,8 @@ def test_what_is_read_is_what_was_saved_and_nothing_else_lies_there(stored):
         np.testing.assert_array_equal(read.curves[name], curve)
         assert read.curves[name].dtype == curve.dtype
     content = json.loads((stored / "7.1" / "pw-T6.json").read_text())
-    assert set(content) == {"case", "parameters", "scalars", "units", "provenance"}
+    parts = {"parameters", "scalars", "units", "provenance"}
+    assert set(content) == {"format", "section", "case", "digest"} | parts
     assert sorted(os.listdir(stored / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
 
 
@@ -105,7 +117,7 @@ def test_kill_before_the_numbers_leaves_no_result_and_mixes_none(tmp_path):
     assert Results(tmp_path).section("7.1") == []
     save(tmp_path, "7.1", "pw-T6", RESULT, PARAMETERS, {})
     kill_between_curves_and_numbers(tmp_path)
-    with pytest.raises(CorruptResult, match=r"not of the same run.*study 7\.1 --force"):
+    with pytest.raises(CorruptResult, match=r"not of the same run.*study 7\.1/pw-T6$"):
         Results(tmp_path)[KEY]
 
 
@@ -131,7 +143,10 @@ EDITED = [
     ('"reaction_1": "N"', '"reaction_1": "kN"'),
     ('"friction": 0.3', '"friction": 0.4'),
     (',\n  "tiny": 5e-324', ""),
-    ('"numbers_sha256": "', '"numbers_sha256": "0'),
+    ('"digest": "', '"digest": "0'),
+    ('"seconds": 1.5', '"seconds": 1.6'),
+    ('"fingerprint": "f"', '"fingerprint": "e"'),
+    ('"curves_sha256": "', '"curves_sha256": "0'),
 ]
 
 
@@ -144,6 +159,8 @@ EDITED = [
         ('"units"', '"unit"'),
         ('"parameters"', '"parameter"'),
         ('"case": "pw-T6"', '"case": "pw-Q8"'),
+        ('"section": "7.1"', '"section": "7.2"'),
+        ('"format": "pw_elements study', '"format": "another study'),
         (".json", b'{"case": "pw-T6"'),
         (".json", b""),
         (".json", b"[1, 2]"),
@@ -166,16 +183,58 @@ def test_damaged_or_edited_result_is_named_with_its_remedy(stored, old, new):
         Results(stored)[KEY]
     message = str(caught.value)
     assert str(stored / "7.1" / "pw-T6.") in message
-    assert message.endswith("run ./run study 7.1 --force")
+    assert message.endswith("run ./run study 7.1/pw-T6")
     assert "\n" not in message
     assert "edited since the run" in message or (old, new) not in EDITED
 
 
+def test_a_result_in_another_place_is_not_that_of_the_place(stored):
+    """Nor if its digest is made anew, as the numbers of a forger would have one."""
+    for place in ("7.2/pw-T6", "7.1/pw-Q8"):
+        for suffix in (".json", ".npz"):
+            copy = stored / f"{place}{suffix}"
+            copy.parent.mkdir(exist_ok=True)
+            copy.write_bytes((stored / f"{KEY}{suffix}").read_bytes())
+        with pytest.raises(CorruptResult, match=r"it is of the case 7\.1/pw-T6"):
+            Results(stored)[place]
+        edit = {"section": place.partition("/")[0], "case": place.partition("/")[2]}
+        content = json.loads((stored / f"{KEY}.json").read_text()) | edit
+        (stored / f"{place}.json").write_text(json.dumps(content))
+        with pytest.raises(CorruptResult, match="it has been edited"):
+            Results(stored)[place]
+
+
+def test_a_result_of_another_version_is_there_but_outdated(stored):
+    path = stored / f"{KEY}.json"
+    content = json.loads(path.read_text())
+    first = {name: content[name] for name in ("case", "parameters", "scalars", "units")}
+    for other in (first | {"provenance": {}}, content | {"format": FORMAT.replace("2", "3")}):
+        path.write_text(json.dumps(other))
+        assert is_result(path)
+        assert KEY in Results(stored)
+        with pytest.raises(OutdatedResult, match=r"another version: run \./run study 7\.1/pw-T6$"):
+            Results(stored)[KEY]
+        assert (Results(stored).readable("7.1"), Results(stored).corrupt("7.1")) == ([], {})
+    path.write_text('{"case": "pw-T6"}')
+    assert not is_result(path)
+
+
+def test_a_section_has_what_can_be_read_and_what_cannot(stored):
+    save(stored, "7.1", "galerkin-T6", number(), PARAMETERS, {})
+    (stored / f"{KEY}.json").write_text("{")
+    results = Results(stored)
+    assert [one.case for one in results.readable("7.1")] == ["galerkin-T6"]
+    assert {*results.corrupt("7.1")} == {KEY}
+    assert results.corrupt("7.1")[KEY].endswith("run ./run study 7.1/pw-T6")
+    with pytest.raises(CorruptResult):
+        results.section("7.1")
+
+
 def test_missing_result_or_scalar_is_named(stored):
     assert "7.6/pw-T6" not in Results(stored)
-    with pytest.raises(MissingResult, match=r"7\.6/pw-T6\.json: run \./run study 7\.6$"):
+    with pytest.raises(MissingResult, match=r"7\.6/pw-T6\.json: run \./run study 7\.6/pw-T6$"):
         Results(stored)["7.6/pw-T6"]
-    with pytest.raises(CorruptResult, match=r"'reaction_9' \(but count, reaction_1, tiny\)"):
+    with pytest.raises(NoScalar, match=r"'reaction_9' \(but count, reaction_1, tiny\)"):
         Results(stored).scalar(KEY, "reaction_9")
 
 

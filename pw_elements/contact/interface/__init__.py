@@ -25,5 +25,11 @@ from pw_elements.contact.interface.operators import (
     ROUND_OFF,
     Interface,
     NoContactStated,
+    extents,
+)
+from pw_elements.contact.interface.probes import (
+    probe_friction,
+    probe_interference,
+    probe_surface,
 )
 from pw_elements.contact.interface.sliding import PATH_PIECES, SlidingMortar, SlidingReference

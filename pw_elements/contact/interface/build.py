@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from mpi4py import MPI
@@ -20,7 +20,16 @@ from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.checks import answer, arguments, collective, listed
 from pw_elements.contact.interface.mortar import Overlap, Trace, gathered_trace
-from pw_elements.contact.interface.operators import DEFORMABLE, RIGID, Interface, Points, extents
+from pw_elements.contact.interface.operators import (
+    DEFORMABLE,
+    RIGID,
+    InitialGap,
+    Interface,
+    Points,
+    extents,
+    gather_points,
+)
+from pw_elements.contact.interface.probes import compare_pairs
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     MAX_STEP_ERROR,
@@ -156,10 +165,9 @@ def nodal_interface(
     for name, node in zip(names, found, strict=True):
         _tell_of_lone(name, node, body)
     cones, comm = [], space.mesh.comm
-    with collective(comm):
-        for name, pair, node in zip(names, pairs, found, strict=True):
-            at = _at_nodes(comm, f"the friction of {name}", pair.law.at, body.x[node])
-            cones.append(Cone([pair.law], [at]))
+    for name, pair, node in zip(names, pairs, found, strict=True):
+        at = _at_nodes(comm, f"the friction of {name}", pair.law.at, body.x[node])
+        cones.append(Cone([pair.law], [at]))
     body.find_axis(known)
     points, faced = [], []
     mortars: dict[int, SlidingMortar] = {}
@@ -183,6 +191,7 @@ def nodal_interface(
     interface = Interface(points, shapes, body.field, interfering, inverse, mortars)
     _check_nodes(body, np.concatenate([*found, *faced]))
     interface.check(body.diagonal)
+    compare_pairs(interface, pairs, shapes)
     _warn_of_coarse_steps(interface)
     return interface
 
@@ -193,10 +202,9 @@ def _warn_of_coarse_steps(interface: Interface) -> None:
     for k, surface in enumerate(interface.surfaces):
         if not isinstance(surface, SignedDistance):
             continue
-        x = interface.position[interface.pair == k]
+        x = interface.gathered(interface.position[interface.pair == k])
         with collective(comm):
             error = answer(comm, f"the surface of contact pair {k}", step_error, surface, x)
-        error = comm.allreduce(error, MPI.MAX)
         if error > MAX_STEP_ERROR:
             words = (
                 f"contact pair {k}: half the step of differences, {surface.step:.3g}, changes the "
@@ -246,24 +254,27 @@ def _depth(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Array | 
     depth = pair.interference
     if not getattr(pair.surface, "coincident", False):
         return None
-    if not callable(depth):
-        return np.full(len(x), float(depth))
-    with collective(comm):
-        return _at_nodes(comm, f"the interference of contact pair {number}", depth, x)
+    if not arguments.is_function(depth):
+        return np.full(len(x), float(depth))  # type: ignore[arg-type]
+    return _at_nodes(comm, f"the interference of contact pair {number}", depth, x)
 
 
 def _at_nodes(
     comm: MPI.Comm, whose: str, function: Callable[[Array], Array | float], x: Array
 ) -> Array:
-    """What a user's function says at positions (n, dim); local, for use under the guard."""
-    points = np.zeros((3, len(x)))
-    points[: x.shape[1]] = x.T
-    given = answer(comm, whose, function, points) if len(x) else points[0]
-    if arguments.is_number(given):  # the same everywhere
-        given = np.full(len(x), given, dtype=float)
-    return arguments.field(
-        whose, given, (len(x),), "it takes points as columns (3, n) and gives (n,)"
-    )
+    """Return what a user's function says at positions (n, dim); collective.
+
+    Each process asks for the points of all, so that all call the function equally often.
+    """
+    every, own = gather_points(comm, x)
+    points = np.zeros((3, len(every)))
+    points[: x.shape[1]] = every.T
+    layout = "it takes points as columns (3, n) and gives (n,)"
+    with collective(comm):
+        given = answer(comm, whose, function, points) if len(every) else points[0]
+        if arguments.is_number(given):  # the same everywhere
+            given = np.full(len(every), given, dtype=float)
+        return arguments.field(whose, given, (len(every),), layout)[own]
 
 
 def _revolved(number: int, master: DeformableSurface, known: Assembled, dim: int) -> bool:
@@ -370,22 +381,6 @@ def opposite_nodes(
         "have a prescribed displacement that their counterparts have not: exchange both sides",
     )
     return np.asarray(known[nearest])
-
-
-@dataclass(frozen=True)
-class InitialGap:
-    """The gap (m,) at a mortar's own points, which change with the master's rigid motion alone."""
-
-    position: Array
-    initial: Array
-    direction: Array
-
-    def gap(self, x: Array) -> Array:
-        """Gap (m,) of the points (m, dim), as they were or shifted all alike."""
-        return self.initial + np.sum(self.direction * (x - self.position), axis=1)
-
-    def normal(self, x: Array) -> Array:  # noqa: ARG002
-        return self.direction
 
 
 def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:

@@ -70,6 +70,11 @@ class FacedParts:
         """Return unit vectors (m, 2) along the slave, on the left of the normals."""
         return self.normals[:, ::-1] * [-1.0, 1.0]
 
+    def measure_gaps(self, x: Array) -> Array:
+        """Return gaps (m,) at positions (n, 2), infinite where nothing is faced."""
+        distance = self.distance_rows @ x
+        return np.where(self.faced, np.sum(self.normals * distance, axis=1), np.inf)
+
 
 def measure_gap_and_slip(
     start: FacedParts, end: FacedParts, x_start: Array, x_end: Array
@@ -79,13 +84,12 @@ def measure_gap_and_slip(
     Positions are (n, 2). A node that faces nothing at the end has not slipped.
     """
     distance = end.distance_rows @ x_end
-    gap = np.where(end.faced, np.sum(end.normals * distance, axis=1), np.inf)
     # where a node faced something at the start: how far apart what was paired then is now
     slip = np.sum(end.tangents * (start.distance_rows @ x_end - distance), axis=1)
     entered = np.sum(end.tangents * distance, axis=1)
     entered -= np.sum(start.tangents * (end.distance_rows @ x_start), axis=1)
     slip = np.where(start.faced, slip, entered) * end.faced
-    return gap, slip[:, None] * end.tangents
+    return end.measure_gaps(x_end), slip[:, None] * end.tangents
 
 
 def measure_facing(sides: Sides, x: Array) -> FacedParts:

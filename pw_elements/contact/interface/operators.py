@@ -26,6 +26,7 @@ from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import answer, arguments, collective, listed
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
+    CLOSED_FORMS,
     KNOWN_BODIES,
     Cone,
     NotFound,
@@ -81,6 +82,26 @@ class Points:
     opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
+@dataclass(frozen=True)
+class InitialGap:
+    """The gap (m,) at a mortar's own points, which change with the master's rigid motion alone."""
+
+    position: Array
+    initial: Array
+    direction: Array
+
+    def gap(self, x: Array) -> Array:
+        """Gap (m,) of the points (m, dim), as they were or shifted all alike."""
+        return self.initial + np.sum(self.direction * (x - self.position), axis=1)
+
+    def normal(self, x: Array) -> Array:  # noqa: ARG002
+        return self.direction
+
+
+# Surfaces of which each process asks for its own points alone
+_ASKED_LOCALLY = (*CLOSED_FORMS, InitialGap)
+
+
 class NoContactStated(ValueError):
     """Points of which no contact is stated, where they or their surfaces are."""
 
@@ -117,7 +138,7 @@ class Interface:
 
         self.position: Array = joined("position")
         self.equation, self.node, self.faced = map(joined, ("equation", "node", "faced"))
-        self._outward, self._beside = joined("outward"), joined("beside")
+        self.outward, self._beside = joined("outward"), joined("beside")
         self.opposite = [part.opposite for part in points]
         self.motion = self.rows(sp.vstack([part.motion for part in points], "csr"))
         self.force = self.rows(sp.vstack([part.force for part in points], "csr")).transpose(
@@ -231,8 +252,7 @@ class Interface:
         number = np.searchsorted(every, np.where(held, counterpart, every[0]))
         theirs = np.take_along_axis(values[number], np.arange(dim)[None, :, None], axis=2)[..., 0]
         theirs = theirs + translations[self.pair, :dim]
-        first = self.field.space.dofmap.index_map.local_range[0]
-        own = self.field.part(prescribed).array_r.reshape(-1, dim)[self.node - first]
+        own = self.at_points(prescribed)
         apart = np.where(counterpart < 0, np.inf, np.abs(own - theirs))
         allowed = _UNLIKE * (np.abs(own) + np.abs(theirs)) + ROUND_OFF * self.extent
         wrong = held & pressed[:, None] & ~(apart <= allowed)
@@ -246,9 +266,9 @@ class Interface:
             )
 
     def _check_sides(self) -> None:
-        pushed = np.sum(self.normals(None) * self._outward, axis=1)
-        wrong = pushed > OUTWARDS * np.linalg.norm(self._outward, axis=1)
-        known = np.any(self._outward != 0, axis=1) & np.isfinite(self.gaps(None))
+        pushed = np.sum(self.normals(None) * self.outward, axis=1)
+        wrong = pushed > OUTWARDS * np.linalg.norm(self.outward, axis=1)
+        known = np.any(self.outward != 0, axis=1) & np.isfinite(self.gaps(None))
         for k in range(self.pairs):
             right = self.gathered(~wrong[known & (self.pair == k)])
             if len(right) and not right.any():
@@ -298,6 +318,20 @@ class Interface:
             for k in range(self.pairs)
         ]
 
+    @property
+    def own_nodes(self) -> Indices:
+        """Numbers (m,) of the points' nodes on this process, which owns them."""
+        first: int = self.field.space.dofmap.index_map.local_range[0]
+        return np.asarray(self.node - first)
+
+    @cached_property
+    def first_nodes(self) -> list[Array]:
+        """Position (1, dim) of each pair's first node: who has no points asks surfaces there.
+
+        So all processes call a user's surface equally often, which may communicate.
+        """
+        return [self.in_order(k, self.position)[:1] for k in range(self.pairs)]
+
     @cached_property
     def extent(self) -> float:
         return float(extents(self.comm, self.position).max())
@@ -310,6 +344,11 @@ class Interface:
             points.setArray(np.where((self.pair == pair)[:, None], force, 0.0).ravel())
             return self.at_nodes(nodes, self.force * points)
         return np.zeros((0, force.shape[1]))
+
+    def at_points(self, unknowns: PETSc.Vec) -> Array:
+        """What unknowns (n,) have at the points' nodes, (m, dim)."""
+        values = self.field.part(unknowns).array_r.reshape(-1, self.position.shape[1])
+        return np.asarray(values[self.own_nodes])
 
     def at_nodes(self, nodes: Indices, unknowns: PETSc.Vec) -> Array:
         """What unknowns (n,), or their equations, have at global nodes (k,): (k, dim)."""
@@ -380,14 +419,17 @@ class Interface:
         These have moved (m, dim) in the frame of their surfaces.
         """
         x, step = self.position + moved, _DIFFERENCES * (self.extent or 1.0)
+        users = [
+            (k, surface, self.gathered(x[(self.pair == k) & pressed]))
+            for k, surface in enumerate(self.surfaces)
+            if k not in self.mortars and type(surface) not in KNOWN_BODIES
+        ]
         with collective(self.comm):
-            for k, surface in enumerate(self.surfaces):
-                mine = (self.pair == k) & pressed
-                known = k in self.mortars or type(surface) in KNOWN_BODIES
-                if known or not isinstance(surface, RigidBody) or not mine.any():
+            for k, surface, points in users:
+                if not isinstance(surface, RigidBody) or not len(points):
                     continue
                 whose = f"the closest points of the surface of contact pair {k}"
-                wrong = answer(self.comm, whose, wrong_derivatives, surface, x[mine], step)
+                wrong = answer(self.comm, whose, wrong_derivatives, surface, points, step)
                 if wrong:
                     raise ValueError(f"{whose} have the {wrong}: correct it")
 
@@ -400,18 +442,38 @@ class Interface:
         return values
 
     def _ask(self, what: str, x: Array, answers: Sequence[Array], layout: str) -> None:
-        """Fills in what surfaces say of points x (m, dim)."""
+        """Fill in what surfaces say of points x (m, dim).
+
+        A user's surface is asked of the points of all processes on each of them, so that all call
+        it equally often: it may communicate, or look for closest points until all are found.
+        """
         name = "closest points" if what == "closest" else what
+        pairs = []
+        for k, surface in enumerate(self.surfaces):
+            mine = self.pair == k
+            if what == "closest" and k in self.mortars:
+                continue
+            if type(surface) in _ASKED_LOCALLY:
+                points, own = x[mine], slice(None)
+            else:
+                points, own = gather_points(self.comm, x[mine])
+            if len(points):
+                pairs.append((k, mine, points, own))
         with collective(self.comm):
-            for k, surface in enumerate(self.surfaces):
-                mine = self.pair == k
-                if mine.any() and not (what == "closest" and k in self.mortars):
-                    whose = f"the {name} of the surface of contact pair {k}"
-                    given = answer(self.comm, whose, getattr(surface, what), x[mine])
-                    each = given if len(answers) > 1 else (given,)
-                    for values, known in zip(answers, each, strict=True):
-                        shape = (int(mine.sum()), *values.shape[1:])
-                        values[mine] = arguments.field(whose, known, shape, layout)
+            for k, mine, points, own in pairs:
+                whose = f"the {name} of the surface of contact pair {k}"
+                given = answer(self.comm, whose, getattr(self.surfaces[k], what), points)
+                each = given if len(answers) > 1 else (given,)
+                for values, known in zip(answers, each, strict=True):
+                    shape = (len(points), *values.shape[1:])
+                    values[mine] = arguments.field(whose, known, shape, layout)[own]
+
+
+def gather_points(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:
+    """Return the points (n, dim) of all processes, and which of them are this one's; collective."""
+    parts = comm.allgather(x)
+    first = sum(map(len, parts[: comm.rank]))
+    return np.concatenate(parts), slice(first, first + len(x))
 
 
 def extents(comm: MPI.Comm, x: Array) -> Array:

@@ -25,6 +25,7 @@ from pw_elements.contact.model.state import (
     Smallness,
 )
 from pw_elements.contact.model.surfaces import (
+    CLOSED_FORMS,
     KNOWN_BODIES,
     MAX_STEP_ERROR,
     FlatPunch,

@@ -53,10 +53,10 @@ class Friction(Protocol):
     """
 
     def at(self, x: Array) -> Array | float:
-        """The law's parameter (n,) at each node, or one number for all; asked once.
+        """The law's parameter (n,) at each node, or one number for all.
 
         Args:
-            x: positions as columns (3, n).
+            x: positions as columns (3, n), of the nodes of all processes.
         """
 
     def limit(self, at: Array, force: Array) -> tuple[Array, Array]:

@@ -1,6 +1,6 @@
 """What the user states: contact pairs and the motions of their surfaces."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx.mesh import MeshTags
 
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments
+from pw_elements.checks import arguments, refused_together
 from pw_elements.contact.model.friction import Coulomb, Friction
 from pw_elements.contact.model.surfaces import Surface, unit
 from pw_elements.spaces import Part
@@ -44,10 +44,13 @@ class Motion:
     rotation: float | None = 0.0
     torque: float = 0.0
 
+    @refused_together
     def __post_init__(self) -> None:
         for name in ("translation", "force"):
             given = getattr(self, name)
-            if np.ndim(given) != 1 and (given is not None or name == "translation"):
+            several = isinstance(given, Sequence) and not isinstance(given, str | bytes)
+            several |= isinstance(given, np.ndarray) and given.ndim == 1
+            if not several and (given is not None or name == "translation"):
                 raise ValueError(f"{name} {given!r} of a motion: it has to be a vector")
         if self.force is not None and len(self.force) != len(self.translation):
             raise ValueError("translation and force of a motion differ in length")
@@ -102,6 +105,7 @@ class MatchingNodes:
     shape: Surface
     offset: Sequence[float] | None = None
 
+    @refused_together
     def __post_init__(self) -> None:
         _check_part("nodes", self.nodes, "MatchingNodes(nodes, shape)")
         if not _is_surface(self.shape):
@@ -149,6 +153,7 @@ class DeformableSurface:
     revolved: bool | None = None
     coincident: bool = False
 
+    @refused_together
     def __post_init__(self) -> None:
         _check_part("facets", self.where, "DeformableSurface(where)")
         if self.revolved is not None:
@@ -194,6 +199,7 @@ class ContactPair:
     pivot: Sequence[float] | None = None
     axis: Sequence[float] | None = None
 
+    @refused_together
     def __post_init__(self) -> None:
         _check_part("nodes", self.nodes, "ContactPair(nodes, surface)")
         bodies = (MatchingNodes, DeformableSurface)
@@ -210,7 +216,7 @@ class ContactPair:
             )
         mu = self.law.mu if isinstance(self.law, Coulomb) else 0.0
         if isinstance(mu, type) or not (
-            callable(mu) or (arguments.is_number(mu) and 0 <= mu < np.inf)
+            arguments.is_function(mu) or (arguments.is_number(mu) and 0 <= float(mu) < np.inf)  # type: ignore[arg-type]
         ):
             raise ValueError(
                 f"friction = {mu!r}: it has to be a number that is finite and not negative, a "
@@ -224,7 +230,7 @@ class ContactPair:
             )
         if not (arguments.is_function(self.interference) or isinstance(self.interference, bool)):
             arguments.number("the interference", self.interference)
-        motions = tuple(self.motions) if isinstance(self.motions, Iterable) else (self.motions,)
+        motions = tuple(arguments.as_list(self.motions))
         for motion in motions:
             arguments.of_type("a motion of a contact pair", motion, Motion, "it has to be a Motion")
         object.__setattr__(self, "motions", motions)
@@ -242,6 +248,7 @@ class ContactPair:
         Args:
             dim: of space; J is zero where there is no pivot.
         """
+        arguments.whole("dim", dim, 2)
         if self.pivot is None:
             return np.zeros(dim), np.zeros((dim, dim))
         axis = (0.0, 0.0, 1.0) if self.axis is None else unit(self.axis)
@@ -264,7 +271,7 @@ def _check_part(name: Literal["nodes", "facets"], part: object, call: str) -> No
             use = f"those of the tagged facets, fem.locate_dofs_topological(space, tags.dim, {use})"
         raise TypeError(f"tags are given in place of {name}: use {use}")
     listed = isinstance(part, Sequence | np.ndarray) and not isinstance(part, str)
-    if isinstance(part, type) or not (callable(part) or listed):
+    if not (arguments.is_function(part) or listed):
         raise TypeError(
             f"the {name} are {arguments.described(part)}: give a marker, numbers or a mask"
         )

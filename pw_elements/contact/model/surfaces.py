@@ -13,7 +13,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import arguments
+from pw_elements.checks import arguments, refused_together
 
 Points = Array
 
@@ -91,6 +91,7 @@ class Plane:
     point: Sequence[float]
     direction: Sequence[float]
 
+    @refused_together
     def __post_init__(self) -> None:
         arguments.vector("the point of a plane", self.point)
         unit(self.direction)
@@ -130,6 +131,7 @@ class Parabola:
     apex: Sequence[float]
     radius: float
 
+    @refused_together
     def __post_init__(self) -> None:
         arguments.vector("the apex of a parabola", self.apex)
         if arguments.number("radius", self.radius) == 0:
@@ -162,6 +164,7 @@ class Sphere:
     centre: Sequence[float]
     radius: float
 
+    @refused_together
     def __post_init__(self) -> None:
         arguments.vector("the centre of a sphere", self.centre)
         arguments.positive("radius", self.radius)
@@ -212,6 +215,7 @@ class FlatPunch:
     direction: Sequence[float]
     half_width: float
 
+    @refused_together
     def __post_init__(self) -> None:
         arguments.vector("the centre of a punch", self.centre)
         unit(self.direction)
@@ -254,6 +258,7 @@ class SignedDistance:
     gradient: Callable[[Points], Points] | None = None
     step: float | None = None
 
+    @refused_together
     def __post_init__(self) -> None:
         for name in ("function", "gradient"):
             given = getattr(self, name)
@@ -386,8 +391,9 @@ class SignedDistance:
         return np.asarray(bend.transpose(1, 0, 2) + bend.transpose(1, 2, 0)) / 2
 
 
-# Surfaces whose closest points are the library's own
+# Surfaces whose closest points are the library's own, and those of which nothing is a user's
 KNOWN_BODIES = (Plane, Sphere, SignedDistance)
+CLOSED_FORMS = (Plane, Parabola, Sphere, FlatPunch)
 
 
 def wrong_derivatives(surface: RigidBody, x: Points, step: float) -> str:

@@ -6,11 +6,17 @@
 Without the body, its trial space in place of it, there are no pressures.
 """
 
-import secrets
-import shutil
-from collections.abc import Sequence
+import errno
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryFile
+from time import sleep
+
+from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +31,7 @@ from pw_elements.contact.iteration import HELD, OPEN
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.storage import checked_path
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, boundary_measure, facets_between
+from pw_elements.files import FolderReplacement
 from pw_elements.spaces import (
     SubSpace,
     as_function,
@@ -45,6 +52,12 @@ _STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
 # Part of a node's area that has to face the other side for quotients by it. Where the pressure is
 # linear, they are off by up to 0.3 % at a quarter, 1 % at a twentieth, and 10 % at a 200th
 _TRUSTED = 0.1
+_SERIES = "a time series of contact fields"
+_VTX_COMPONENTS = 3  # of vectors in a file, whatever the dimension
+_OVERHEAD = 100_000  # bytes of a file's description
+# Seconds that processes wait for each other after an error of one, and between two looks
+_PATIENCE, _PAUSE = 60.0, 0.01
+_NO_ALLOCATION = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
 @dataclass(frozen=True)
@@ -473,6 +486,8 @@ def _here(space: fem.FunctionSpace, nodes: Indices) -> Local:
 def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
     kinds = (Body, fem.FunctionSpace)
     arguments.of_type("body", body, kinds, "it has to be a Body, or its trial space")
+    if not isinstance(body, Body):
+        arguments.space(body)
     return SubSpace.displacements(body.spaces.trial if isinstance(body, Body) else body).space
 
 
@@ -504,7 +519,8 @@ def write(
 
     The file (in fact a folder) is in ADIOS2's VTX format, which keeps quadratic functions and
     curved cells: open it with ParaView's "ADIOS2 VTX Reader". One of this name is replaced when the
-    new one is whole; a process killed in that moment leaves it in a hidden folder beside this.
+    new one is whole, if this function has written all that is in it. A process that is killed
+    leaves the old one, and a hidden folder beside it, which the next call there removes.
 
     Args:
         path: ends in ".bp".
@@ -518,10 +534,10 @@ def write(
             one per state, states of another space, and elements without quadratic Lagrange
             functions.
         RuntimeError: if DOLFINx has been built without ADIOS2.
-        OSError: if something else is there, or the folder cannot be written in.
+        OSError: if something else is there, which is not replaced, or there is no room.
     """
     path, space = checked_path(path), _trial(body)
-    states = [states] if isinstance(states, ContactState) else list(states)
+    states = arguments.as_list(states)
     comm = space.mesh.comm
     with collective(comm):
         for state in states:
@@ -529,25 +545,77 @@ def write(
         increments = [float(s.increment) for s in states]
         given = increments if times is None else list(arguments.vector("times", times))
         _check_series(path, states, given, space)
-    fields = ContactFields.of(states[0], body)
-    unfinished = path.with_name(f".{comm.bcast(secrets.token_hex(8))}-{path.name}")
+    replacement = FolderReplacement(path, _SERIES, durable=True)
     with collective(comm):
         if comm.rank == 0:
-            unfinished.mkdir()
+            replacement.start()
     try:
-        with io.VTXWriter(comm, unfinished, fields.functions()) as file:
+        fields = ContactFields.of(states[0], body)
+        needed = _estimated_size(fields, len(states))
+        with collective(comm):
+            if comm.rank == 0:
+                _check_room(replacement.scratch, needed, path)
+        folder = comm.bcast(replacement.folder if comm.rank == 0 else None)
+        with _ending_together(comm), io.VTXWriter(comm, folder, fields.functions()) as file:
             for time, state in zip(given, states, strict=True):
                 fields.fill(state)
                 file.write(float(time))
-        comm.barrier()
         with collective(comm):
             if comm.rank == 0:
-                if path.exists():
-                    shutil.rmtree(path)
-                unfinished.rename(path)
+                replacement.commit()
     finally:
-        if comm.rank == 0:
-            shutil.rmtree(unfinished, ignore_errors=True)
+        replacement.abandon()
+
+
+def _estimated_size(fields: ContactFields, n_steps: int) -> int:
+    """Return about how many bytes a series takes, on all processes.
+
+    Each step has numbers, places and values of all nodes, and the nodes of all cells.
+    """
+    space = fields.displacement.function_space
+    n_nodes, cells = len(space.tabulate_dof_coordinates()), space.dofmap.list
+    block_sizes = [function.function_space.dofmap.bs for function in fields.functions()]
+    n_values = sum(_VTX_COMPONENTS if size > 1 else 1 for size in block_sizes)
+    own = n_nodes * (1 + _VTX_COMPONENTS + n_values) + cells.size + len(cells)
+    return _OVERHEAD + 8 * n_steps * int(space.mesh.comm.allreduce(own))
+
+
+def _check_room(folder: Path, needed: int, path: Path) -> None:
+    """Refuse to begin where there is no room: ADIOS2's processes would wait for the one that fails.
+
+    Args:
+        folder: Where a file of that size is made and removed.
+        needed: Bytes.
+        path: To name in the error.
+    """
+    try:
+        with TemporaryFile(dir=folder) as file:
+            os.posix_fallocate(file.fileno(), 0, needed)
+    except OSError as error:
+        if error.errno in _NO_ALLOCATION:
+            return
+        words = f"{os.strerror(error.errno or 0)}: it takes about {needed / 1e6:.3g} MB"
+        raise OSError(error.errno, words, str(path)) from None
+
+
+@contextmanager
+def _ending_together(comm: MPI.Comm) -> Iterator[None]:
+    """Has an error of ADIOS2 on some processes raised on all; ends all if others wait within it."""
+    error: Exception | None = None
+    try:
+        yield
+    except Exception as raised:
+        error = raised
+    request, waited = comm.Ibarrier(), 0.0
+    while not request.Test():
+        sleep(_PAUSE)
+        waited += _PAUSE
+        if error is not None and waited > _PATIENCE:
+            print(f"writing failed on process {comm.rank} alone: {error}", file=sys.stderr)
+            comm.Abort(1)
+    with collective(comm):
+        if error is not None:
+            raise error
 
 
 def _check_series(
@@ -567,7 +635,5 @@ def _check_series(
             f"{path}: the element {space.ufl_element()} is not Lagrange's of degree 2, which is "
             "what VTX files hold: write an interpolation of each field by io.VTXWriter"
         )
-    if path.exists() and not (path / "md.idx").exists():
-        raise FileExistsError(f"{path} is there and no VTX file: it is not replaced")
     if not path.parent.is_dir():
         raise FileNotFoundError(f"{path}: its folder does not exist")

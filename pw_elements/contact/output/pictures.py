@@ -81,9 +81,9 @@ def plot(
         check_axes(axes)
     check_state(state, body.spaces.displacements.trial)
     dim = body.spaces.mesh.geometry.dim
-    if not 0 <= pair < len(state.pairs):
+    if arguments.whole("pair", pair, 0) >= len(state.pairs):
         raise ValueError(f"pair {pair}: the state has {len(state.pairs)}, counted from 0")
-    if along is not None and (dim == 3 or along not in (0, 1)):
+    if along is not None and (dim == 3 or arguments.whole("along", along, 0) > 1):
         raise ValueError(f"along = {along}: lines in the plane run along coordinate 0 or 1")
     surface, side = _side(pair, state, body, opposite)
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes

@@ -2,9 +2,8 @@
 
 import io
 import json
-import os
-import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from hashlib import blake2b
 from itertools import product
 from pathlib import Path
@@ -19,8 +18,18 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, collective
-from pw_elements.contact.interface import midpoints_around
-from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
+from pw_elements.contact.interface import extents, midpoints_around
+from pw_elements.contact.model import (
+    ContactPair,
+    ContactState,
+    PairState,
+    Residuals,
+    Scale,
+    Smallness,
+)
+from pw_elements.contact.output.identity import Identity
+from pw_elements.contact.output.stored_values import check_arrays, check_numbers, check_pairs
+from pw_elements.files import ForeignEntry, replacing_file
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import fields_of
 
@@ -35,10 +44,15 @@ _OF_NUMBERS = {
     "scale": Scale,
     "smallness": Smallness,
 }
-_FORMAT = "pw_elements contact state 6"
-# Before the names of what tells a problem from others, and how far that may be off, by round-off
+_KIND = "pw_elements contact state"
+_FORMAT = f"{_KIND} 7"
+# First array of a file, by which it is known for a state, whole or not: the digest of the others
+_MARK = f"{_KIND}, digest"
+_HEAD = 200  # bytes of a file that have the name of its first array
+# Before the names of what tells a problem from others
 _PROBLEM = "problem "
-_SAME = 1e-9
+# Largest displacement that is believed, over the body's diagonal
+_LARGEST_MOTION = 1e6
 # Largest distance of a node from its place in the file, over the body's extent
 _NEAR = 1e-8
 
@@ -48,10 +62,10 @@ def write_state(
     state: ContactState,
     space: fem.FunctionSpace,
     history: Sequence[fem.FunctionSpace],
-    problem: Mapping[str, Array],
+    problem: Identity,
 ) -> None:
     """Writes a state whole or not at all, on one process, if it is a solution of a `problem`."""
-    path = checked_path(path)
+    path, identity = checked_path(path), problem.numbers()
     if not state.converged:
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
@@ -72,13 +86,15 @@ def write_state(
         numbers |= {name: None if part is None else vars(part) for name, part in told.items()}
         numbers |= {"orientations": sorted(state.orientations)}
         numbers |= {"format": _FORMAT, "pairs": len(state.pairs)}
-        arrays |= {f"{_PROBLEM}{name}": values for name, values in problem.items()}
+        arrays |= {f"{_PROBLEM}{name}": values for name, values in identity.items()}
         arrays["state"] = np.array(json.dumps(numbers))
         arrays["digest"] = _digest(arrays)
     with collective(comm):
         if arrays:
             try:
                 _write(path, arrays)
+            except ForeignEntry:
+                raise
             except OSError as failed:
                 raise type(failed)(f"the state cannot be written to {path}: {failed}") from failed
 
@@ -87,49 +103,82 @@ def read_state(
     path: str | Path,
     space: fem.FunctionSpace,
     history: Sequence[fem.FunctionSpace],
-    problem: Mapping[str, Array],
+    problem: Identity,
+    own: ContactState,
+    stated: Sequence[ContactPair],
+    stiffness: PETSc.Mat,
+    changed: Collection[object] = (),
 ) -> ContactState:
-    """Reads a state of a `problem`: one process does, and hands out values of their nodes."""
+    """Reads a state of a `problem`: one process does, and hands out values of their nodes.
+
+    Args:
+        path: of the file.
+        space: of the unknowns.
+        history: spaces of the functions that belong to a state.
+        problem: whose state it has to be.
+        own: the problem's undeformed state.
+        stated: its pairs.
+        stiffness: (n, n), by which forces are too large to be any.
+        changed: what of the problem may be another one.
+    """
     path, comm, parts = checked_path(path), space.mesh.comm, _parts(space, history)
+    dim = space.mesh.geometry.dim
     arrays: dict[str, npt.NDArray] = {}
     numbers: dict[str, Any] = {}
     pairs: list[dict[str, Any]] = []
     with collective(comm):
         if comm.rank == 0:
-            arrays, numbers, pairs = _read(path)
+            arrays, numbers, pairs = _read(path, dim)
             if missing := [name for name, _, _ in parts if name not in arrays]:
                 raise ValueError(
                     f"{path} has the state of a problem without {missing[0].partition('_')[0]}"
                 )
-    own, rows = {}, {}
+            if f"history_{len(history)}" in arrays:
+                raise ValueError(f"{path} has the state of a problem with more history")
+    values, rows = {}, {}
     for name, nodes, of in parts:
-        own[name], rows[name] = _handed_out(path, arrays.get(nodes), arrays.get(name), of)
-    with collective(comm):
-        for name, known in problem.items() if arrays else ():
-            stored = arrays.get(f"{_PROBLEM}{name}", np.empty(0))
-            near = _SAME * np.abs(known[np.isfinite(known)]).max(initial=0.0)
-            if stored.shape != known.shape or not np.allclose(stored, known, rtol=0, atol=near):
-                raise ValueError(f"{path} has the state of a problem with another {name}")
+        values[name], rows[name] = _handed_out(path, name, arrays.get(nodes), arrays.get(name), of)
+    stored = {k.removeprefix(_PROBLEM): v for k, v in arrays.items() if k.startswith(_PROBLEM)}
+    problem.refuse_another(path, comm.bcast(stored), changed)
+    length = _LARGEST_MOTION * float(np.linalg.norm(extents(comm, space.mesh.geometry.x)))
+    largest = Scale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
     fields = fields_of(space)
-    moved = fields[0]
-    today = np.argsort(rows["displacement"])
-    for pair, name in product(pairs, ("node", "faced", "opposite")):
-        pair[name] = np.where(pair[name] < 0, pair[name], today[pair[name]])
+    with collective(comm):
+        if comm.rank == 0:
+            today = np.argsort(rows["displacement"])
+            moved = arrays["displacement"][rows["displacement"]]
+            try:
+                _renumber(pairs, today)
+                check_pairs(pairs, own, stated, numbers, moved, largest)
+            except (ValueError, IndexError) as wrong:
+                raise ValueError(f"{path} holds no contact state: {wrong}") from None
     numbers, pairs = comm.bcast((numbers, pairs))
-    unknowns = PETSc.Vec().createMPI(moved.rows, comm=comm)
-    spread = [field.spread(own[name]) for name, field in zip(_FIELDS, fields, strict=False)]
+    unknowns = PETSc.Vec().createMPI(fields[0].rows, comm=comm)
+    spread = [field.spread(values[name]) for name, field in zip(_FIELDS, fields, strict=False)]
     unknowns.setArray(np.sum(spread, axis=0))
-    values = {name: numbers[name] for name in _PLAIN}
+    state: dict[str, Any] = {name: numbers[name] for name in _PLAIN}
     given = {name: numbers[name] for name in _OF_NUMBERS}
-    values |= {k: None if v is None else _OF_NUMBERS[k](**v) for k, v in given.items()}
-    values["free"] = tuple((pair, axis) for pair, axis in numbers["free"])
-    values["orientations"] = frozenset(numbers["orientations"])
-    values["pairs"] = tuple(PairState(**pair) for pair in pairs)
-    values["history"] = tuple(_with_ghosts(of, own[name]) for name, _, of in parts[len(fields) :])
-    return ContactState(moved.part(unknowns), unknowns=unknowns, **values)
+    state |= {k: None if v is None else _OF_NUMBERS[k](**v) for k, v in given.items()}
+    state["free"] = tuple((pair, axis) for pair, axis in numbers["free"])
+    state["orientations"] = frozenset(numbers["orientations"])
+    state["pairs"] = tuple(PairState(**pair) for pair in pairs)
+    functions = parts[len(fields) :]
+    state["history"] = tuple(_with_ghosts(of, values[name]) for name, _, of in functions)
+    return ContactState(fields[0].part(unknowns), unknowns=unknowns, **state)
 
 
-def _read(path: Path) -> tuple[dict[str, npt.NDArray], dict[str, Any], list[dict[str, Any]]]:
+def _renumber(pairs: Sequence[dict[str, Any]], today: npt.NDArray[np.intp]) -> None:
+    """Give the nodes of pairs, which are rows of the file, their global numbers of today."""
+    for pair, name in product(pairs, ("node", "faced", "opposite")):
+        rows = pair[name]
+        if rows.dtype.kind not in "iu" or rows.max(initial=-1) >= len(today):
+            raise ValueError(f"{name} has numbers of other nodes")
+        pair[name] = np.where(rows < 0, rows, today[rows])
+
+
+def _read(
+    path: Path, dim: int
+) -> tuple[dict[str, npt.NDArray], dict[str, Any], list[dict[str, Any]]]:
     """A file's arrays, the numbers of the state, and what makes its pairs."""
     try:
         _refuse_irregular(path, "it is not read")
@@ -139,7 +188,7 @@ def _read(path: Path) -> tuple[dict[str, npt.NDArray], dict[str, Any], list[dict
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = dict(archive)
-        digest = arrays.pop("digest", None)
+        digest = arrays.pop(_MARK, None)
         numbers = json.loads(str(arrays["state"]))
         if numbers["format"] != _FORMAT:
             raise ValueError(
@@ -147,6 +196,8 @@ def _read(path: Path) -> tuple[dict[str, npt.NDArray], dict[str, Any], list[dict
             )
         if digest is None or digest.tobytes() != _digest(arrays).tobytes():
             raise ValueError("it has been changed since it was written")
+        check_arrays(arrays, ("state", f"{_PROBLEM}version"))
+        check_numbers(numbers, dim)
         pairs = [
             {name: arrays[f"{name}_{k}"] for name in PairState.__dataclass_fields__}
             for k in range(numbers["pairs"])
@@ -159,6 +210,8 @@ def _read(path: Path) -> tuple[dict[str, npt.NDArray], dict[str, Any], list[dict
 
 def checked_path(path: str | Path) -> Path:
     arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
+    if "\0" in str(path):
+        raise ValueError(f"the path {str(path)!r} has a null character, which no file's name has")
     return Path(path)
 
 
@@ -179,7 +232,7 @@ def _with_ghosts(space: fem.FunctionSpace, own: Array) -> Array:
 
 
 def _handed_out(
-    path: Path, stored: Array | None, values: Array | None, space: fem.FunctionSpace
+    path: Path, name: str, stored: Array | None, values: Array | None, space: fem.FunctionSpace
 ) -> tuple[Array, npt.NDArray[np.intp]]:
     """Values at this process' owned nodes, from a file's places and values, which process 0 read.
 
@@ -197,6 +250,11 @@ def _handed_out(
                 wrong = distance.max() > _NEAR * extent or len(np.unique(nearest)) < len(nearest)
             if wrong:
                 raise ValueError(f"{path} has the state of another mesh")
+            shape = len(stored), space.dofmap.index_map_bs
+            try:
+                arguments.real_array(name, values, shape)
+            except ValueError as error:
+                raise ValueError(f"{path} holds no contact state: {error}") from None
             rows = np.split(nearest, np.cumsum([len(each) for each in given])[:-1])
             parts = [values[each].ravel() for each in rows]
     return comm.scatter(parts), nearest
@@ -226,14 +284,17 @@ def _digest(arrays: Mapping[str, npt.NDArray]) -> npt.NDArray[np.uint8]:
 
 
 def _write(path: Path, arrays: dict[str, npt.NDArray]) -> None:
-    path = path.resolve()  # of a link, what it leads to
-    _refuse_irregular(path, "it is not replaced")
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
-    try:
-        with temporary.open("xb") as stream:
-            np.savez_compressed(stream, allow_pickle=False, **arrays)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    marked = {_MARK: arrays.pop("digest"), **arrays}
+    with replacing_file(path, _holds_state) as stream:
+        np.savez_compressed(stream, allow_pickle=False, **marked)
+
+
+def _holds_state(path: Path) -> bool:
+    """Tell whether a file is a state, or was to be one: such files may be replaced."""
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD)
+    if not head or f"{_MARK}.npy".encode() in head:
+        return True
+    with suppress(Exception), np.load(path, allow_pickle=False) as archive:  # of earlier formats
+        return str(json.loads(str(archive["state"]))["format"]).startswith(_KIND)
+    return False

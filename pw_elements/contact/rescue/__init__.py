@@ -5,6 +5,7 @@ from pw_elements.contact.rescue.passing import (
     refuse_supports_through_each_other,
     refuse_tools_through_supports,
 )
+from pw_elements.contact.rescue.placing import SupportedPieces, ends_clear
 from pw_elements.contact.rescue.refusals import (
     by_springs,
     check_loose,

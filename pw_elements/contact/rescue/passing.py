@@ -9,69 +9,162 @@ from collections.abc import Mapping
 from mpi4py import MPI
 
 import numpy as np
+from dolfinx import geometry
+from dolfinx.mesh import Mesh
+from scipy.spatial import cKDTree
 
-from pw_elements.arrays import Array, Mask
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective, listed
 from pw_elements.contact.interface import Interface, SlidingReference
 from pw_elements.contact.iteration import Tools
 from pw_elements.contact.model import SurfacePassed
+from pw_elements.contact.rescue.placing import SupportedPieces
 
 # Depth of a support within a tool, and of a side within another one, over the extent of the side,
 # by which it has been driven through; and the offset along the side up to which it still meets it
 _SUPPORT_DEPTH, _DEPTH, _OFFSET = 0.1, 0.25, 0.5
+# Distance of a support from a tool, or from another one, over the same extent, that is none; places
+# on the way from a support to a contact node that are looked for within the body; and supports that
+# are looked at on each process
+_NO_ROOM, _BETWEEN, _MOST_REACHED = 1e-9, np.linspace(0.1, 0.9, 9), 100
 
 
 def refuse_tools_through_supports(
-    interface: Interface, tools: Tools, positions: Array, fixed: Mask, ways: Array, paths: Array
+    interface: Interface,
+    tools: Tools,
+    positions: Array,
+    held: Mask,
+    number: Indices,
+    ways: Array,
+    paths: Array,
 ) -> None:
-    """Raise SurfacePassed if a rigid surface is led through nodes that are held.
+    """Raise SurfacePassed if a rigid surface is led through nodes that are held, or up to them.
+
+    What is led up to a support leaves no room for the body that lies between both. It does where
+    the straight way from the support to a contact node in front of it is in the body.
 
     Args:
         interface: the contact points.
         tools: their surfaces.
         positions: (n, dim), undeformed, of nodes of this process.
-        fixed: (n,), whether all components of a node are prescribed.
+        held: (n, dim), components that supports prescribe.
+        number: (n,), the connected piece that each node belongs to.
         ways: (samples, pairs, dim + 1), placements of the surfaces; NaN where they are free.
         paths: (samples, n, dim), prescribed displacements.
     """
+    fixed = held.all(axis=1)
     for k, surface in enumerate(interface.surfaces):
         if k in interface.mortars or np.isnan(ways[:, k]).any():
             continue
-        within = [
-            tools.see_from_surface(k, ways[j, k], positions[fixed] + paths[j][fixed])
-            for j in range(len(ways))
-        ]
-        gaps: Array = np.full((len(within), int(fixed.sum())), np.inf)
+        seen = np.array(
+            [
+                tools.see_from_surface(k, ways[j, k], positions[fixed] + paths[j][fixed])
+                for j in range(len(ways))
+            ]
+        )
+        count, other = int(fixed.sum()), interface.first_nodes[k]
         with collective(interface.comm), np.errstate(all="ignore"):
-            if fixed.any():
-                gaps = np.array([np.asarray(surface.gap(x), dtype=float) for x in within])
+            asked = [surface.gap(x if count else other) for x in seen]
+            gaps: Array = np.array([np.asarray(one, dtype=float)[:count] for one in asked])
         gaps = np.where(np.isnan(gaps), np.inf, gaps)
-        deep = gaps.min(axis=0, initial=np.inf) < -_SUPPORT_DEPTH * _extent(interface, k)
+        least, extent = gaps.min(axis=0, initial=np.inf), _extent(interface, k)
+        deep = least < -_SUPPORT_DEPTH * extent
         places = interface.gathered(positions[fixed][deep & (gaps[0] > 0)])
         if len(places):
             raise SurfacePassed(
                 f"the motion of the surface of contact pair {k} leads it through the supports at "
                 f"{listed(places)}: it passes through the body; end it before"
             )
+        room = _NO_ROOM * extent
+        reached = np.flatnonzero((least <= room) & (gaps[0] > room))
+        if not len(interface.gathered(reached)):
+            continue
+        reached = reached[np.argsort(least[reached])[:_MOST_REACHED]]
+        pieces = SupportedPieces.fit(positions, held, number, paths, interface.comm)
+        sample = gaps[:, reached].argmin(axis=0)
+        supports = positions[fixed][reached], seen[sample, reached], sample
+        places = _find_crushed(interface, tools, k, pieces, ways[:, k], *supports)
+        if len(places):
+            raise SurfacePassed(
+                f"the motion of the surface of contact pair {k} leads it up to the supports at "
+                f"{listed(places)}: no room is left for the body between both; end it before"
+            )
+
+
+def _find_crushed(
+    interface: Interface,
+    tools: Tools,
+    pair: int,
+    pieces: SupportedPieces,
+    way: Array,
+    supports: Array,
+    seen: Array,
+    sample: Indices,
+) -> Array:
+    """Return undeformed positions (k, dim), of all processes, of supports behind contact nodes.
+
+    Args:
+        interface: the contact points.
+        tools: their surfaces.
+        pair: whose surface has reached the supports.
+        pieces: of the body, as supports carry them along.
+        way: (samples, dim + 1), placements of the surface.
+        supports: (s, dim), undeformed positions, of this process.
+        seen: (s, dim), the supports in the frame of the surface, where they are reached.
+        sample: (s,), when that is.
+    """
+    comm, mine = interface.comm, interface.pair == pair
+    x = interface.gathered(interface.position[mine])
+    of_node = interface.gathered(pieces.number[interface.own_nodes[mine]])
+    spacing = float(cKDTree(x).query(x, 2)[0][:, 1].max()) if len(x) > 1 else 0.0
+    with collective(comm), np.errstate(all="ignore"):
+        # a user's surface may communicate: all processes ask it
+        asked = interface.surfaces[pair].normal(seen if len(seen) else interface.first_nodes[pair])
+        normal = np.asarray(asked, dtype=float)[: len(seen)]
+    moved, nodes, behind = pieces.move(x, of_node), [], []
+    for j in range(len(supports)):
+        away = seen[j] - tools.see_from_surface(pair, way[sample[j]], moved[sample[j]])
+        depth = away @ normal[j]
+        beside = np.linalg.norm(away - depth[:, None] * normal[j], axis=1)
+        beside[(depth <= 0) | ~pieces.rigid[of_node]] = np.inf
+        nearest = int(beside.argmin())
+        if beside[nearest] <= spacing:
+            nodes.append(x[nearest])
+            behind.append(supports[j])
+    ends = [interface.gathered(np.reshape(part, (-1, x.shape[1]))) for part in (behind, nodes)]
+    between = ends[0][:, None] + _BETWEEN[:, None] * (ends[1] - ends[0])[:, None]
+    inside = _lie_inside(interface.field.space.mesh, between.reshape(-1, x.shape[1]))
+    return np.asarray(ends[0][inside.reshape(len(ends[0]), len(_BETWEEN)).all(axis=1)])
+
+
+def _lie_inside(mesh: Mesh, x: Array) -> Mask:
+    """Return which places (k, dim), the same on all processes, are in an undeformed body."""
+    points = np.zeros((len(x), 3))
+    points[:, : x.shape[1]] = x
+    tree = geometry.bb_tree(mesh, mesh.topology.dim)
+    cells = geometry.compute_collisions_points(tree, points)
+    number = np.diff(geometry.compute_colliding_cells(mesh, cells, points).offsets)
+    mesh.comm.Allreduce(MPI.IN_PLACE, number, MPI.SUM)
+    return np.asarray(number > 0)
 
 
 def refuse_supports_through_each_other(
     interface: Interface,
     references: Mapping[int, SlidingReference],
     positions: Array,
-    fixed: Mask,
+    held: Mask,
     paths: Array,
 ) -> None:
-    """Raise SurfacePassed if supports of two bodies, which face each other, change sides.
+    """Raise SurfacePassed if supports of two bodies, which face each other, meet or change sides.
 
     Args:
         interface: the contact points.
         references: of pairs of bodies, at the start.
         positions: (n, dim), undeformed, of nodes of this process.
-        fixed: (n,), whether all components of a node are prescribed.
+        held: (n, dim), components that supports prescribe.
         paths: (samples, n, dim), prescribed displacements, the first ones at the start.
     """
-    comm = interface.comm
+    comm, fixed = interface.comm, held.all(axis=1)
     for k, reference in references.items():
         if not reference.faced.any():
             continue
@@ -92,12 +185,17 @@ def refuse_supports_through_each_other(
             apart = means[0] - means[1]  # (samples, dim)
             offset = np.abs((apart - apart[0]) @ tangent)
             extent = _extent(interface, k)
-            through = (apart @ normal < 0) & (offset < _OFFSET * extent)
-            if through.any():
+            distance = np.where(offset < _OFFSET * extent, apart @ normal, np.inf)
+            least, room = float(distance.min()), _NO_ROOM * extent
+            if least < -room:
                 raise SurfacePassed(
                     f"the supports of both bodies of contact pair {k} pass each other by "
-                    f"{-float((apart @ normal).min()):.3g}: the bodies are driven through each "
-                    "other; end the motion before"
+                    f"{-least:.3g}: the bodies are driven through each other; end the motion before"
+                )
+            if least <= room:
+                raise SurfacePassed(
+                    f"the supports of both bodies of contact pair {k} are led up to each other: no "
+                    "room is left for the bodies between them; end the motion before"
                 )
 
 

@@ -10,7 +10,7 @@ increment in which a tool turns, or supports move, by more than an eighth of a t
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from time import perf_counter
 from typing import TypeAlias
 
@@ -21,8 +21,8 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, equilibrated, masked, prescribed
-from pw_elements.arrays import Array, Mask
-from pw_elements.checks import answer, arguments, collective
+from pw_elements.arrays import Array, Indices, Mask
+from pw_elements.checks import answer, arguments, collective, pieces_of
 from pw_elements.contact.interface import ROUND_OFF, nodal_interface
 from pw_elements.contact.iteration import (
     OPEN,
@@ -51,7 +51,10 @@ from pw_elements.contact.model import (
     Scale,
     exhausted_friction,
 )
+from pw_elements.contact.output import Coefficients, ResidualProbe
 from pw_elements.contact.rescue import (
+    SupportedPieces,
+    ends_clear,
     find_passed,
     refuse_supports_through_each_other,
     refuse_tools_through_supports,
@@ -81,8 +84,11 @@ MAX_TURN = np.pi / 4
 # Largest path over distance of a prescribed displacement in one part: that of an arc of a right
 # angle. Samples of the path per increment, and the distance over the largest one that counts
 _MAX_DETOUR, _PATH_SAMPLES, _MAX_PATH_SAMPLES, _MIN_PATH = np.pi / np.sqrt(8), 16, 256, 1e-3
-# Fewest samples of the ways of supports and surfaces that must not pass each other
-_WAY_SAMPLES = 64
+# Fewest samples of the ways of supports and surfaces that must not pass each other, and samples of
+# those that leave each other
+_WAY_SAMPLES, _LEAVING_SAMPLES = 64, 128
+# Linear systems that a state without contact may take, from where supports put the body
+_MAX_CLEAR_ITERATIONS = 10
 # What the logarithm of a number of parts may be off by round-off
 _LOG_ROUND_OFF = 1e-9
 
@@ -123,6 +129,7 @@ class FiniteStepping:
         self._pairs = list(pairs)
         self._guard, self._slips = CellGuard(problem.u, problem.form), SlipCheck(self.interface)
         self.history, self._update = list(history), update
+        self.coefficients = Coefficients.from_form(self.form, self.u, self.history)
         self._system: ContactSystem | None = None
         self._watch: TangentWatch | None = None
         (weights,) = self.form.arguments()
@@ -150,12 +157,18 @@ class FiniteStepping:
                 self._watch.is_beyond_limit()
             path = self._trace_supports(state, load)
             self._refuse_passing(state, start, end, path)
+            begin = self._place_clear(state, load, start, end, path)
             pieces = self._count_pieces(start, end, path)
             if pieces > 1:
                 words = f"in {pieces} parts, as slip is not seen from its ends alone"
                 told(interface.comm, logging.INFO, words, ".contact")
 
-            def part(now: ContactState, share: float, patient: bool = False) -> ContactState:
+            def part(
+                now: ContactState,
+                share: float,
+                patient: bool = False,
+                begin: PETSc.Vec | None = None,
+            ) -> ContactState:
                 self._restore(now)
                 self._apply(load, share)
                 if not state.increment and now is state:
@@ -163,13 +176,19 @@ class FiniteStepping:
                     arguments.check_range("the load of the undeformed body", forces)
                 try:
                     goal = between(start, end, share)
-                    found = self._solved(now, goal, system, reporter, patient)
+                    found = self._solved(now, goal, system, reporter, patient, begin)
                 except NotConverged as failed:
                     raise NotFound(str(failed)) from failed
                 return replace(found, history=self._updated())
 
+            parts: list[tuple[float, ContactState]] = []
+            if begin is not None:
+                told(interface.comm, logging.INFO, "without contact, as all is clear", ".contact")
+                clear = partial(part, begin=begin)
+                parts, failure = divided(clear, state, (1.0, 1.0, 1.0))
             sizes = (1 / pieces, _SMALLEST / pieces, 2.0)
-            parts, failure = divided(part, state, sizes)
+            if not parts:
+                parts, failure = divided(part, state, sizes)
             if failure is not None and isinstance(failure[1], Cycling):
                 # from the start: a state beyond a snap may be out of reach of small parts
                 again = partial(part, patient=True)
@@ -221,21 +240,43 @@ class FiniteStepping:
     def _refuse_passing(self, state: ContactState, start: Target, end: Target, path: Array) -> None:
         """Raise SurfacePassed if supports and surfaces are led through each other."""
         interface, past = self.interface, self._reference(state)
-        dim, owned = interface.position.shape[1], path.shape[1]
-        positions = self.space.tabulate_dof_coordinates()[:owned, :dim]
-        free, _ = prescribed(self._whole, self._conditions)
-        held = self._body.matrix.createVecRight()
-        held.setArray(np.where(free, 0.0, 1.0))
-        fixed = interface.field.part(held).array_r.reshape(-1, dim).all(axis=1)
-        samples = max(len(path) - 1, _WAY_SAMPLES)
-        shares: Array = np.linspace(0, 1, samples + 1, dtype=float)
-        path = _interpolate(path, shares)
-        ways = np.array([(1 - s) * start.translations + s * end.translations for s in shares])
-        nodes = positions, fixed
+        nodes = self._positions, self._held, self._piece
+        ways, path = _sample_ways(start, end, path, max(len(path) - 1, _WAY_SAMPLES))
         refuse_tools_through_supports(interface, self._tools, *nodes, ways, path)
         if interface.mortars:
             sliding = Sliding(interface, state.unknowns, past.translations, past.translations)
-            refuse_supports_through_each_other(interface, sliding.references, *nodes, path)
+            refuse_supports_through_each_other(interface, sliding.references, *nodes[:2], path)
+
+    def _place_clear(
+        self,
+        state: ContactState,
+        load: Loading | None,
+        start: Target,
+        end: Target,
+        path: Array,
+    ) -> PETSc.Vec | None:
+        """Return unknowns (n,) of a body that supports carry along to where all is clear.
+
+        None where it has not been in contact, does not end clear, or has a history on the way.
+        """
+        interface, comm = self.interface, self.interface.comm
+        closed = interface.local([pair.status for pair in state.pairs]) != OPEN
+        if self.history or self._update or not comm.allreduce(bool(closed.any()), MPI.LOR):
+            return None
+        nodes = self._positions, self._held, self._piece
+        path = path[[0, -1]]
+        for samples in (1, _LEAVING_SAMPLES):  # the ends alone tell most
+            if samples > 1:
+                path = self._sample_supports(state, load, samples)
+            ways, _ = _sample_ways(start, end, path, samples)
+            pieces = SupportedPieces.fit(*nodes, path, comm)
+            if not ends_clear(interface, self._tools, pieces, ways, state.unknowns):
+                return None
+        begin, owned = state.unknowns.duplicate(), interface.field.owned
+        moved = pieces.move(self._positions, self._piece)[-1] - self._positions
+        begin.setArray(interface.field.spread(moved.ravel()))
+        begin.array[owned] = np.where(self._held, path[-1], begin.array_r[owned])
+        return begin
 
     def _sample_supports(self, state: ContactState, load: Loading | None, samples: int) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim), zero where they are free."""
@@ -251,10 +292,28 @@ class FiniteStepping:
 
     def _held_axes(self) -> Mask:
         """Along which axes (dim,) supports hold any node: friction alone may have to elsewhere."""
-        free, _ = prescribed(self._whole, self._conditions)
-        held: Mask = np.any(~free[self.interface.field.owned], axis=0)
+        held: Mask = np.any(self._held, axis=0)
         self.interface.comm.Allreduce(MPI.IN_PLACE, held, MPI.LOR)
         return held
+
+    @property
+    def _held(self) -> Mask:
+        """Components (owned nodes, dim) that supports prescribe."""
+        free, _ = prescribed(self._whole, self._conditions)
+        return np.asarray(~free[self.interface.field.owned])
+
+    @property
+    def _positions(self) -> Array:
+        """Undeformed positions (owned nodes, dim)."""
+        owned, dim = self.interface.field.owned.shape
+        return np.asarray(self.space.tabulate_dof_coordinates()[:owned, :dim])
+
+    @cached_property
+    def _piece(self) -> Indices:
+        """Number (owned nodes,) of the connected piece that each node belongs to."""
+        dofmap = self.space.dofmap
+        number, _ = pieces_of(self.interface.comm, dofmap.index_map, dofmap.list)
+        return number[: len(self._positions)]
 
     def release(self) -> None:
         if self._system is not None:
@@ -268,29 +327,39 @@ class FiniteStepping:
         system: ContactSystem,
         reporter: Reporter,
         patient: bool,
+        begin: PETSc.Vec | None = None,
     ) -> ContactState:
+        """Solve for a goal; from unknowns (n,) to `begin` with, a state without contact."""
         interface, translations = self.interface, goal.translations
-        increment, equilibrium, kinematics = self._begun(state, goal, system, state.unknowns)
+        at = state.unknowns if begin is None else begin
+        increment, equilibrium, kinematics = self._begun(state, goal, system, at)
         past = increment.past
         moved = np.where(np.isnan(translations), past.translations, translations)
-        system.start(lambda: state.unknowns, moved)
-        closed = interface.local([pair.status for pair in state.pairs]) != OPEN
-        along = kinematics.stuck(moved, past.displacement, closed)
-        place = kinematics(moved, along, past.force)
-        first = sticking(closed | (place.gap < 0), interface.cone, place.frame.shape[1] - 1)
+        system.start(lambda: at, moved)
+        most = self._most
+        if begin is None:
+            closed = interface.local([pair.status for pair in state.pairs]) != OPEN
+            along = kinematics.stuck(moved, past.displacement, closed)
+            place = kinematics(moved, along, past.force)
+            closed |= place.gap < 0
+        else:
+            most = min(most, _MAX_CLEAR_ITERATIONS)
+            place = kinematics(moved, system.motions(begin), np.zeros_like(past.force))
+            closed = np.zeros(len(interface.pair), dtype=bool)
+        first = sticking(closed, interface.cone, place.frame.shape[1] - 1)
         policy = Policy(lambda *_: [], interface)
         met = len(system.tangent.solver.orientations)
-        now = newton(
-            increment, first, place, policy, self._most, reporter.iteration, patient=patient
-        )
+        now = newton(increment, first, place, policy, most, reporter.iteration, patient=patient)
         if reporter.iteration:
             reporter.violation = increment.violation(now)
         pressed = now.contact.pressing > 0
         kinematics.check_surfaces(now.place, pressed)
         interface.check_supports_between(equilibrium.offset, goal.translations, pressed)
-        lost = kinematics.lost(now.place, now.contact.pressing > 0)
+        if begin is not None and len(interface.gathered(interface.position[pressed])):
+            raise NotFound("the body is in contact where supports put it clear of everything")
+        lost = kinematics.lost(now.place, pressed)
         jumped = interface.gathered(interface.position[lost])
-        if len(jumped):
+        if len(jumped) and begin is None:
             words = "jumped to another sheet of their surface, or slid round by a right angle"
             raise NotFound.at(f"contact nodes first at {{}} have {words}", jumped)
         for k, (reference, x) in equilibrium.sides.items():
@@ -359,6 +428,16 @@ class FiniteStepping:
     def _reference(self, state: ContactState) -> Reference:
         return replace(Reference.of(state, self.interface), translations=state.placements)
 
+    def identify(self) -> tuple[Indices, ResidualProbe]:
+        """Return -1 for each unknown (n,) of this process that is prescribed, and the residual."""
+        free, _ = prescribed(self._whole, self._conditions)
+        return np.where(free, 0, -1), ResidualProbe(self._body, self.coefficients)
+
+    @property
+    def stiffness(self) -> PETSc.Mat:
+        """Return the last tangent (n, n)."""
+        return self._body.matrix
+
     def prescribed(self) -> PETSc.Vec:
         return prescribed(self._whole, self._conditions)[1]
 
@@ -410,14 +489,28 @@ class FiniteStepping:
     def _apply(self, load: Loading | None, share: float) -> None:
         with collective(self.interface.comm) as same:
             if load is not None:
-                answer(self.interface.comm, "the load", load, share)
+                with self.coefficients.note_changes():
+                    answer(self.interface.comm, "the load", load, share)
             same["the constants and conditions"] = self._constants, self._conditions
 
     def _updated(self) -> tuple[Array, ...]:
         if self._update is not None:
             with collective(self.interface.comm):
                 answer(self.interface.comm, "the update of the history", self._update)
+                for k, function in enumerate(self.history):
+                    if not np.isfinite(function.x.array).all():
+                        raise ValueError(
+                            f"the update of the history has set function {k} to values that are "
+                            "not finite"
+                        )
         return tuple(function.x.array.copy() for function in self.history)
+
+
+def _sample_ways(start: Target, end: Target, path: Array, samples: int) -> tuple[Array, Array]:
+    """Return placements (samples + 1, pairs, dim + 1) of surfaces, and of a path."""
+    shares: Array = np.linspace(0, 1, samples + 1, dtype=float)
+    ways = np.array([(1 - s) * start.translations + s * end.translations for s in shares])
+    return ways, _interpolate(path, shares)
 
 
 def _interpolate(path: Array, shares: Array) -> Array:

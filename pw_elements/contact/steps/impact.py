@@ -257,7 +257,7 @@ def solve_impact(
     start = {"the velocity": velocity}
     if displacement is not None:
         start["the displacement"] = displacement
-    constant = {} if load is None or callable(load) else {"the load": load}
+    constant = {} if load is None or arguments.is_function(load) else {"the load": load}
     check_problem({"the stiffness": K, "the mass": M}, start, constant, (reduction,), space)
     comm = space.mesh.comm
     arguments.positive("duration", duration)
@@ -446,8 +446,10 @@ class _March:
     def _loads(self, time: float) -> Array:
         """Load (n,) on this process."""
         given = self._load
-        if not callable(given):
-            return np.zeros_like(self._mass) if given is None else np.asarray(given.array_r)
+        if isinstance(given, PETSc.Vec):
+            return np.asarray(given.array_r)
+        if given is None:
+            return np.zeros_like(self._mass)
         with collective(self._comm):
             load = answer(self._comm, "the load", given, time)
         check_load(f"the load at the time {time:.6g}", load, self._K)

@@ -1,7 +1,7 @@
 """A contact problem as the user states it, checked, and solved increment after increment."""
 
 import logging
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from dolfinx import fem
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load, check_problem
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, check_mesh, collective, same_everywhere
-from pw_elements.contact.interface import check_weights
+from pw_elements.contact.interface import check_weights, free_columns
 from pw_elements.contact.iteration import undeformed
 from pw_elements.contact.model import (
     ContactFailed,
@@ -28,7 +28,14 @@ from pw_elements.contact.model import (
     Motion,
     RigidBody,
 )
-from pw_elements.contact.output import read_state, write_state
+from pw_elements.contact.output import (
+    Identity,
+    check_changed,
+    identify_problem,
+    identify_stiffness,
+    read_state,
+    write_state,
+)
 from pw_elements.contact.steps.finite import FiniteStepping, Loading
 from pw_elements.contact.steps.sensitivity import (
     Derivatives,
@@ -156,7 +163,7 @@ def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
 
 def _each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
     """Things of a kind, one or several."""
-    things = list(given) if isinstance(given, Iterable) else [given]
+    things = arguments.as_list(given)
     for thing in things:
         arguments.of_type(what, thing, kind, f"it has to be a {kind.__name__}")
     return things
@@ -164,7 +171,7 @@ def _each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
 
 def _of_pairs(what: str, given: Any, pairs: int) -> list:  # noqa: ANN401
     """As many things as there are pairs, None of each if none are given; a single one alone."""
-    each = list(given) if isinstance(given, Iterable) else [given]
+    each = arguments.as_list(given)
     if len(each or [None] * pairs) != pairs:
         raise ValueError(f"{len(each)} {what} for {pairs} contact pairs")
     return each or [None] * pairs
@@ -235,7 +242,8 @@ class ContactProblem:
     ) -> None:
         self.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
         check_mesh(space.mesh)
-        self._K, self._space, self._asked, self._supports = K, space, solver, reduction.supports
+        self._K, self._space, self._reduction = K, space, reduction
+        self._asked, self._supports = solver, reduction.supports
         each = checked_remedies(remedies)
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
@@ -297,10 +305,14 @@ class ContactProblem:
         own = cls.__new__(cls)
         _check_function("update", update, "it has to be a function")
         with collective(space.mesh.comm) as same:
-            same["the history"] = [getattr(one, "function_space", None) for one in history]
+            same["the history"] = [
+                getattr(one, "function_space", None) for one in arguments.as_list(history)
+            ]
             functions = _each(history, fem.Function, "a function of the history")
+            if not all(np.isfinite(one.x.array).all() for one in functions):
+                raise ValueError("a function of the history has values that are not finite")
         reduction = Reduction.dirichlet(space, conditions)
-        taken = auto_solver(solver or Direct(), reduction.supports)
+        taken = auto_solver(Direct() if solver is None else solver, reduction.supports)
         problem.system.blocked = is_matrix_free(taken)
         u.x.array[:] = 0.0
         problem.system.assemble()
@@ -473,18 +485,19 @@ class ContactProblem:
     def _histories(self) -> list[fem.FunctionSpace]:
         return [] if self._finite is None else [f.function_space for f in self._finite.history]
 
-    def _fingerprint(self) -> dict[str, np.ndarray]:
-        """What tells the problem from others, on any number of processes."""
-        pairs = self.undeformed.pairs
-        size = max(np.abs(pair.position).max() for pair in pairs)
-        surfaces = [part for pair in pairs for part in (pair.gap / size, pair.normal.ravel())]
-        spins = [part.ravel() for pair in self.pairs for part in pair.spin(len(pairs[0].force))]
-        friction = [pair.friction for pair in pairs]
-        known = {"surface": np.concatenate(surfaces), "friction": np.concatenate(friction)}
-        known["pivot"] = np.concatenate(spins)
+    def _identify(self) -> Identity:
+        """Return what tells the problem from others, on any number of processes; collective."""
+        increments, residual = self._finite or self._stepping, None
         if self._finite is None:
-            known["stiffness"] = np.array([self._K.norm(PETSc.NormType.FROBENIUS)])
-        return known
+            column = free_columns(self._reduction.right)
+        else:
+            column, residual = self._finite.identify()
+        states = self.undeformed.pairs
+        given = increments.interface, self.pairs, states, column, self._space
+        parts = identify_problem(*given)
+        if self._finite is None:
+            parts |= identify_stiffness(self._K, self._space)
+        return Identity(parts, residual)
 
     @same_everywhere
     def save(self, state: ContactState, path: str | Path) -> None:
@@ -500,22 +513,37 @@ class ContactProblem:
             OSError: if the file cannot be written.
         """
         check_belongs(state, self.undeformed, "the state")
-        write_state(path, state, self._space, self._histories, self._fingerprint())
+        write_state(path, state, self._space, self._histories, self._identify())
 
     @same_everywhere
-    def load(self, path: str | Path) -> ContactState:
+    def load(
+        self, path: str | Path, changed: Sequence[str | fem.Constant | fem.Function] = ()
+    ) -> ContactState:
         """Reads a state that `save` wrote for the same problem, on any number of processes.
+
+        The problem is the same if it has the mesh, the supported unknowns, the contact nodes, and
+        the surfaces, laws of friction and stiffness or residual that give the same numbers at fixed
+        places. Loads, prescribed values and motions may be others. Constants and functions of a
+        residual have to have the values that they had, unless a load of a step has changed them.
 
         Args:
             path: of the file.
+            changed: what is another one on purpose: "supports", "surface", "friction", "pivot",
+                "interference", "stiffness", "residual", "constants" (all constants and functions of
+                a residual), or single ones of these.
 
         Raises:
-            TypeError: for anything but a path.
-            ValueError: if the file holds no state, one that has been changed since, or one of
-                another mesh, stiffness, friction, surface or pivot.
+            TypeError: for anything but a path, and a list of what has changed.
+            ValueError: if the file holds no state, one that has been changed since, one whose
+                values cannot be those of a state, or one of another problem: the error says in
+                which part, and by how much.
             OSError: if the file cannot be read.
         """
-        return read_state(path, self._space, self._histories, self._fingerprint())
+        check_changed(changed)
+        stiffness = self._K if self._finite is None else self._finite.stiffness
+        histories, identity = self._histories, self._identify()
+        known = self.undeformed, self.pairs, stiffness
+        return read_state(path, self._space, histories, identity, *known, changed)
 
 
 @same_everywhere

@@ -441,6 +441,8 @@ def check_constants(
 
 def check_loads(loads: Sequence[Any], steps: int, of_residual: bool) -> None:
     """Raise unless loads are none, or of a residual: a function or None for each step."""
+    remedy = "give a list of functions of the share (0, 1], or nothing"
+    arguments.of_type("loads", loads, (list, tuple), remedy)
     if not of_residual and len(loads):
         raise ValueError(
             "`loads` are those of a residual; a problem with a stiffness K needs none, its states "

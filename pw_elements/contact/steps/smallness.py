@@ -170,19 +170,19 @@ class SmallnessCheck:
 
         share, wrong = np.zeros(len(x)), np.zeros(len(mine), dtype=bool)
         pushed = np.zeros_like(interface.position)
-        with collective(self._comm):
-            while len(x):
-                place = x - share[:, None] * way
-                gap, normal = surface.gap(place), surface.normal(place)
+        count, other, ended = len(x), interface.first_nodes[k], False
+        while not ended:
+            with collective(self._comm):
+                place = x - share[:, None] * way if count else other
+                gap, normal = surface.gap(place)[:count], surface.normal(place)[:count]
                 depth = -(gap + np.sum(normal * before, axis=1))
                 pushed[mine] = normal
                 outwards = self._cosines(pushed)[mine] > OUTWARDS
                 wrong[mine] |= outwards & (depth > _SWALLOWED * size)
-                if share.min() >= 1:
-                    break
                 # outside, the surface is a gap away at least; half of it, if that is no distance
                 stride = np.maximum(np.where(np.isfinite(gap), gap / 2, 0.0), step)
-                share = np.minimum(share + stride / length, 1.0)
+                last, share = share, np.minimum(share + stride / length, 1.0)
+            ended = self._comm.allreduce(bool(last.min(initial=1.0) >= 1), MPI.LAND)
         return wrong
 
     def _through(self, now: Iterate) -> Mask:

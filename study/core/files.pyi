@@ -1,0 +1,7 @@
+from pw_elements.files import ForeignEntry as ForeignEntry
+from pw_elements.files import check_file as check_file
+from pw_elements.files import claim_folder as claim_folder
+from pw_elements.files import remove_file as remove_file
+from pw_elements.files import replace_file as replace_file
+from pw_elements.files import replacing_folder as replacing_folder
+from pw_elements.files import sweep as sweep

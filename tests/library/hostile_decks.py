@@ -1,0 +1,344 @@
+"""Decks that want to be read as another mesh, or to exhaust memory or time: 150 and more.
+
+`DECKS` are files by name ("deck.inp" is read), and whether the deck has to be refused (True), has
+to be read (False), or may be either (None). What is read has to be what a second reading finds.
+"""
+
+import random
+
+from tests.library.deck_models import MODELS
+
+SIZE = 900_000  # characters of the long ones
+
+BASE = """*NODE
+1, 0., 0.
+2, 1., 0.
+3, 2., 0.
+4, 0., 1.
+5, 1., 1.
+6, 2., 1.
+*ELEMENT, TYPE=CPS4, ELSET=E
+1, 1, 2, 5, 4
+2, 2, 3, 6, 5
+"""
+SIX = """*NODE
+1, 0., 0.
+2, 1., 0.
+3, 0., 1.
+4, {middle}
+5, .5, .5
+6, 0., .5
+*ELEMENT, TYPE=CPS6
+1, 1, 2, 3, 4, 5, 6
+"""
+TETRAHEDRON = """*NODE
+1, 0., 0., 0.
+2, 1., 0., 0.
+3, 0., 1., 0.
+4, 0., 0., 1.
+5, {middle}
+6, .5, .5, 0.
+7, 0., .5, 0.
+8, 0., 0., .5
+9, .5, 0., .5
+10, 0., .5, .5
+*ELEMENT, TYPE=C3D10
+1, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10
+"""
+
+
+def repeated(line, size=SIZE):
+    """Lines `line(k)` for k = 0, 1, ... up to a size."""
+    lines, length = [], 0
+    while length < size:
+        lines.append(line(len(lines)))
+        length += len(lines[-1]) + 1
+    return "\n".join(lines) + "\n"
+
+
+def grid(count):
+    """A deck of count x count quadrilaterals."""
+    n = count + 1
+    lines = ["*NODE,NSET=N"] + [f"{k + 1},{k % n},{k // n}" for k in range(n * n)]
+    lines.append("*ELEMENT,TYPE=CPS4,ELSET=E")
+    for k in range(count * count):
+        a = k // count * n + k % count + 1
+        lines.append(f"{k + 1},{a},{a + 1},{a + n + 1},{a + n}")
+    return "\n".join(lines) + "\n"
+
+
+def _numbers():
+    """Coordinates and numbers that are none, or are read as others."""
+    for text in ("nan", "inf", "-Infinity", "1e999", "-1D400", "1e300", "1_0", "0x1p3", "1,5.5.5"):
+        yield f"coordinate {text}", BASE.replace("3, 2., 0.", f"3, {text}, 0."), True
+    for text in ("1.5+3", "1 2", "١", "--1", "1.0F", "1d", "<h>", "'1'", "1e1e1", "\x0b1", "\xa01"):
+        yield f"coordinate {text!r}", BASE.replace("3, 2., 0.", f"3, {text}, 0."), True
+    for text in (
+        "2.D0",
+        "+2.",
+        "2.d+00",
+        ".2E1",
+        "20e-1",
+        "0002",
+        " 2 ",
+        "\t2.",
+        "2.0000000000000001",
+    ):
+        yield f"coordinate {text!r}", BASE.replace("3, 2., 0.", f"3, {text}, 0."), False
+    for text in (
+        "0",
+        "-3",
+        "3.0",
+        "3e0",
+        "٣",
+        "3_0",
+        "99999999999999999999",
+        "2147483648",
+        "",
+        "x",
+    ):
+        yield f"node {text!r}", BASE.replace("3, 2., 0.", f"{text}, 2., 0."), True
+    for text in ("0", "-1", "1.", "²", "1e0", "99999999999", "7 7", "9" * 5000, "", "0x2"):
+        yield f"node of an element {text!r}", BASE.replace("2, 2, 3,", f"2, 2, {text},"), True
+    yield "empty coordinates", BASE.replace("4, 0., 1.", "4, , 1., ,"), False
+    yield "no coordinates", BASE.replace("1, 0., 0.", "1"), False
+    yield "coordinates and a normal", BASE.replace("3, 2., 0.", "3, 2., 0., 0., 0., 0., 1."), False
+    yield "eight entries", BASE.replace("3, 2., 0.", "3, 2., 0., 0., 0., 0., 1., 4."), True
+
+
+def _twice():
+    """Nodes, elements and cells that are there twice, or not at all."""
+    yield "an element twice", BASE + "1, 2, 3, 6, 5\n", True
+    yield "an element twice, the same", BASE + "1, 1, 2, 5, 4\n", True
+    yield "an element twice, a spring", BASE + "*ELEMENT, TYPE=SPRINGA\n1, 1, 2\n", True
+    yield "a cell twice", BASE + "3, 1, 2, 5, 4\n", True
+    yield "a cell twice, turned", BASE + "3, 5, 4, 1, 2\n", True
+    yield "a cell twice, in other types", BASE + "*ELEMENT, TYPE=CPE4\n3, 5, 4, 1, 2\n", True
+    yield "a node twice", BASE + "*NODE\n3, 2., .5\n", True
+    yield "a node twice, the same", BASE + "*NODE\n3, 2., 0.\n", False
+    yield "a node missing", BASE.replace("6, 2., 1.\n", ""), True
+    yield "a row too short", BASE.replace("2, 2, 3, 6, 5", "2, 2, 3, 6"), True
+    yield "rows of five and three", BASE.replace("1, 1, 2, 5, 4", "1, 1, 2, 5"), True
+    yield "a row too long", BASE.replace("2, 2, 3, 6, 5", "2, 2, 3, 6, 5, 1"), None
+    yield "rows of other cells", BASE.replace("CPS4", "CPS3"), None
+    yield "rows of twice the nodes", BASE.replace("CPS4", "CPS8"), True
+    yield "a collapsed cell", BASE.replace("2, 2, 3, 6, 5", "2, 2, 3, 6, 6"), True
+    yield "a crossed cell", BASE.replace("2, 2, 3, 6, 5", "2, 2, 6, 3, 5"), True
+    yield (
+        "a flat cell",
+        BASE.replace("6, 2., 1.", "6, 2., 0.").replace("5, 1., 1.", "5, 1., 0."),
+        True,
+    )
+    yield (
+        "a cell upon another",
+        BASE.replace("3, 2., 0.", "3, .5, 0.").replace("6, 2.", "6, .5"),
+        True,
+    )
+    yield "no plane", BASE.replace("6, 2., 1.", "6, 2., 1., .5"), True
+    for middle in ("0., 0.", "1., 0.", ".5, .6", "3., 0.", "-1., 0.", ".1, 0."):
+        yield f"a middle at {middle}", SIX.replace("{middle}", middle), True
+        yield f"a middle at {middle}, solid", TETRAHEDRON.replace("{middle}", f"{middle}, 0."), True
+    yield (
+        "middles that differ",
+        SIX.replace("{middle}", ".5,0.")
+        + ("2, 3, 2, 7, 11, 8, 9\n*NODE\n7, 1., 1.\n8, 1., .5\n9, .5, 1.\n11, .5, .5\n"),
+        True,
+    )
+    yield (
+        "a middle in two edges",
+        SIX.replace("{middle}", ".5,0.").replace("4, 5, 6\n", "4, 5, 5\n"),
+        True,
+    )
+    yield (
+        "a corner that is a middle",
+        SIX.replace("{middle}", ".5,0.")
+        + ("2, 3, 5, 7, 8, 9, 10\n*NODE\n7, 1., 1.\n8, .25, .75\n9, .7, .7\n10, .5, 1.\n"),
+        True,
+    )
+
+
+def _names():
+    """Names that merge or are cut, sets that are not there."""
+    two = "*NSET,NSET={a}\n1,2\n*NSET,NSET={b}\n2,3\n"
+    for a, b in (
+        ('"A=B, C"', "AB"),
+        ('"A, B"', '"A, C"'),
+        ('"A B"', "AB"),
+        ('"a"', "A"),
+        ("Straße", "STRASSE"),
+        ("Ä", "Ö"),
+        ("ı", "I"),
+        ("ﬁ", "FI"),
+        ("ä", "Ä"),
+        ("A\xa0B", "AB"),
+        ("A.1", "A"),
+        ("1A", "A1"),
+        ("A" * 90, "A" * 89),
+    ):
+        yield f"names {a[:9]} and {b[:9]}", BASE + two.format(a=a, b=b), False
+        yield (
+            f"names {a[:9]} and {b[:9]} in Latin-1",
+            (BASE + two.format(a=a, b=b)).encode("latin-1", errors="replace"),
+            None,
+        )
+    yield "spaces in a name", BASE + "*NSET,NSET=A B\n1,2\n*NSET,NSET=C\nAB\n", False
+    yield "no name", BASE + "*NSET,NSET=\n1,2\n", True
+    yield "no quotation mark", BASE + '*NSET,NSET="A\n1,2\n', True
+    yield "two names", BASE + "*NSET,NSET=A,NSET=B\n1,2\n", True
+    yield "a parameter that is not known", BASE + "*NSET,NSET=A,REMOVE\n1,2\n", True
+    for sort, row in (("NSET", "77"), ("ELSET", "77"), ("NSET", "OTHER"), ("ELSET", "OTHER")):
+        yield f"{sort} of {row}", f"{BASE}*{sort},{sort}=A\n1,{row}\n", True
+        yield f"{sort} of negative", f"{BASE}*{sort},{sort}=A\n1,-2\n", True
+    yield "members twice", BASE + "*NSET,NSET=A\n1,1\n*ELSET,ELSET=B\n2,2,E\n", False
+    yield "a set of itself", BASE + "*NSET,NSET=A\nA,1,2\n", False
+    yield "sets of each other", BASE + "*NSET,NSET=A\nB\n*NSET,NSET=B\nA\n", True
+    yield "a surface first", "*SURFACE,NAME=S\nE,S2\n" + BASE, False
+    yield "a surface of nothing", BASE + "*SURFACE,NAME=S\nNONE,S2\n", True
+    yield "a face that is not there", BASE + "*SURFACE,NAME=S\nE,S5\n", True
+    for row in ("9,1", "1", "1,2,0", "1,2,1,1", "1,-2", "a,b", "1.,2.", "7,9", "0,2"):
+        yield f"GENERATE {row}", f"{BASE}*NSET,NSET=A,GENERATE\n{row}\n", True
+    yield "GENERATE with gaps", BASE + "*NSET,NSET=A,GENERATE\n2,300,1\n", False
+    yield "GENERATE over much", BASE + "*NSET,NSET=A,GENERATE\n1,2147483647,1\n", False
+
+
+def _files():
+    """Includes, and what is no text."""
+    yield "INCLUDE without INPUT", BASE + "*INCLUDE\n", True
+    yield "INCLUDE of nothing", BASE + "*INCLUDE,INPUT=\n", True
+    yield "INCLUDE that is not there", BASE + "*INCLUDE,INPUT=none.inp\n", True
+    yield "INCLUDE of a folder", BASE + "*INCLUDE,INPUT=.\n", True
+    yield "INCLUDE of a device", BASE + "*INCLUDE,INPUT=/dev/zero\n", True
+    yield "INCLUDE of itself", BASE + "*INCLUDE,INPUT=deck.inp\n", True
+    yield "INCLUDE of itself by another way", {
+        "deck.inp": BASE + "*INCLUDE,INPUT=s/../deck.inp\n", "s/empty": ""
+    }, True  # fmt: skip
+    levels = {f"{k}.inp": f"*INCLUDE,INPUT={k + 1}.inp\n" * 10 for k in range(9)}
+    yield "INCLUDEs of INCLUDEs", {
+        **levels, "deck.inp": "*INCLUDE,INPUT=0.inp\n", "9.inp": "** nothing\n"
+    }, True  # fmt: skip
+    levels = {f"{k}.inp": f"*INCLUDE,INPUT={k + 1}.inp\n" for k in range(20)}
+    yield "many levels", {**levels, "deck.inp": BASE + levels["0.inp"], "20.inp": "**\n"}, True
+    yield (
+        "INCLUDE in a block",
+        {
+            "deck.inp": BASE.replace("4, 0., 1.\n", "*INCLUDE, INPUT=four.inp\n"),
+            "four.inp": "4, 0., 1.",
+        },
+        False,
+    )
+    yield "INCLUDE of much, often", {
+        "deck.inp": BASE + "*INCLUDE,INPUT=much.inp\n" * 40, "much.inp": "** much\n" * 50_000
+    }, True  # fmt: skip
+    for name, data in (
+        ("nothing", b""), ("zeros", bytes(1000)), ("a zero", BASE.encode() + b"\0"),
+        ("random bytes", random.Random(3).randbytes(5000)), ("half of UTF-16", b"\xff\xfe*\0N"),
+        ("a comma", b","), ("an asterisk", b"*"), ("no keyword", b"1, 2, 3\n" * 99),
+    ):  # fmt: skip
+        yield name, data, True
+    yield "UTF-16", BASE.encode("utf-16"), None
+    yield "UTF-8 with its mark", b"\xef\xbb\xbf" + BASE.encode(), False
+    yield "carriage returns", BASE.replace("\n", "\r").encode(), False
+    yield "blanks before keywords", BASE.replace("*", "  *"), False
+    yield (
+        "other ends of lines",
+        BASE.replace("*ELEMENT", "** \x0b \x0c \x1c \x85 \u2028\n*ELEMENT"),
+        False,
+    )
+    for keyword in ("NGEN", "NFILL", "NCOPY", "ELGEN", "ELCOPY", "SYSTEM", "NMAP", "IMPORT"):
+        yield keyword, f"{BASE}*{keyword}\n1, 2, 3\n", True
+    yield "cylindrical nodes", BASE.replace("*NODE", "*NODE, SYSTEM=C"), True
+    for kind in ("C3D15", "F3D8", "C3D27", "XYZ4"):
+        yield f"elements {kind}", f"{BASE}*ELEMENT, TYPE={kind}\n9, 1, 2, 3, 4\n", True
+
+
+def _long():
+    """Decks below 1 MB that want much memory or time."""
+    ranges = repeated(lambda k: f"1,{2**31 - 1 - k},{1 + k % 5000}", 400_000)
+    mesh = grid(70)
+    yield "one long line", "*NODE\n" + "1," * (SIZE // 2), True
+    yield "a long keyword", "*NODE" + ",\n" + ",\n".join(f"A{k}=1" for k in range(90_000)), True
+    yield "blank lines", BASE + "\n" * SIZE, False
+    yield "comments", BASE + "** \n" * (SIZE // 4), False
+    yield "keywords", BASE + "*A\n" * (SIZE // 3), False
+    yield "quotation marks", BASE + "*NSET,NSET=A\n" + '"",' * (SIZE // 3), None
+    yield "commas", BASE + "*NSET,NSET=A\n1" + "," * SIZE, False
+    yield "ranges", mesh + "*NSET,NSET=A,GENERATE\n" + ranges, None
+    yield "ranges of few numbers", BASE + "*NSET,NSET=A,GENERATE\n" + ranges, None
+    yield (
+        "sets of ranges",
+        mesh + repeated(lambda k: f"*NSET,NSET=A{k},GENERATE\n1,5000", 500_000),
+        None,
+    )
+    yield "sets of all", mesh + repeated(lambda k: f"*NSET,NSET=A{k}\nN", 500_000), None
+    yield "a set of all, often", mesh + "*NSET,NSET=A\n" + "N\n" * 200_000, None
+    yield (
+        "sets of sets",
+        mesh
+        + "*NSET,NSET=A0\nN\n"
+        + repeated(lambda k: f"*NSET,NSET=A{k + 1}\nA{k},{k + 1}" if k < 5000 else "**", 300_000),
+        None,
+    )
+    yield (
+        "doubled sets",
+        mesh
+        + "*NSET,NSET=A0\nN\n"
+        + repeated(lambda k: f"*NSET,NSET=A{k + 1}\nA{k},A{k},A{k},A{k}", 400_000),
+        None,
+    )
+    yield "sets of elements", mesh + repeated(lambda k: f"*ELSET,ELSET=A{k}\nE", 500_000), None
+    yield "nodes of elements", mesh + repeated(lambda k: f"*NSET,NSET=A{k},ELSET=E", 500_000), None
+    yield (
+        "surfaces",
+        mesh + repeated(lambda k: f"*SURFACE,NAME=A{k}\nE,S{1 + k % 4}", 500_000),
+        None,
+    )
+    yield "a surface of all, often", mesh + "*SURFACE,NAME=A\n" + "E,S1\n" * 90_000, None
+    yield (
+        "small sets",
+        mesh + repeated(lambda k: f"*NSET,NSET=A{k}\n{1 + k % 5000}", 500_000),
+        False,
+    )
+    yield (
+        "small sets of elements",
+        mesh + repeated(lambda k: f"*ELSET,ELSET=A{k}\n{1 + k % 4900}", 500_000),
+        False,
+    )
+    yield "nodes", BASE + "*NODE\n" + repeated(lambda k: f"{k + 10},1,1"), False
+    yield "types", BASE + repeated(lambda k: f"*ELEMENT,TYPE=U{k}\n{k + 9}"), None
+    yield "parts", BASE + repeated(lambda k: f"*PART,NAME=P{k}\n*END PART"), None
+    yield (
+        "instances",
+        repeated(lambda k: f"*PART,NAME=P{k}\n*END PART\n*INSTANCE,NAME=I{k},PART=P{k}"),
+        None,
+    )
+    yield "INCLUDEs of a file", {
+        "deck.inp": BASE + "*INCLUDE,INPUT=e\n" * (SIZE // 17), "e": ""
+    }, None  # fmt: skip
+
+
+def _changed():
+    """Models of whose text one character or line is another, by chance."""
+    chance = random.Random(41)
+    kinds = ("CPS3", "CPS8", "C3D4", "C3D8", "C3D10", "C3D20", "S6", "CAX4")
+    for k in range(48):
+        text = MODELS[kinds[k % len(kinds)]]
+        lines = text.splitlines()
+        at = chance.randrange(3, len(lines))
+        if k % 3 == 0:
+            del lines[at]
+        elif k % 3 == 1:
+            lines.insert(at, lines[chance.randrange(3, len(lines))])
+        else:
+            column = chance.randrange(len(lines[at]) + 1)
+            lines[at] = lines[at][:column] + chance.choice("0123456789,.*-e") + lines[at][column:]
+        yield f"change {k} of {kinds[k % len(kinds)]}", "\n".join(lines) + "\n", None
+
+
+def _all():
+    for decks in (_numbers, _twice, _names, _files, _long, _changed):
+        for name, content, refused in decks():
+            files = content if isinstance(content, dict) else {"deck.inp": content}
+            yield name, (files, refused)
+
+
+DECKS = dict(_all())
