@@ -12,12 +12,7 @@ from dolfinx.mesh import Mesh
 
 from pw_elements.arrays import Array, Local
 
-try:
-    from dolfinx.io.gmsh import model_to_mesh
-except ImportError:  # before DOLFINx 0.10
-    from dolfinx.io.gmshio import model_to_mesh
-
-__all__ = ["cell_nodes", "interpolation_points", "model_to_mesh", "option_used", "single_entries"]
+__all__ = ["cell_nodes", "interpolation_points", "option_used", "single_entries"]
 
 
 def cell_nodes(mesh: Mesh) -> Local:

@@ -72,14 +72,9 @@ def test_a_file_gives_the_mesh_it_was_written_from(square, tmp_path):
     square.mesh.generate(2)
     gmsh.write(str(tmp_path / "square.msh"))
     count = len(square.mesh.getNodes()[0])
-    with pytest.raises(ValueError, match="Gmsh is at work"):
-        from_gmsh(MPI.COMM_SELF, tmp_path / "square.msh")
-    gmsh.finalize()
     mesh, _, facets, _ = from_gmsh(MPI.COMM_SELF, tmp_path / "square.msh")
     assert mesh.geometry.index_map().size_global == count
     assert len(facets.find(1)) == 0
-    assert not gmsh.isInitialized()
-    gmsh.initialize(interruptible=False)
 
 
 def test_what_gmsh_does_not_have_is_said(square, tmp_path):
@@ -89,16 +84,25 @@ def test_what_gmsh_does_not_have_is_said(square, tmp_path):
     with pytest.raises(ValueError, match="not lie in one plane"):
         square.mesh.setNode(1, [0, 0, 0.1], []) or from_gmsh(MPI.COMM_SELF, square)
     square.mesh.setNode(1, [0, 0, 0], [])
-    with pytest.raises(ValueError, match="no physical group has the cells"):
-        from_gmsh(MPI.COMM_SELF, square)
     with pytest.raises(FileNotFoundError, match="nowhere"):
         from_gmsh(MPI.COMM_SELF, tmp_path / "nowhere.msh")
-    gmsh.finalize()
     (tmp_path / "bad.msh").write_text("no mesh")
     with pytest.raises(ValueError, match="cannot be read"):
         from_gmsh(MPI.COMM_SELF, tmp_path / "bad.msh")
-    assert not gmsh.isInitialized()
-    gmsh.initialize(interruptible=False)
+
+
+def test_cells_outside_of_all_physical_groups_are_left_out_and_counted(square, caplog):
+    """Without any group of cells all of them are the mesh."""
+    square.mesh.generate(2)
+    tags, _ = square.mesh.getElementsByType(2)
+    first, _ = square.mesh.getElementsByType(2, square.getEntities(2)[0][1])
+    whole = from_gmsh(MPI.COMM_SELF, square).mesh
+    assert whole.topology.index_map(2).size_global == len(tags)
+    square.addPhysicalGroup(2, [square.getEntities(2)[0][1]], 4)
+    part = from_gmsh(MPI.COMM_SELF, square).mesh
+    assert part.topology.index_map(2).size_global == len(first)
+    n_left = len(tags) - len(first)
+    assert f"{n_left} of {len(tags)} cells are in no physical group, and left out" in caplog.text
 
 
 # Two plane cells of a unit square, whose upper side bulges. Faces, by hand: S1 of the first is the

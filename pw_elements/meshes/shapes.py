@@ -1,0 +1,138 @@
+"""Structured rectangles, and meshes moved or curved by a map of points."""
+
+from collections.abc import Callable
+from typing import Literal, get_args
+
+from mpi4py import MPI
+
+import basix.ufl
+import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import CellType, DiagonalType, Mesh, create_mesh, create_rectangle
+
+from pw_elements.arrays import Array
+from pw_elements.checks import answer, arguments, collective, compare_function, same_everywhere
+
+Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]
+PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
+Map = Callable[[Array], Array]  # of points as rows, (n, 3)
+
+
+@same_everywhere
+def triangles(
+    comm: MPI.Comm,
+    lower: tuple[float, float],
+    upper: tuple[float, float],
+    divisions: tuple[int, int],
+    pattern: Pattern = "right",
+) -> Mesh:
+    """Meshes a rectangle with triangles.
+
+    Args:
+        comm: communicator.
+        lower: corner (x, y).
+        upper: the opposite corner, above and to the right.
+        divisions: squares in each direction.
+        pattern: how a square is cut into triangles; "crossed" gives four, the others two.
+
+    Raises:
+        ValueError: for an empty rectangle, no divisions, or an unknown pattern.
+    """
+    if not arguments.is_one_of(pattern, PATTERNS):
+        raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
+    return _rectangle(comm, lower, upper, divisions, diagonal=DiagonalType[pattern])
+
+
+@same_everywhere
+def quadrilaterals(
+    comm: MPI.Comm,
+    lower: tuple[float, float],
+    upper: tuple[float, float],
+    divisions: tuple[int, int],
+) -> Mesh:
+    """Meshes a rectangle with quadrilaterals.
+
+    Args:
+        comm: communicator.
+        lower: corner (x, y).
+        upper: the opposite corner, above and to the right.
+        divisions: quadrilaterals in each direction.
+
+    Raises:
+        ValueError: for an empty rectangle or no divisions.
+    """
+    return _rectangle(comm, lower, upper, divisions, cell_type=CellType.quadrilateral)
+
+
+@same_everywhere
+def mapped(mesh: Mesh, image: Map) -> Mesh:
+    """Moves the mesh's nodes in place; straight sides stay straight.
+
+    Args:
+        mesh: the mesh.
+        image: function of points as rows, (n, 3) to (n, 3), or to (n, dim) in dim dimensions.
+
+    Raises:
+        ValueError: if the image fails, has the wrong shape, or is not finite; nothing is moved
+            then.
+    """
+    arguments.mesh(mesh)
+    mesh.geometry.x[:, : mesh.geometry.dim] = _placed(mesh, image, mesh.geometry.x)
+    return mesh
+
+
+@same_everywhere
+def curved(mesh: Mesh, image: Map) -> Mesh:
+    """New mesh of degree-2 geometry whose nodes, including mid-side ones, are mapped.
+
+    Args:
+        mesh: of straight sides.
+        image: function of points as rows, (n, 3) to (n, 3), or to (n, dim) in dim dimensions.
+
+    Raises:
+        ValueError: if the image fails, has the wrong shape, or is not finite.
+    """
+    arguments.mesh(mesh)
+    dimension = mesh.geometry.dim
+    element = basix.ufl.element("Lagrange", mesh.topology.cell_name(), 2, shape=(dimension,))
+    nodes = fem.functionspace(mesh, element)
+    index_map = nodes.dofmap.index_map
+    cells_owned = mesh.topology.index_map(mesh.topology.dim).size_local
+    # cells in the order of the old mesh's making, in which pairs of triangles follow each other
+    order = np.argsort(mesh.topology.original_cell_index[:cells_owned])
+    local = nodes.dofmap.list[order]
+    cells = index_map.local_to_global(local.ravel().astype(np.int32)).reshape(local.shape)
+    x = _placed(mesh, image, nodes.tabulate_dof_coordinates()[: index_map.size_local])
+    return create_mesh(mesh.comm, cells=cells, x=np.ascontiguousarray(x), e=element)
+
+
+def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
+    dim = mesh.geometry.dim
+    with collective(mesh.comm):
+        if callable(image) and not arguments.is_function(image):
+            raise TypeError(f"the image is {arguments.described(image)}: give a function of points")
+        given = np.asarray(answer(mesh.comm, "the image of the mesh", image, x.copy()))
+        shape = (len(x), dim if given.shape[1:] == (dim,) else 3)
+        placed = arguments.field(
+            "the image of the mesh", given, shape, f"rows (n, 3) to (n, 3) or (n, {dim})"
+        )
+        if not np.isfinite(placed).all():
+            raise ValueError("the image of the mesh is not finite at a node")
+    compare_function(mesh.comm, "the image of the mesh", image, x)
+    return placed[:, :dim]
+
+
+def _rectangle(
+    comm: MPI.Comm,
+    lower: tuple[float, float],
+    upper: tuple[float, float],
+    divisions: tuple[int, int],
+    **kind: CellType | DiagonalType,
+) -> Mesh:
+    arguments.communicator(comm)
+    if not np.all(arguments.vector("lower", lower, 2) < arguments.vector("upper", upper, 2)):
+        raise ValueError(f"a rectangle from {lower} to {upper} has no area")
+    numbers = arguments.vector("divisions", divisions, 2)
+    if numbers.min() < 1 or np.any(numbers % 1 != 0):
+        raise ValueError(f"divisions {divisions}: at least one in each direction")
+    return create_rectangle(comm, [lower, upper], [int(n) for n in numbers], **kind)
