@@ -15,7 +15,7 @@ import ufl
 from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load, check_problem
-from pw_elements.arrays import Array
+from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, check_mesh, collective, same_everywhere
 from pw_elements.contact.interface import check_weights, free_columns
 from pw_elements.contact.iteration import make_undeformed_state
@@ -226,7 +226,8 @@ class ContactProblem:
         DegenerateMesh: for cells that are flat or inverted.
     """
 
-    _finite: FiniteStepping | None = None
+    _has_residual = False
+    _histories: Sequence[fem.FunctionSpace] = ()  # spaces of the functions that belong to a state
 
     @same_everywhere
     def __init__(
@@ -311,42 +312,17 @@ class ContactProblem:
             TypeError, ValueError: for arguments that do not make a contact problem.
             DegenerateMesh: for cells that are flat or inverted.
         """
-        problem = PetrovGalerkinProblem(residual, u, conditions)
-        space = u.function_space
-        own = cls.__new__(cls)
-        _check_function("update", update, "it has to be a function")
-        with collective(space.mesh.comm) as same:
-            same["the history"] = [
-                getattr(one, "function_space", None) for one in arguments.as_list(history)
-            ]
-            functions = _each(history, fem.Function, "a function of the history")
-            if not all(np.isfinite(one.x.array).all() for one in functions):
-                raise ValueError("a function of the history has values that are not finite")
-        reduction = Reduction.dirichlet(space, conditions)
-        taken = auto_solver(Direct() if solver is None else solver, reduction.supports)
-        problem.system.blocked = is_matrix_free(taken)
-        u.x.array[:] = 0.0
-        problem.system.assemble()
-        K = problem.system.matrix
-        own.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
-        check_deformed(own.pairs, space)
-        check_mesh(space.mesh)
-        own._space = space
-        own._finite = FiniteStepping(
-            problem,
+        return _ResidualProblem(
+            residual,
+            u,
             conditions,
-            reduction,
-            own.pairs,
-            max_iterations,
-            callback,
-            taken,
-            functions,
-            update,
+            pairs,
+            solver=solver,
+            max_iterations=max_iterations,
+            callback=callback,
+            history=history,
+            update=update,
         )
-        start = make_undeformed_state(own._finite.interface, K.createVecRight())
-        values = tuple(f.x.array.copy() for f in functions)
-        own.undeformed = replace(start, history=values, smallness=None)
-        return own
 
     @same_everywhere
     def step(
@@ -387,25 +363,30 @@ class ContactProblem:
             raise ValueError("the state at the start is no solution: go on from the one before")
         moved = _of_pairs("motions", () if motions is None else motions, len(self.pairs))
         _check_motions(moved, self.pairs, self._space.mesh.geometry.dim)
-        if self._finite is not None:
-            remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
-            _check_function("the load of a residual", load, remedy)
-            return self._finite.step(state, load, moved)
+        return self._step(state, load, moved)
+
+    def _step(
+        self,
+        state: ContactState,
+        load: Any,  # noqa: ANN401
+        motions: Sequence[Motion | None],
+    ) -> ContactState:
+        """Check the load, and solve."""
         load = self._K.createVecRight() if load is None else load
         check_load("the load", load, self._K)
         self._renew()
 
-        def stepped(solver: LinearSolver) -> ContactState:
+        def step_by(solver: LinearSolver) -> ContactState:
             if solver is not self._stepping.solver:
                 self.release()
                 self._stepping = self._by(solver=solver)
-            return self._stepping.step(state, load, moved)
+            return self._stepping.step(state, load, motions)
 
-        return with_fallback(self._stepping.solver, self._asked, self._supports, stepped)
+        return with_fallback(self._stepping.solver, self._asked, self._supports, step_by)
 
     def _renew(self) -> None:
-        """Has all made anew of a stiffness that has changed, as factors are of what it was."""
-        if self._finite is None and self._K.stateGet() != self._seen:
+        """Rebuild all if K has changed since the last factorisation."""
+        if self._K.stateGet() != self._seen:
             self.release()
             self._stepping, self._seen = self._by(solver=self._stepping.solver), self._K.stateGet()
 
@@ -467,9 +448,9 @@ class ContactProblem:
             raise ValueError(
                 f"{len(states)} states: give the states at the start and at the end of each step"
             )
-        check_loads(loads, steps, self._finite is not None)
+        check_loads(loads, steps, self._has_residual)
         self._renew()
-        increments, known = self._finite or self._stepping, (self._space, self._finite is not None)
+        increments, known = self._increments, (self._space, self._has_residual)
         if is_matrix_free(increments.solver) or increments.interface.mortars:
             raise ValueError(
                 "there are no derivatives of two bodies at large sliding, nor by an iterative "
@@ -477,38 +458,44 @@ class ContactProblem:
             )
         out = checked_outputs(outputs, len(self.pairs), *known)
         by = checked_parameters(parameters, len(states), self.pairs, *known)
-        if self._finite is not None:
-            check_constants(by, out, self._finite)
+        self._check_constants(by, out)
         given = None
         if weights is not None:
             given = arguments.real_array("weights", weights, (steps, len(out)))
         parts = list(parts_of(states, loads or [None] * steps))
-        made = increments.interface, increments.linearise, self._finite
+        made = increments.interface, increments.linearise, self._residual
         derivatives = Derivatives(*made, parts, out, by)
         return derivatives.direct() if given is None else derivatives.adjoint(given)
 
     @same_everywhere
     def release(self) -> None:
         """Frees what the solver holds, on all processes; the next step makes it anew."""
-        (self._finite or self._stepping).release()
+        self._increments.release()
 
     @property
-    def _histories(self) -> list[fem.FunctionSpace]:
-        return [] if self._finite is None else [f.function_space for f in self._finite.history]
+    def _increments(self) -> Stepping | FiniteStepping:
+        return self._stepping
+
+    @property
+    def _residual(self) -> FiniteStepping | None:
+        return None
+
+    @property
+    def _stiffness(self) -> PETSc.Mat:
+        return self._K
+
+    def _check_constants(self, parameters: Sequence[Any], outputs: Sequence[Any]) -> None:
+        """Raise ValueError for constants on which nothing depends: a residual's can be told."""
 
     def _identify(self) -> Identity:
         """Return what tells the problem from others, on any number of processes; collective."""
-        increments, residual = self._finite or self._stepping, None
-        if self._finite is None:
-            column = free_columns(self._reduction.right)
-        else:
-            column, residual = self._finite.identify()
-        states = self.undeformed.pairs
-        given = increments.interface, self.pairs, states, column, self._space
-        parts = identify_problem(*given)
-        if self._finite is None:
-            parts |= identify_stiffness(self._K, self._space)
-        return Identity(parts, residual)
+        parts = self._identify_interface(free_columns(self._reduction.right))
+        return Identity(parts | identify_stiffness(self._K, self._space), None)
+
+    def _identify_interface(self, column: Indices) -> dict[str, Any]:
+        """Return the parts that all problems have; columns (n,) are -1 where supports hold."""
+        interface, states = self._increments.interface, self.undeformed.pairs
+        return identify_problem(interface, self.pairs, states, column, self._space)
 
     @same_everywhere
     def save(self, state: ContactState, path: str | Path) -> None:
@@ -551,10 +538,96 @@ class ContactProblem:
             OSError: if the file cannot be read.
         """
         check_changed(changed)
-        stiffness = self._K if self._finite is None else self._finite.stiffness
         histories, identity = self._histories, self._identify()
-        known = self.undeformed, self.pairs, stiffness
+        known = self.undeformed, self.pairs, self._stiffness
         return read_state(path, self._space, histories, identity, *known, changed)
+
+
+class _ResidualProblem(ContactProblem):
+    """A `ContactProblem` of a residual: what `ContactProblem.of_residual` makes."""
+
+    _has_residual = True
+
+    def __init__(
+        self,
+        residual: ufl.Form,
+        u: fem.Function,
+        conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
+        pairs: ContactPair | Sequence[ContactPair],
+        *,
+        solver: Solver,
+        max_iterations: int,
+        callback: Callback | None,
+        history: Sequence[fem.Function],
+        update: Callable[[], None] | None,
+    ) -> None:
+        problem = PetrovGalerkinProblem(residual, u, conditions)
+        space = u.function_space
+        _check_function("update", update, "it has to be a function")
+        with collective(space.mesh.comm) as same:
+            same["the history"] = [
+                getattr(one, "function_space", None) for one in arguments.as_list(history)
+            ]
+            functions = _each(history, fem.Function, "a function of the history")
+            if not all(np.isfinite(one.x.array).all() for one in functions):
+                raise ValueError("a function of the history has values that are not finite")
+        reduction = Reduction.dirichlet(space, conditions)
+        taken = auto_solver(Direct() if solver is None else solver, reduction.supports)
+        problem.system.blocked = is_matrix_free(taken)
+        u.x.array[:] = 0.0
+        problem.system.assemble()
+        K = problem.system.matrix
+        self.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
+        check_deformed(self.pairs, space)
+        check_mesh(space.mesh)
+        self._space = space
+        self._histories = [function.function_space for function in functions]
+        self._finite = FiniteStepping(
+            problem,
+            conditions,
+            reduction,
+            self.pairs,
+            max_iterations,
+            callback,
+            taken,
+            functions,
+            update,
+        )
+        start = make_undeformed_state(self._finite.interface, K.createVecRight())
+        values = tuple(function.x.array.copy() for function in functions)
+        self.undeformed = replace(start, history=values, smallness=None)
+
+    def _step(
+        self,
+        state: ContactState,
+        load: Any,  # noqa: ANN401
+        motions: Sequence[Motion | None],
+    ) -> ContactState:
+        remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
+        _check_function("the load of a residual", load, remedy)
+        return self._finite.step(state, load, motions)
+
+    def _renew(self) -> None:
+        """Do nothing: the tangent is new in each iteration."""
+
+    @property
+    def _increments(self) -> Stepping | FiniteStepping:
+        return self._finite
+
+    @property
+    def _residual(self) -> FiniteStepping | None:
+        return self._finite
+
+    @property
+    def _stiffness(self) -> PETSc.Mat:
+        return self._finite.stiffness
+
+    def _check_constants(self, parameters: Sequence[Any], outputs: Sequence[Any]) -> None:
+        check_constants(parameters, outputs, self._finite)
+
+    def _identify(self) -> Identity:
+        column, residual = self._finite.identify()
+        return Identity(self._identify_interface(column), residual)
 
 
 @same_everywhere
