@@ -95,6 +95,7 @@ def distribute(comm: MPI.Comm, arrays: MeshArrays | None) -> TaggedMesh:
         x, cells = arrays.x, arrays.cells
     mesh = create_mesh(comm, cells=cells, x=x, e=element)
     mesh.topology.create_connectivity(dim, dim - 1)
+    mesh.topology.create_connectivity(dim - 1, dim)  # by which DOLFINx finds nodes of facets
     original = mesh.topology.original_cell_index
     entities = {
         "cells": np.arange(len(original), dtype=np.int32),

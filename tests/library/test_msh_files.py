@@ -3,6 +3,7 @@
 from mpi4py import MPI
 
 import pytest
+from dolfinx import fem
 
 from pw_elements.meshes import from_file
 from tests.library.hostile_meshes import (
@@ -22,6 +23,16 @@ def test_a_valid_file_is_read_as_another_reader_does(cell, degree, form, tmp_pat
     path = tmp_path / "mesh.msh"
     path.write_bytes(data := write(lattice(cell, degree), form))
     assert differences(from_file(path, MPI.COMM_SELF), read(data)) == ""
+
+
+def test_facets_of_a_file_name_nodes_at_once(tmp_path):
+    """DOLFINx finds them by a connectivity, which users need not make."""
+    path = tmp_path / "mesh.msh"
+    path.write_bytes(write(lattice("triangle", 2), "4.1"))
+    part = from_file(path, MPI.COMM_SELF)
+    V = fem.functionspace(part.mesh, ("Lagrange", 2))
+    nodes = fem.locate_dofs_topological(V, 1, part.facets("left side"))
+    assert len(nodes) == 5
 
 
 @pytest.fixture(scope="module")
