@@ -27,6 +27,7 @@ FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
 OPEN_FILES = 64  # that two processes, their pipes and the report need
+MEMORY = 1 << 30  # bytes of address space: OpenBLAS tries for ever to get a buffer it is not given
 NAMED = 5  # outdated results that are named; more are counted
 
 USAGE = """\
@@ -148,6 +149,7 @@ def study(
     if jobs < 1:
         raise StudyError(f"--jobs needs at least 1 process, not {jobs}")
     _ensure_open_files()
+    _ensure_memory()
     ensure_writable(out)
     if any("/" in one for one in wanted):
         cases = _cases(wanted, sections)
@@ -308,6 +310,15 @@ def _ensure_open_files() -> None:
         raise StudyError(
             f"{allowed} open files are allowed, and {OPEN_FILES} are needed: "
             f"allow them by ulimit -n {OPEN_FILES}"
+        )
+
+
+def _ensure_memory() -> None:
+    allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if 0 <= allowed < MEMORY:
+        raise StudyError(
+            f"a process is allowed {allowed >> 20} MB of memory, and needs {MEMORY >> 20}: "
+            f"allow them by ulimit -v {MEMORY >> 10}"
         )
 
 

@@ -156,10 +156,31 @@ def test_few_open_files(tmp_path, files):
     ensure_complete_or_explained(done, tmp_path / "out")
 
 
-@pytest.mark.parametrize("megabytes", [300, 1200, 3000])
+@pytest.mark.parametrize("megabytes", [1200, 3000])
 def test_little_memory(tmp_path, megabytes):
     done = study(tmp_path / "out", limits=[(resource.RLIMIT_AS, megabytes << 20)])
     ensure_complete_or_explained(done, tmp_path / "out")
+
+
+@pytest.mark.parametrize("megabytes", [300, 600])
+@pytest.mark.parametrize("command", [(RUN, "study"), (sys.executable, "-m", "study")])
+def test_too_little_memory(tmp_path, command, megabytes):
+    """It is refused before OpenBLAS waits for memory without end."""
+    size = megabytes << 20
+    done = subprocess.run(
+        [*command, *CASES, "--out", str(tmp_path / "out")],
+        cwd=ROOT,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size)),
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    assert done.returncode in (1, 2)
+    assert re.fullmatch(
+        rf"(run|study): a process is allowed {megabytes} MB of memory, and needs 1024: "
+        r"allow them by ulimit -v 1048576\n",
+        done.stderr,
+    )
 
 
 def test_clock_set_back(tmp_path):
