@@ -57,6 +57,7 @@ def supervise(command: Callable[[], int], name: str) -> int:
     Returns:
         The exit status of the command, or 128 and the number of the signal that ended it.
     """
+    _open_closed_streams()
     if _has_supervisor():
         return command()
     if sys.platform != "linux":
@@ -85,6 +86,17 @@ def supervise(command: Callable[[], int], name: str) -> int:
     if folder:
         os.environ["TMPDIR"] = folder
     return command()
+
+
+def _open_closed_streams() -> None:
+    """Let standard streams that are closed, as under some daemons, be those of the null device."""
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        if getattr(sys, name) is None:
+            null = os.open(os.devnull, os.O_RDWR)
+            os.dup2(null, number)
+            if null != number:
+                os.close(null)
+            setattr(sys, name, open(number, mode, closefd=False))  # noqa: SIM115
 
 
 @contextmanager
