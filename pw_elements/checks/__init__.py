@@ -13,4 +13,11 @@ from pw_elements.checks.guard import (
     same_everywhere,
     spread_rows,
 )
-from pw_elements.checks.meshes import DegenerateMesh, check_cells, check_mesh, listed, pieces_of
+from pw_elements.checks.meshes import (
+    MAX_COORDINATE,
+    DegenerateMesh,
+    check_cells,
+    check_mesh,
+    listed,
+    pieces_of,
+)

@@ -31,6 +31,8 @@ from pw_elements._compat import cell_nodes
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.progress import told
 
+# Largest coordinate whose products with others, such as volumes, are finite
+MAX_COORDINATE = 1e100
 # Smallest Jacobian determinant over the dim-th power of a cell's size
 _FLAT_DETERMINANT = 1e-10
 # Sum of both area vectors of a facet within, over their sizes: 0 but for round-off, or else 1
@@ -65,8 +67,7 @@ def check_mesh(mesh: Mesh) -> None:
         return
     if mesh.topology.dim != mesh.geometry.dim:
         raise DegenerateMesh("the mesh is a surface or line in space, not a body")
-    if not np.isfinite(mesh.comm.allreduce(np.abs(mesh.geometry.x).sum())):
-        raise DegenerateMesh("a node of the mesh has coordinates that are not finite")
+    _check_coordinates(mesh)
     cells = _Cells(mesh)
     cells.check()
     if mesh.topology.dim > 1:
@@ -77,12 +78,24 @@ def check_mesh(mesh: Mesh) -> None:
     _checked[mesh] = now
 
 
+def _check_coordinates(mesh: Mesh) -> None:
+    largest = mesh.comm.allgather(float(np.abs(mesh.geometry.x).max(initial=0.0)))
+    if not np.isfinite(largest).all():
+        raise DegenerateMesh("a node of the mesh has coordinates that are not finite")
+    if max(largest) > MAX_COORDINATE:
+        raise DegenerateMesh(
+            f"a node of the mesh has a coordinate of {max(largest):.3g}, and volumes overflow: "
+            "choose another unit of length"
+        )
+
+
 def check_cells(mesh: Mesh) -> None:
     """Refuse cells without volume or partly inside out, folds, and facets of more than two cells.
 
     Raises:
         DegenerateMesh: with the places of such cells.
     """
+    _check_coordinates(mesh)
     _Cells(mesh).check()
 
 

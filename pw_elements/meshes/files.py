@@ -78,6 +78,9 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
     mesh lies in a space of the cells' own dimension. Cells are those in physical groups, and the
     log says how many are left out; if no cell is in a group, all of the highest dimension are.
 
+    The tag of a cell or facet is the number of its group. Those in several groups have tags above
+    all groups' numbers, which `names` lists.
+
     A file is data: formats 2 to 2.2, 4.0 and 4.1 are read here, as text and in binary. Gmsh, which
     would run a script whatever its name is, is not asked, and need not be installed.
 
@@ -89,7 +92,8 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
         FileNotFoundError: if there is no such file.
         ValueError: for a file of another kind, such as a script, or one whose numbers do not agree
             with each other; cells of several types, or of degree 3 and more; a model without a
-            mesh; or a mesh of dimension 2 that does not lie in a plane z = constant.
+            mesh; a mesh of dimension 2 that does not lie in a plane z = constant; cells without
+            volume or partly inside out; or groups that overlap and have no names.
     """
     arguments.communicator(comm)
     path = Path(source) if isinstance(source, str | Path) else None
@@ -100,14 +104,18 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
             arrays, notes = _read_gmsh(source, path)
     for note in notes:
         told(comm, logging.WARNING, note)
-    return distribute(comm, arrays)
+    return _make_checked(comm, arrays, _source_name(path))
+
+
+def _source_name(path: Path | None) -> str:
+    return "Gmsh's model" if path is None else str(path)
 
 
 def _read_gmsh(model: Any, path: Path | None) -> tuple[MeshArrays, list[str]]:  # noqa: ANN401
     if path is None and not hasattr(model, "getPhysicalGroups"):
         words = "it has to be a file's name, or gmsh.model"
         raise TypeError(f"the source is {arguments.described(model)}: {words}")
-    whose = "Gmsh's model" if path is None else str(path)
+    whose = _source_name(path)
     try:
         mesh = from_model(model) if path is None else read_msh(path)
         arrays, notes = mesh.arrays()

@@ -12,6 +12,7 @@ from dolfinx.io.utils import cell_perm_gmsh
 from dolfinx.mesh import CellType
 
 from pw_elements.arrays import Array, Indices, Local, Mask
+from pw_elements.checks import MAX_COORDINATE
 from pw_elements.meshes.connectivity import check_nodes_of_cells, encode_rows, find_facets
 from pw_elements.meshes.elements import CELL_TYPES, kind_of
 from pw_elements.meshes.tagged import MeshArrays, check_plane
@@ -19,8 +20,6 @@ from pw_elements.meshes.tagged import MeshArrays, check_plane
 _MAX_TAG = np.iinfo(np.int32).max
 # Groups that have one element; more would be no mesh, but a way to exhaust memory
 _MAX_GROUPS = 100
-# Coordinates beyond it have volumes that are not finite
-_MAX_COORDINATE = 1e100
 
 
 class _Elements(NamedTuple):
@@ -105,16 +104,16 @@ class GroupedMesh:
 
     def _join_nodes(self) -> tuple[Indices, Array]:
         """Return numbers (n,) of all nodes in ascending order, and their coordinates (n, 3)."""
-        if not self._numbers:
-            raise ValueError("it has no nodes")
+        if not sum(map(len, self._numbers)):
+            raise ValueError("it has no nodes: mesh it in Gmsh first")
         numbers, x = np.concatenate(self._numbers), np.concatenate(self._x)
         order = np.argsort(numbers, kind="stable")
         numbers, x = numbers[order], x[order]
         if (repeated := np.diff(numbers) == 0).any():
             raise ValueError(f"it has node {numbers[repeated.argmax()]} twice")
-        if numbers.min(initial=0) < 0:
+        if numbers[0] < 0:
             raise ValueError(f"it has node {numbers[0]}: numbers are not negative")
-        if (wrong := ~(np.abs(x) <= _MAX_COORDINATE).all(axis=1)).any():
+        if (wrong := ~(np.abs(x) <= MAX_COORDINATE).all(axis=1)).any():
             place = ", ".join(f"{c:g}" for c in x[wrong.argmax()])
             raise ValueError(f"node {numbers[wrong.argmax()]} lies at ({place})")
         return numbers, x
@@ -136,7 +135,7 @@ class GroupedMesh:
                 )
             elements[kind] = _Elements(numbers, index, combinations)
         if not elements:
-            raise ValueError("it has no mesh: mesh it in Gmsh first")
+            raise ValueError("it has no elements: mesh it in Gmsh first")
         stated = np.sort(np.concatenate([some.numbers for some in elements.values()]))
         if (repeated := np.diff(stated) == 0).any():
             raise ValueError(f"it has element {stated[:-1][repeated][0]} twice")
@@ -252,13 +251,17 @@ class GroupedMesh:
         topology = basix.topology(basix.CellType[cell])
         dim, n_corners = len(topology) - 1, len(topology[-2][0])
         tags = np.zeros((len(cells), len(topology[-2])), dtype=np.int32)
-        corners, combinations, n_stated = [], [], 0
+        corners: list[Indices] = [np.empty((0, n_corners), dtype=np.int64)]
+        combinations: list[Indices] = [np.empty(0, dtype=np.int64)]
+        n_stated = 0
         for kind, some in elements.items():
             if kind_of(kind).dim == dim - 1 and (in_group := some.combinations > 0).any():
                 n_stated += int(in_group.sum())
                 some = some.select(in_group & np.isin(some.nodes, used).all(axis=1))
                 if kind_of(kind).n_corners == n_corners:
-                    corners.append(np.searchsorted(used, some.nodes[:, :n_corners]))
+                    corners.append(
+                        np.searchsorted(used, some.nodes[:, :n_corners]).astype(np.int64)
+                    )
                     combinations.append(some.combinations)
         if not n_stated:
             return tags, {}
@@ -292,7 +295,8 @@ def from_model(model: Any) -> GroupedMesh:  # noqa: ANN401
             blocks.append((groups, model.mesh.getElements(dim, entity)))
         named = [(*group, model.getPhysicalName(*group)) for group in model.getPhysicalGroups()]
     except Exception as error:  # Gmsh's own
-        raise ValueError(f"Gmsh's model cannot be read: {error}") from error
+        words = f"Gmsh says '{error}'; call gmsh.initialize() and make a model first"
+        raise ValueError(words) from error
     mesh.add_nodes(numbers.astype(np.int64), x.reshape(-1, 3))
     for groups, (kinds, labels, nodes) in blocks:
         combination = mesh.add_combination({*map(int, groups)})

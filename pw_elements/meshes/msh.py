@@ -73,6 +73,8 @@ def _split_sections(data: bytes) -> dict[str, bytes]:
     if rest := data[position : position + 60].strip():
         words = rest.decode("ascii", "replace").split("\n")[0]
         raise ValueError(f"'{words}' stands between its sections")
+    if "ParametricNodes" in sections:
+        raise ValueError("$ParametricNodes is not read: save it with Mesh.SaveParametric = 0")
     for name in ("MeshFormat", "Nodes", "Elements"):
         if name not in sections:
             raise ValueError(f"it has no section ${name}")
@@ -195,6 +197,8 @@ class _Reader:
                 raise ValueError(f"entity {entity} of dimension {dim} has {kind.describe()}")
             if "Entities" in self._sections and (dim, entity) not in self._combination:
                 raise ValueError(f"entity {entity} of dimension {dim} is not in $Entities")
+            if count == 0:
+                continue
             letter = "q" if self._version > 4 else "i"
             integers, _ = rows.table(count, letter, 1 + kind.n_nodes, 0)
             combinations = np.full(count, self._combination.get((dim, entity), 0))

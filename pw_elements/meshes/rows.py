@@ -197,6 +197,8 @@ def _split_list(words: list[str]) -> tuple[list[int], list[str]]:
 
 def _parse(lines: list[str], n_integers: int, n_floats: int) -> tuple[Indices, Array]:
     n_columns = n_integers + n_floats
+    if not lines:
+        return np.empty((0, n_integers), dtype=np.int64), np.empty((0, n_floats))
     for line in lines:
         if len(line.split()) != n_columns:
             raise ValueError(f"row '{_short(line)}' has to have {n_columns} numbers")

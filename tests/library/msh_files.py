@@ -184,7 +184,7 @@ def write(stated, form, counts=(), entities=None):
         text += row(letters, entity, *box, len(groups), *groups, *bounds)
     text += "\n$EndEntities\n$Nodes\n"
     n_nodes, half = counts.get("nodes", n_nodes), n_nodes // 2
-    extremes = (1, max(int(abs(node[0])) for node in stated.nodes) + 1) if new else ()
+    extremes = (1, max((int(abs(node[0])) for node in stated.nodes), default=0) + 1) if new else ()
     text += row("qq" + "q" * len(extremes), 2, n_nodes, *extremes)
     for some in (stated.nodes[:half], stated.nodes[half:]):
         count = counts.get("node block", len(some))

@@ -447,6 +447,8 @@ REFUSED = [
     ("the image of the mesh failed", lambda w: mapped(square(), None)),
     ("the image of the mesh gave float64", lambda w: mapped(square(), lambda x: x.T)),
     ("the image of the mesh is not finite", lambda w: mapped(square(), lambda x: x * NAN)),
+    ("DegenerateMesh: a node of the mesh has a coordinate of 2e+200, and volumes", lambda w: Body(
+        Spaces.galerkin(mapped(square(), lambda x: 1e200 * x)), STEEL, PLANE)),
     ("the stiffness has entries that are not", lambda w: w.contact(K=spoilt(w.K, NAN))),
     ("the reduction has 90 degrees of freedom", lambda w: w.contact(K=empty())),
     ("the reduction belongs to another mesh than", lambda w: w.contact(K=w.twin[0])),

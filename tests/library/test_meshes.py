@@ -72,13 +72,15 @@ def test_a_file_gives_the_mesh_it_was_written_from(square, tmp_path):
     square.mesh.generate(2)
     gmsh.write(str(tmp_path / "square.msh"))
     count = len(square.mesh.getNodes()[0])
+    gmsh.clear()  # Gmsh may be at work on something else, and has no part in it
     mesh, _, facets, _ = from_gmsh(MPI.COMM_SELF, tmp_path / "square.msh")
     assert mesh.geometry.index_map().size_global == count
     assert len(facets.find(1)) == 0
+    assert len(square.mesh.getNodes()[0]) == 0
 
 
 def test_what_gmsh_does_not_have_is_said(square, tmp_path):
-    with pytest.raises(ValueError, match="has no mesh"):
+    with pytest.raises(ValueError, match="has no nodes: mesh it"):
         from_gmsh(MPI.COMM_SELF, square)
     square.mesh.generate(2)
     with pytest.raises(ValueError, match="not lie in one plane"):
@@ -89,6 +91,10 @@ def test_what_gmsh_does_not_have_is_said(square, tmp_path):
     (tmp_path / "bad.msh").write_text("no mesh")
     with pytest.raises(ValueError, match="cannot be read"):
         from_gmsh(MPI.COMM_SELF, tmp_path / "bad.msh")
+    gmsh.finalize()
+    with pytest.raises(ValueError, match=r"call gmsh.initialize\(\)"):
+        from_gmsh(MPI.COMM_SELF, square)
+    gmsh.initialize(interruptible=False)
 
 
 def test_cells_outside_of_all_physical_groups_are_left_out_and_counted(square, caplog):
@@ -96,8 +102,10 @@ def test_cells_outside_of_all_physical_groups_are_left_out_and_counted(square, c
     square.mesh.generate(2)
     tags, _ = square.mesh.getElementsByType(2)
     first, _ = square.mesh.getElementsByType(2, square.getEntities(2)[0][1])
+    square.addPhysicalGroup(1, [1], 3)  # of facets, which leaves the cells as they are
     whole = from_gmsh(MPI.COMM_SELF, square).mesh
     assert whole.topology.index_map(2).size_global == len(tags)
+    assert caplog.text == ""
     square.addPhysicalGroup(2, [square.getEntities(2)[0][1]], 4)
     part = from_gmsh(MPI.COMM_SELF, square).mesh
     assert part.topology.index_map(2).size_global == len(first)
