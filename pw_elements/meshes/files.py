@@ -92,8 +92,8 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
         FileNotFoundError: if there is no such file.
         ValueError: for a file of another kind, such as a script, or one whose numbers do not agree
             with each other; cells of several types, or of degree 3 and more; a model without a
-            mesh; a mesh of dimension 2 that does not lie in a plane z = constant; cells without
-            volume or partly inside out; or groups that overlap and have no names.
+            mesh; a mesh of dimension 2 that does not lie in a plane z = constant; cells of a file
+            without volume or partly inside out; or groups that overlap and have no names.
     """
     arguments.communicator(comm)
     path = Path(source) if isinstance(source, str | Path) else None
@@ -104,18 +104,15 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
             arrays, notes = _read_gmsh(source, path)
     for note in notes:
         told(comm, logging.WARNING, note)
-    return _make_checked(comm, arrays, _source_name(path))
-
-
-def _source_name(path: Path | None) -> str:
-    return "Gmsh's model" if path is None else str(path)
+    # of a model cells are checked where a body is made of them: until then they may be moved
+    return distribute(comm, arrays) if path is None else _make_checked(comm, arrays, str(path))
 
 
 def _read_gmsh(model: Any, path: Path | None) -> tuple[MeshArrays, list[str]]:  # noqa: ANN401
     if path is None and not hasattr(model, "getPhysicalGroups"):
         words = "it has to be a file's name, or gmsh.model"
         raise TypeError(f"the source is {arguments.described(model)}: {words}")
-    whose = _source_name(path)
+    whose = "Gmsh's model" if path is None else str(path)
     try:
         mesh = from_model(model) if path is None else read_msh(path)
         arrays, notes = mesh.arrays()
