@@ -1,6 +1,8 @@
 """Starts the command line under its supervisor."""
 
+import os
 import sys
+from contextlib import suppress
 
 from study.core.supervisor import supervise
 
@@ -12,4 +14,9 @@ def _run() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(supervise(_run, "study"))
+    status = supervise(_run, "study")
+    with suppress(OSError, ValueError):  # nobody reads any more
+        sys.stdout.flush()
+        sys.stderr.flush()
+    # all is written: MPI's and UCX's own end may crash in a process whose parent was forked
+    os._exit(status)
