@@ -1,10 +1,6 @@
 """Starts the command line under its supervisor."""
 
-import os
-import sys
-from contextlib import suppress
-
-from study.core.supervisor import supervise
+from study.core.supervisor import end_process, supervise
 
 
 def _run() -> int:
@@ -14,9 +10,4 @@ def _run() -> int:
 
 
 if __name__ == "__main__":
-    status = supervise(_run, "study")
-    with suppress(OSError, ValueError):  # nobody reads any more
-        sys.stdout.flush()
-        sys.stderr.flush()
-    # all is written: MPI's and UCX's own end may crash in a process whose parent was forked
-    os._exit(status)
+    end_process(supervise(_run, "study"))
