@@ -26,7 +26,7 @@ from figures.drawing import (
 from study.core.folder import ensure_writable
 from study.core.pool import Failed, Pool, Task
 from study.core.store import Results, StudyError, write_json
-from study.core.supervisor import supervise
+from study.core.supervisor import run_supervised
 from study.paper.items import ITEMS
 
 ROOT = Path(__file__).parents[1]
@@ -192,4 +192,4 @@ def _say(line: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(supervise(main, "figures"))
+    run_supervised(main, "figures")

@@ -1,6 +1,6 @@
 """Starts the command line under its supervisor."""
 
-from study.core.supervisor import end_process, supervise
+from study.core.supervisor import run_supervised
 
 
 def _run() -> int:
@@ -10,4 +10,4 @@ def _run() -> int:
 
 
 if __name__ == "__main__":
-    end_process(supervise(_run, "study"))
+    run_supervised(_run, "study")

@@ -89,12 +89,14 @@ def supervise(command: Callable[[], int], name: str) -> int:
     return command()
 
 
-def end_process(status: int) -> NoReturn:
-    """End this process without the libraries' own ends: all is written.
+def run_supervised(command: Callable[[], int], name: str) -> NoReturn:
+    """Run a command as `supervise` does, and end this process with its status.
 
-    Where Python itself loads MPI as it starts, UCX shares descriptors with the worker, which has
-    closed them, and crashes in the leader.
+    The process ends without the libraries' own finalisation, as everything has been written: where
+    Python itself loads MPI at start-up, UCX shares descriptors with the worker, which has closed
+    them, and crashes in the leader.
     """
+    status = supervise(command, name)
     with suppress(OSError, ValueError, AttributeError):  # nobody reads any more
         sys.stdout.flush()
         sys.stderr.flush()
@@ -262,4 +264,4 @@ def _run_module() -> int:
 if __name__ == "__main__":
     if len(sys.argv) < 2:
         sys.exit("supervisor: name a module, as in python3 -m study.core.supervisor study")
-    sys.exit(supervise(_run_module, sys.argv[1].removeprefix("study.")))
+    run_supervised(_run_module, sys.argv[1].removeprefix("study."))

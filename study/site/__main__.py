@@ -8,7 +8,7 @@ from pathlib import Path
 from study.core.cases import SECTIONS
 from study.core.folder import claim_results_folder
 from study.core.store import EXIT_CORRUPT, CorruptResult, Results, StudyError
-from study.core.supervisor import supervise
+from study.core.supervisor import run_supervised
 from study.site import build
 
 USAGE = """\
@@ -44,4 +44,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(supervise(main, "site"))
+    run_supervised(main, "site")

@@ -171,6 +171,30 @@ def test_a_module_runs_under_it_as_by_itself(tmp_path):
     assert done.returncode == 1
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["-m", "study", "--help"],
+        ["-m", "study.site", "--help"],
+        ["-m", "figures", "--help"],
+        ["figures/fig05.py", "--help"],
+        ["-m", "study.core.supervisor", "platform"],
+    ],
+    ids=["study", "site", "figures", "one figure", "supervisor"],
+)
+def test_libraries_that_crash_as_the_leader_ends_change_no_status(tmp_path, command):
+    """As UCX does where Python loads MPI at start-up."""
+    crash = "import atexit, os\nleader = os.getpid()\n"
+    crash += "atexit.register(lambda: os.getpid() != leader or os.abort())\n"
+    (tmp_path / "sitecustomize.py").write_text(crash)
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"}
+    done = subprocess.run(
+        [sys.executable, *command], cwd=ROOT, env=environment, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout
+
+
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_figure_ends_with_the_study_that_it_has_started(tmp_path, number):
     command = [RUN, "figure", "fig05", "--results", tmp_path / "results", "--out", tmp_path / "out"]
