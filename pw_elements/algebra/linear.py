@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.algebra.reduction import Reduction, equilibrated, masked
-from pw_elements.checks import same_everywhere
+from pw_elements.checks import check_same_arguments
 from pw_elements.progress import doing
 from pw_elements.solvers import (
     Direct,
@@ -32,7 +32,7 @@ from pw_elements.solvers import (
 from pw_elements.spaces import NOTHING, Assembled, SubSpace, is_hybrid
 
 
-@same_everywhere
+@check_same_arguments
 def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = None) -> PETSc.Vec:
     """Displacements a (n,) of K a = f under a reduction.
 
@@ -81,7 +81,7 @@ def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolv
     return full
 
 
-@same_everywhere
+@check_same_arguments
 def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     """Nodal forces r = K a - f (n,) that supports exert on the body.
 

@@ -19,7 +19,7 @@ from pw_elements import (
     prescribe,
     solve,
 )
-from pw_elements.checks import answer, collective
+from pw_elements.checks import call_user_function, collective_errors
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Plane, Sphere, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped, triangles
@@ -121,8 +121,8 @@ def test_conditions_that_say_the_same_do_not_contradict():
 def test_errors_of_users_functions_are_the_cause_of_the_librarys():
     comm = MPI.COMM_SELF
     words = r"^the marker failed: KeyError: 'x'$"
-    with pytest.raises(ValueError, match=words) as caught, collective(comm):
-        answer(comm, "the marker", {}.__getitem__, "x")
+    with pytest.raises(ValueError, match=words) as caught, collective_errors(comm):
+        call_user_function(comm, "the marker", {}.__getitem__, "x")
     assert isinstance(caught.value.__cause__, KeyError)
 
 
