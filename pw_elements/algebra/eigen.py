@@ -25,7 +25,7 @@ from pw_elements.algebra.problem_checks import check_problem, refuse_negative
 from pw_elements.algebra.reduction import Reduction, equilibrated, masked
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, check_same_arguments, collective_errors
-from pw_elements.progress import doing, log_on_root
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     Direct,
     Iterative,
@@ -382,7 +382,7 @@ def _largest(
     eigensolver.getST().setKSP(inverse.ksp)
     what = f"{count} eigenvalues of {A.getSize()[0]} unknowns"
     try:
-        with doing(comm, what):
+        with report_activity(comm, what):
             eigensolver.solve()
     except PETSc.Error as error:
         raise NoModes(f"the eigenvalue solver broke down: {error}") from error

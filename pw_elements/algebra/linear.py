@@ -16,7 +16,7 @@ import numpy.typing as npt
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.algebra.reduction import Reduction, equilibrated, masked
 from pw_elements.checks import check_same_arguments
-from pw_elements.progress import doing
+from pw_elements.progress import report_activity
 from pw_elements.solvers import (
     Direct,
     FreePressure,
@@ -165,4 +165,4 @@ def explained(
 
 def _told(prepared: PreparedSolver, matrix: PETSc.Mat) -> AbstractContextManager[object]:
     what = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
-    return doing(matrix.comm.tompi4py(), what)
+    return report_activity(matrix.comm.tompi4py(), what)

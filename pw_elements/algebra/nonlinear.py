@@ -31,7 +31,7 @@ from pw_elements.checks import (
     check_same_arguments,
     collective_errors,
 )
-from pw_elements.progress import doing, log_on_root
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import Direct, LinearSolver, NotConverged, SingularSystem, is_matrix_free
 from pw_elements.spaces import (
     Assembled,
@@ -352,7 +352,7 @@ class PetrovGalerkinProblem:
             share = (done + size) / total
             self._apply(path, share)
             try:
-                with doing(self._comm, f"load {share:.3g}"):
+                with report_activity(self._comm, f"load {share:.3g}"):
                     self._newton(share)
             except (NotConverged, SingularSystem) as failed:
                 words = f"not from {done / total:.4g} to {share:.4g}: {failed}"

@@ -88,8 +88,8 @@ def prescribed(
     places = np.unique(np.concatenate(comm.allgather(places)), axis=0)
     if len(places):
         raise ValueError(
-            f"Dirichlet conditions contradict each other at {format_points(places)}: a degree of freedom "
-            "can have one value"
+            f"Dirichlet conditions contradict each other at {format_points(places)}: a degree of "
+            "freedom can have one value"
         )
     offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
     offset.setArray(values[:owned])

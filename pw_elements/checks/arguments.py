@@ -67,8 +67,9 @@ def check_magnitude(name: str, magnitude: float, minimum: float = MIN_MAGNITUDE)
     """Raise ValueError for a size that is neither zero nor in the range of serviceable numbers."""
     if magnitude > MAX_MAGNITUDE or 0 < magnitude < minimum:
         raise ValueError(
-            f"{name} is of the size {magnitude:.3g}, out of the range {MIN_MAGNITUDE:g} to {MAX_MAGNITUDE:g} in "
-            "which numbers keep their digits: choose units in which it is nearer to one"
+            f"{name} is of the size {magnitude:.3g}, out of the range {MIN_MAGNITUDE:g} to "
+            f"{MAX_MAGNITUDE:g} in which numbers keep their digits: choose units in which it is "
+            "nearer to one"
         )
 
 

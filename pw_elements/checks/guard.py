@@ -4,8 +4,8 @@ Were an error raised on one process only, or were processes given different prob
 wait for each other for ever in their next communication. So public functions that communicate are
 decorated by `check_same_arguments`, and local work of users' functions is done under the guard,
 
-    with collective(mesh.comm):
-        marked = answer(mesh.comm, "the marker", where, x)
+    with collective_errors(mesh.comm):
+        marked = call_user_function(mesh.comm, "the marker", where, x)
 
 with whatever communicates before it or after it, never within. Neither knows of errors elsewhere:
 within PETSc, or between two guards, `python -m mpi4py` ends all processes.
@@ -125,7 +125,7 @@ def relative_difference(values: Array, reference: Array, min_scale: float = 0.0)
     Args:
         values: of any shape.
         reference: of the same shape.
-        least_scale: a size below which the reference is nothing but round-off.
+        min_scale: a size below which the reference is nothing but round-off.
     """
     if values.shape != reference.shape:
         return np.inf
@@ -149,7 +149,7 @@ def check_same_function(
 
     Args:
         comm: of the processes.
-        whose: name of the function.
+        name: of the function.
         function: of points as rows (n, dim); the first axis of its answer is theirs.
         points: kinds of points (n, dim) of this process, of each of which some are taken.
     """
@@ -175,7 +175,7 @@ def check_same_values(comm: MPI.Comm, arrays: Mapping[str, Array], tolerance: fl
 
     Args:
         comm: of the processes.
-        numbers: by the names of what gave them, the same names on all processes.
+        arrays: by the names of what gave them, the same names on all processes.
         tolerance: of differences, over the largest size of each array.
     """
     if comm.size == 1:

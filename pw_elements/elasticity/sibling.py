@@ -148,8 +148,8 @@ class Sibling:
         places = np.concatenate(self.space.mesh.comm.allgather(places))
         if len(places):
             raise ValueError(
-                f"the nodes at {format_points(places)} have a prescribed displacement, but not all nodes "
-                "on which their coefficients depend: prescribe whole edges"
+                f"the nodes at {format_points(places)} have a prescribed displacement, but not all "
+                "nodes on which their coefficients depend: prescribe whole edges"
             )
         offset = self.inverse * standard.offset
         offset.setArray(offset.array_r * (1 - free.array_r))

@@ -19,9 +19,9 @@ from pw_elements.checks import (
     collective_errors,
 )
 
-Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]
-PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
-Map = Callable[[Array], Array]  # of points as rows, (n, 3)
+DiagonalPattern = Literal["right", "left", "right_left", "left_right", "crossed"]
+DIAGONAL_PATTERNS: tuple[DiagonalPattern, ...] = get_args(DiagonalPattern)
+PointMap = Callable[[Array], Array]  # of points as rows, (n, 3)
 
 
 @check_same_arguments
@@ -30,7 +30,7 @@ def triangles(
     lower: tuple[float, float],
     upper: tuple[float, float],
     divisions: tuple[int, int],
-    pattern: Pattern = "right",
+    pattern: DiagonalPattern = "right",
 ) -> Mesh:
     """Meshes a rectangle with triangles.
 
@@ -44,8 +44,10 @@ def triangles(
     Raises:
         ValueError: for an empty rectangle, no divisions, or an unknown pattern.
     """
-    if not arguments.is_one_of(pattern, PATTERNS):
-        raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
+    if not arguments.is_one_of(pattern, DIAGONAL_PATTERNS):
+        raise ValueError(
+            f"diagonal pattern {pattern!r}: the patterns are {', '.join(DIAGONAL_PATTERNS)}"
+        )
     return _rectangle(comm, lower, upper, divisions, diagonal=DiagonalType[pattern])
 
 
@@ -71,29 +73,29 @@ def quadrilaterals(
 
 
 @check_same_arguments
-def mapped(mesh: Mesh, image: Map) -> Mesh:
+def move_nodes(mesh: Mesh, point_map: PointMap) -> Mesh:
     """Moves the mesh's nodes in place; straight sides stay straight.
 
     Args:
         mesh: the mesh.
-        image: function of points as rows, (n, 3) to (n, 3), or to (n, dim) in dim dimensions.
+        point_map: function of points as rows, (n, 3) to (n, 3), or to (n, dim) in dim dimensions.
 
     Raises:
         ValueError: if the image fails, has the wrong shape, or is not finite; nothing is moved
             then.
     """
     arguments.check_mesh_type(mesh)
-    mesh.geometry.x[:, : mesh.geometry.dim] = _placed(mesh, image, mesh.geometry.x)
+    mesh.geometry.x[:, : mesh.geometry.dim] = _placed(mesh, point_map, mesh.geometry.x)
     return mesh
 
 
 @check_same_arguments
-def curved(mesh: Mesh, image: Map) -> Mesh:
+def curved_mesh(mesh: Mesh, point_map: PointMap) -> Mesh:
     """New mesh of degree-2 geometry whose nodes, including mid-side ones, are mapped.
 
     Args:
         mesh: of straight sides.
-        image: function of points as rows, (n, 3) to (n, 3), or to (n, dim) in dim dimensions.
+        point_map: function of points as rows, (n, 3) to (n, 3), or to (n, dim) in dim dimensions.
 
     Raises:
         ValueError: if the image fails, has the wrong shape, or is not finite.
@@ -108,11 +110,11 @@ def curved(mesh: Mesh, image: Map) -> Mesh:
     order = np.argsort(mesh.topology.original_cell_index[:cells_owned])
     local = nodes.dofmap.list[order]
     cells = index_map.local_to_global(local.ravel().astype(np.int32)).reshape(local.shape)
-    x = _placed(mesh, image, nodes.tabulate_dof_coordinates()[: index_map.size_local])
+    x = _placed(mesh, point_map, nodes.tabulate_dof_coordinates()[: index_map.size_local])
     return create_mesh(mesh.comm, cells=cells, x=np.ascontiguousarray(x), e=element)
 
 
-def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
+def _placed(mesh: Mesh, image: PointMap, x: Array) -> Array:
     dim = mesh.geometry.dim
     with collective_errors(mesh.comm):
         if callable(image) and not arguments.is_user_function(image):

@@ -33,7 +33,7 @@ from ufl.corealg.traversal import unique_pre_traversal
 
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, check_same_arguments
-from pw_elements.progress import doing
+from pw_elements.progress import report_activity
 from pw_elements.spaces.elements import TwelveCellElement, twelve_cell_rule, vertex_rule
 
 # Key under which the metadata of a body's integrals hold its state of stress
@@ -171,7 +171,7 @@ def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
     plain = _with(form, lambda part: {k: v for k, v in part.metadata().items() if k != STATE})
     ruled = with_cell_rules(plain)
     try:
-        with doing(mesh.comm, "compiling a form"):
+        with report_activity(mesh.comm, "compiling a form"):
             return fem.form(ruled)
     except Exception as error:
         raise ValueError(f"the form cannot be compiled: {error}") from error

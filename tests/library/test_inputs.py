@@ -22,7 +22,7 @@ from pw_elements import (
 from pw_elements.checks import call_user_function, collective_errors
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Plane, Sphere, solve_contact
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import curved, mapped, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from pw_elements.spaces import marked
 from tests.contact.cases import Block, at
 
@@ -70,12 +70,12 @@ def test_nodes_of_tagged_facets_as_the_refusal_of_tags_says():
 def test_images_in_the_plane_may_have_two_components_and_wrong_ones_leave_the_mesh():
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     before = mesh.geometry.x.copy()
-    for make in (mapped, curved):
+    for make in (move_nodes, curved_mesh):
         with pytest.raises(ValueError, match="the image of the mesh"):
             make(mesh, lambda x: x.fill(0.0))
         assert np.array_equal(mesh.geometry.x, before)
-    twice = curved(mesh, lambda x: 2 * x[:, :2]).geometry.x.max()
-    assert twice == mapped(mesh, lambda x: 2 * x[:, :2]).geometry.x.max() == 2.0
+    twice = curved_mesh(mesh, lambda x: 2 * x[:, :2]).geometry.x.max()
+    assert twice == move_nodes(mesh, lambda x: 2 * x[:, :2]).geometry.x.max() == 2.0
 
 
 def test_one_of_a_kind_needs_no_list():

@@ -425,8 +425,8 @@ def _sides(
     body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
     if len(places := one.edges()):
         raise ValueError(
-            f"{who} has an edge at {format_points(places)}, where its normal would belong to neither "
-            "side: state each side as a pair of its own, one with the nodes of the edge"
+            f"{who} has an edge at {format_points(places)}, where its normal would belong to "
+            "neither side: state each side as a pair of its own, one with the nodes of the edge"
         )
     return own, one, other
 

@@ -210,8 +210,8 @@ class Interface:
                 raise ValueError(
                     f"the law of friction of contact pair {self.pair[k]} has a coefficient, the "
                     f"limit over the normal force, that rises up to the normal force {force[k]:.6g}"
-                    f" of the node at {format_points(self.position[[k]])}, or there: it may stay or fall, "
-                    "so that its slope at zero bounds it"
+                    f" of the node at {format_points(self.position[[k]])}, or there: it may stay "
+                    "or fall, so that its slope at zero bounds it"
                 )
 
     @cached_property
@@ -259,10 +259,10 @@ class Interface:
         places = self.gathered(self.position[wrong.any(axis=1)])
         if len(places):
             raise ValueError(
-                f"contact nodes at {format_points(places)} have a displacement along the surface that "
-                "supports prescribe, but what they face is not moved in the same way: friction "
-                "between two bodies is not known there. Prescribe the same of both sides, leave "
-                "these nodes free, or make the body that is dragged along a rigid surface"
+                f"contact nodes at {format_points(places)} have a displacement along the surface "
+                "that supports prescribe, but what they face is not moved in the same way: "
+                "friction between two bodies is not known there. Prescribe the same of both sides, "
+                "leave these nodes free, or make the body that is dragged along a rigid surface"
             )
 
     def _check_sides(self) -> None:

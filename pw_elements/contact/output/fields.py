@@ -202,8 +202,8 @@ def _surface(number: int, pair: PairState, body: Body, space: fem.FunctionSpace)
     if not np.array_equal(surface.node, pair.node):
         lone = pair.position[~np.isin(pair.node, surface.node)]
         raise ValueError(
-            f"contact pair {number}: its nodes at {format_points(lone)} belong to no facet that has all "
-            "of its nodes in the pair, so that they have no pressure: let the pair end at "
+            f"contact pair {number}: its nodes at {format_points(lone)} belong to no facet that "
+            "has all of its nodes in the pair, so that they have no pressure: let the pair end at "
             "vertices, or give it the nodes of whole facets, fem.locate_dofs_topological"
         )
     return surface

@@ -87,7 +87,7 @@ from pw_elements.contact.steps.verification import (
 )
 from pw_elements.contact.system import ContactSystem
 from pw_elements.elasticity import REMEDY, TangentWatch
-from pw_elements.progress import doing, log_on_root
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
 from pw_elements.spaces import is_hybrid
 
@@ -166,7 +166,7 @@ class FiniteStepping:
                 "the surface of a deformed body is not free to move besides its displacements: "
                 "give it a translation, or the body supports and loads"
             )
-        with doing(interface.comm, f"contact increment {state.increment}"):
+        with report_activity(interface.comm, f"contact increment {state.increment}"):
             reporter = Reporter(interface.comm, state.increment, self._callback)
             system = self._system_for(end.free)
             before = system.n_solved, system.report

@@ -27,7 +27,7 @@ from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.contact.steps.smallness import Gradients, SmallnessCheck, log_large
-from pw_elements.progress import doing
+from pw_elements.progress import report_activity
 from pw_elements.solvers import is_blocked
 from pw_elements.spaces import Assembled
 
@@ -296,7 +296,7 @@ def solve_impact(
     march.reach = SmallnessCheck(interface, space).finest
     kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
-    with doing(comm, f"{steps} steps of time"):
+    with report_activity(comm, f"{steps} steps of time"):
         for n in range(1, steps + 1):
             contact = march.advance()
             if n in kept or n == steps:

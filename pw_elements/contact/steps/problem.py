@@ -48,7 +48,7 @@ from pw_elements.contact.steps.sensitivity import (
     parts_of,
 )
 from pw_elements.contact.steps.stepping import MAX_COST_RATIO, REMEDIES, Callback, Remedy, Stepping
-from pw_elements.progress import doing, log_on_root
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     Direct,
     LinearSolver,
@@ -686,7 +686,7 @@ def solve_contact(
     states = [problem.undeformed]
     for k, (load, moved) in enumerate(zip(given, moves, strict=True)):
         try:
-            with doing(space.mesh.comm, f"{k} of {len(given)} increments done"):
+            with report_activity(space.mesh.comm, f"{k} of {len(given)} increments done"):
                 states.append(problem.step(states[-1], load, moved))
         except ContactFailed as error:
             error.args = (f"increment {k}: {error}",)

@@ -149,9 +149,9 @@ class Linearised:
         places = interface.gathered(interface.position[on_supports])
         if len(places):
             raise ValueError(
-                f"has contact nodes, first at {format_points(places)}, with friction along a direction in "
-                "which supports hold them: no derivatives are given of it. Let the pair end before "
-                "these nodes, or take friction away there"
+                f"has contact nodes, first at {format_points(places)}, with friction along a "
+                "direction in which supports hold them: no derivatives are given of it. Let the "
+                "pair end before these nodes, or take friction away there"
             )
         free = nodes.frame[:, 1:].any(axis=2) & ~nodes.held_tangents
         slides = closed & nodes.cone.rough & free.any(axis=1)
@@ -163,9 +163,10 @@ class Linearised:
         places, least = interface.gathered(interface.position[near]), interface.gathered(margin)
         if len(places):
             raise ValueError(
-                f"has contact nodes, first at {format_points(places)}, about to change their status: a "
-                f"force of {least.min():.1e} is left, beside the largest one of {largest:.1e}, and "
-                "derivatives differ on either side. Take states a little before or after"
+                f"has contact nodes, first at {format_points(places)}, about to change their "
+                f"status: a force of {least.min():.1e} is left, beside the largest one of "
+                f"{largest:.1e}, and derivatives differ on either side. Take states a little "
+                "before or after"
             )
 
     def change(self, given: Given, before: Change) -> Change:

@@ -44,8 +44,8 @@ class SlipCheck:
                     f"increment {state.increment - 1}, contact pair {k}: slip differs from that "
                     f"of the path by up to {apart[wrong].max():.3g}, more than "
                     f"{MAX_DIFFERENCE:.0%} of it, at {wrong.sum()} contact nodes first at "
-                    f"{format_points(pair.position[wrong])}, where friction may be wrong: make smaller "
-                    "increments and compare `PairState.slip` with `path_slip`"
+                    f"{format_points(pair.position[wrong])}, where friction may be wrong: make "
+                    "smaller increments and compare `PairState.slip` with `path_slip`"
                 )
                 log_on_root(self._comm, logging.WARNING, words, ".contact")
 

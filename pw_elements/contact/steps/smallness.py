@@ -207,9 +207,9 @@ class SmallnessCheck:
         places = self._interface.gathered(self._interface.position[wrong])
         if len(places):
             raise SurfacePassed(
-                f"the surface of contact pair {k} {what} {format_points(places)}; contact is stated for "
-                "small displacements and surfaces that come from outside: move it less far, or "
-                "round the body in increments that stay clear of it"
+                f"the surface of contact pair {k} {what} {format_points(places)}; contact is "
+                "stated for small displacements and surfaces that come from outside: move it less "
+                "far, or round the body in increments that stay clear of it"
             )
 
 

@@ -78,7 +78,7 @@ from pw_elements.contact.steps.verification import (
     verify_state,
 )
 from pw_elements.contact.system import Accuracy, ContactSystem
-from pw_elements.progress import doing, log_on_root
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     LinearSolver,
     NotConverged,
@@ -388,7 +388,7 @@ class Stepping:
         start_time = perf_counter()
         end = IncrementTarget.from_motions(load, motions, self.interface)
         comm, what = self.interface.comm, f"contact increment {state.increment}"
-        with doing(comm, what):
+        with report_activity(comm, what):
             reporter = Reporter(comm, state.increment, self._callback)
             before = self._cost(end.free)
             try:
