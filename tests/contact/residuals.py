@@ -32,7 +32,7 @@ from dolfinx import fem
 
 from pw_elements.contact import ContactPair, Motion
 from pw_elements.contact.model import ContactState
-from pw_elements.spaces import Assembled
+from pw_elements.spaces import AssemblyRecord
 
 Array = npt.NDArray[np.float64]
 
@@ -105,7 +105,9 @@ def residuals(
     held, prescribed = _supports(problem.conditions, *x.shape)
     contacts = [_contact_nodes(pair, space) for pair in problem.pairs]
     # on an axis of revolution the radius is no direction of friction
-    axis = np.array(["axisymmetric" in Assembled.of(problem.K).states, *[False] * (dim - 1)])
+    axis = np.array(
+        ["axisymmetric" in AssemblyRecord.read(problem.K).stress_states, *[False] * (dim - 1)]
+    )
     force, length = 0.0, 0.0
     before = Step(np.zeros_like(x), np.zeros((len(contacts), dim)))
     results = []

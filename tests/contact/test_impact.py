@@ -41,7 +41,7 @@ class Thrown(Elastic):
     def __init__(self, E=50.0, comm=MPI.COMM_SELF):
         mesh = move_nodes(triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)), uneven)
         super().__init__(mesh, GALERKIN, E=E)
-        self.sibling = Sibling.of(self.space)
+        self.sibling = Sibling.from_space(self.space)
         self.standard, self.K = self.K, self.sibling.matrix(self.K)
         M = self.sibling.matrix(assemble_matrix(self.body.mass()))
         self.M = lumped_mass(M, self.space)
@@ -261,7 +261,10 @@ REFUSED = {
     "failing path": (lambda: {"paths": [lambda _: 1 / 0]}, "path of contact pair 0 failed"),
     "failing load": (lambda: {"load": lambda _: 1 / 0}, "the load failed"),
     "infinite load": (lambda: {"load": BLOCK.even((np.inf, 0.0))}, "load.*not finite"),
-    "condensation": (lambda: {"reduction": replace(BLOCK.free, inner=BLOCK.K)}, "no condensation"),
+    "condensation": (
+        lambda: {"reduction": replace(BLOCK.free, inner_flexibility=BLOCK.K)},
+        "no condensation",
+    ),
     "matching": (
         lambda: {"pairs": ContactPair(at(1, 0.0), MatchingNodes(at(1, 1.0), FLOOR))},
         "not of two bodies",

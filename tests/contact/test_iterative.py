@@ -156,7 +156,7 @@ def test_enclosed_bodies_are_named(friction):
 class Foreign:
     """SciPy's GMRES, which knows neither levels nor contact."""
 
-    matrix_free, orientations, report = True, (), SolverReport("GMRES by SciPy", 0)
+    matrix_free, determinant_signs, report = True, (), SolverReport("GMRES by SciPy", 0)
 
     def prepare(self, *_, **__):
         return self

@@ -309,8 +309,8 @@ def test_an_unstable_straight_column_is_refused():
 def test_levels_are_made_anew_when_it_pays(monkeypatch):
     """Most tangents take those of an earlier one, at the price of few more iterations."""
     mesh, made = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 8)), []
-    renew = Multigrid.renew
-    monkeypatch.setattr(Multigrid, "renew", lambda levels: (made.append(levels), renew(levels)))
+    renew = Multigrid.refresh
+    monkeypatch.setattr(Multigrid, "refresh", lambda levels: (made.append(levels), renew(levels)))
 
     def work():
         made.clear()
@@ -345,10 +345,10 @@ def test_areas_of_a_stretched_surface():
     rubber = Rubber()
     (pair,) = walked(rubber.problem, WAY)[-1].pairs
     scalars = Spaces.petrov_galerkin(rubber.space.mesh, 0)
-    surface = SurfaceNodes.scalar(scalars, above, SurfaceNodes.stretch(rubber.u))
+    surface = SurfaceNodes.from_scalar_spaces(scalars, above, SurfaceNodes.stretch(rubber.u))
     x = pair.position + pair.displacement
     length = np.linalg.norm(np.diff(x, axis=0), axis=1).sum()
-    assert surface.own_area.sum() == pytest.approx(length, rel=0.02)
+    assert surface.weight_area.sum() == pytest.approx(length, rel=0.02)
 
 
 @pytest.mark.parametrize("kind", ["plane strain", "axisymmetric", "solid", "hybrid"])

@@ -43,7 +43,7 @@ def values(function, nodes):
 def left_over(stack, state, load):
     """Forces (n, dim) that contact and supports have to carry."""
     field = SubSpace.displacements(stack.space)
-    return field.part(reactions(stack.K, state.unknowns, load)).array.reshape(-1, stack.dim)
+    return field.extract(reactions(stack.K, state.unknowns, load)).array.reshape(-1, stack.dim)
 
 
 def balance(stack, state, load):
@@ -228,7 +228,7 @@ def test_other_weights_are_refused(cell):
     if cell == "triangle":
         Stack((3, 2), cell, element="composite").pressed()
         stack = Stack((3, 2), element="galerkin")
-        sibling = Sibling.of(stack.space)
+        sibling = Sibling.from_space(stack.space)
         stack.K = sibling.matrix(stack.K)
         supports = sibling.dirichlet([prescribe(stack.space, i, at(1, 0.0)) for i in (0, 1)])
         with refused:

@@ -26,7 +26,7 @@ from pw_elements.contact.model import Residuals
 from pw_elements.contact.steps.stepping import IncrementTarget, Stepping
 from pw_elements.meshes import triangles
 from pw_elements.solvers import SolverReport
-from pw_elements.spaces import Assembled
+from pw_elements.spaces import AssemblyRecord
 from tests.contact.cases import Block, Elastic, Punch, at
 from tests.contact.two_bodies import Stack
 from tests.oracle.random_contact import problem
@@ -48,7 +48,7 @@ def test_a_stiffness_by_hand_does_not_tell_whether_it_is_axisymmetric():
     stack = Stack((3, 2), state="axisymmetric")
     free, pair = stack.held(), stack.pair()
     with pytest.raises(ValueError, match="give DeformableSurface"):
-        ContactProblem(Assembled().mark(stack.K.copy()), free, pair, stack.space)
+        ContactProblem(AssemblyRecord().attach(stack.K.copy()), free, pair, stack.space)
     pair = ContactPair(pair.nodes, DeformableSurface(pair.surface.where, revolved=False))
     with pytest.raises(ValueError, match="the stiffness is one in axisymmetric"):
         stack.problem(pair)

@@ -17,7 +17,7 @@ from pw_elements import Material, Spaces
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
 from pw_elements.elasticity import facet_nodes
-from pw_elements.spaces import exterior_facets
+from pw_elements.spaces import locate_exterior_facets
 from study.elements import composite, taylor_hood
 from tests.contact.cases import Elastic, at
 
@@ -38,7 +38,7 @@ def joined(lower, upper, comm=MPI.COMM_SELF):
 
 def two_sides(elastic, marker, is_beyond):
     """Facets of a marker, of the cells whose middles (n, dim) are on this side, and beyond."""
-    facets = exterior_facets(elastic.mesh, marker)
+    facets = locate_exterior_facets(elastic.mesh, marker)
     beyond = is_beyond(elastic.x[elastic.displacements.dofmap.list].mean(axis=1))
     cells = elastic.mesh.topology.connectivity(elastic.dim - 1, elastic.dim)
     behind = np.array([beyond[cells.links(f)[0]] for f in facets], dtype=bool)

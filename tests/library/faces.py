@@ -70,7 +70,7 @@ def calls(comm):
     galerkin = Body(Spaces.galerkin(w.mesh), Material(1000.0, 0.3), "plane strain")
     V = galerkin.spaces.trial
     K, M = assemble_matrix(galerkin.stiffness()), assemble_matrix(galerkin.mass())
-    sibling = Sibling.of(V)
+    sibling = Sibling.from_space(V)
     S, lumped = sibling.matrix(K), lumped_mass(sibling.matrix(M), V)
     still = S.createVecRight()
     ds = boundary_measure(w.mesh, TOP)
@@ -137,10 +137,10 @@ def calls(comm):
         "Reduction.condensation": (
             Reduction.condensation,
             {"K": w.K, "space": w.U, "nodes": condensed, "conditions": w.foot}),
-        "Reduction.under": (w.held.under, {"K": w.K, "f": w.load}),
+        "Reduction.for_load": (w.held.for_load, {"K": w.K, "f": w.load}),
         "Reduction.matrix": (w.held.matrix, {"K": w.K}),
         "Reduction.load": (w.held.load, {"K": w.K, "f": w.load}),
-        "Sibling.of": (Sibling.of, {"space": V}),
+        "Sibling.from_space": (Sibling.from_space, {"space": V}),
         "Sibling.matrix": (sibling.matrix, {"standard": K}),
         "Sibling.load": (sibling.load, {"standard": still}),
         "Sibling.displacement": (sibling.displacement, {"coefficients": still}),
@@ -150,9 +150,11 @@ def calls(comm):
         "Spaces.petrov_galerkin": (Spaces.petrov_galerkin, {"mesh": w.mesh, "components": 2}),
         "Spaces.galerkin": (Spaces.galerkin, {"mesh": w.mesh, "components": None}),
         "Spaces.hybrid": (Spaces.hybrid, {"mesh": w.mesh, "parts": w.tags}),
-        "SurfaceNodes.of": (SurfaceNodes.of, {"body": w.body, "where": FOOT, "stretch": None}),
-        "SurfaceNodes.scalar": (
-            SurfaceNodes.scalar,
+        "SurfaceNodes.from_body": (
+            SurfaceNodes.from_body,
+            {"body": w.body, "where": FOOT, "stretch": None}),
+        "SurfaceNodes.from_scalar_spaces": (
+            SurfaceNodes.from_scalar_spaces,
             {"spaces": Spaces.galerkin(w.mesh, 0), "where": FOOT, "depth": 2.0}),
         "as_function": (as_function, {"space": w.U, "values": w.a, "name": "u", "out": one}),
         "assemble_matrix": (

@@ -346,7 +346,7 @@ DIFFERENT_ON_ONE = {
     "marker of supports": lambda w: prescribe(w.U, 0, w.one(TOP, FOOT)),
     "marker of a load": lambda w: nodal_load(w.U, w.one(TOP, FOOT), (1.0, 0.0)),
     "marker of facets": lambda w: boundary_measure(w.mesh, w.one(TOP, FOOT)),
-    "marker of a surface": lambda w: SurfaceNodes.of(w.block.body, w.one(TOP, FOOT)),
+    "marker of a surface": lambda w: SurfaceNodes.from_body(w.block.body, w.one(TOP, FOOT)),
     "marker of forces": lambda w: forces_along(w.U, w.load, w.one(FOOT, TOP)),
     "prescribed value": lambda w: prescribe(w.U, 0, FOOT, w.one(0.1, 0.0)),
     "prescribed component": lambda w: prescribe(w.U, w.one(1, 0), FOOT),
@@ -421,7 +421,8 @@ NAN_ON_ONE = {
         ufl.as_vector([0.0, 1.0]) * w.function(w.one(NAN, 1.0)))), w.held),
     "thickness": lambda w: Body(
         w.spaces, Material(1.0), "plane stress", w.function(w.one(NAN, 1.0))),
-    "coefficients": lambda w: Sibling.of(Spaces.galerkin(w.mesh).trial).displacement(w.vector(NAN)),
+    "coefficients": lambda w: Sibling.from_space(Spaces.galerkin(w.mesh).trial).displacement(
+        w.vector(NAN)),
     "mass": lambda w: lumped_mass(diagonal(w, w.vector(NAN)), w.U),
     "force": lambda w: reactions(w.K, w.vector(NAN), w.load),
 }

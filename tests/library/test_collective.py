@@ -110,7 +110,7 @@ class Law:
 class Foreign:
     """A Krylov method that fails on one process, after some products."""
 
-    matrix_free, orientations, report = True, (), SolverReport("steepest descent", 0)
+    matrix_free, determinant_signs, report = True, (), SolverReport("steepest descent", 0)
 
     def __init__(self, products, steps=3):
         self._products, self._steps = products, steps
@@ -300,7 +300,7 @@ USERS = {
     "marker of loaded nodes": lambda: nodal_load(U, errs_below, (1.0, 0.0)),
     "marker of facets": lambda: boundary_measure(MESH, errs_below),
     "marker of a line": lambda: forces_along(U, LOAD, errs_below),
-    "marker of a surface": lambda: SurfaceNodes.of(BLOCK.body, errs_below),
+    "marker of a surface": lambda: SurfaceNodes.from_body(BLOCK.body, errs_below),
     "marker of a pair": lambda: contact(ContactPair(errs_below, FLOOR)),
     "image": lambda: move_nodes(square(4), errs),
     "image of a curved mesh": lambda: curved_mesh(square(4), errs),

@@ -28,7 +28,7 @@ from pw_elements import (
     solve,
 )
 from pw_elements.meshes import curved_mesh
-from pw_elements.spaces import macro_element, quadratic_element, with_cell_rules
+from pw_elements.spaces import add_sub_cell_rules, macro_element, quadratic_element
 from pw_elements.spaces.elements import CELLS, twelve_cell_rule
 from study.elements import one_cut, one_cut_element, serendipity_element
 from study.matrices import dense
@@ -222,7 +222,7 @@ def test_own_forms_are_integrated_on_the_twelve_cells():
     # four points do for slopes times linear functions, of straight cells
     slopes = x[0] * v.dx(1)
     for number, integrand in ((4, slopes), (12, slopes + v), (48, x[1] * slopes)):
-        (integral,) = with_cell_rules(integrand * ufl.dx).integrals()
+        (integral,) = add_sub_cell_rules(integrand * ufl.dx).integrals()
         assert len(integral.metadata()["quadrature_points"]) == number
 
     # a degree the user gives is taken

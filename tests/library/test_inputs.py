@@ -23,7 +23,7 @@ from pw_elements.checks import call_user_function, collective_errors
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Plane, Sphere, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes, triangles
-from pw_elements.spaces import marked
+from pw_elements.spaces import evaluate_marker
 from tests.contact.cases import Block, at
 
 BLOCK = Block(4)
@@ -57,7 +57,9 @@ def test_a_marker_may_give_every_second_value_of_an_array():
 
 def test_a_process_without_points_does_not_ask_a_marker():
     """There the largest coordinate is not defined."""
-    assert marked(MPI.COMM_SELF, "it", lambda x: x[0] == x[0].max(), np.zeros((3, 0))).shape == (0,)
+    assert evaluate_marker(
+        MPI.COMM_SELF, "it", lambda x: x[0] == x[0].max(), np.zeros((3, 0))
+    ).shape == (0,)
 
 
 def test_nodes_of_tagged_facets_as_the_refusal_of_tags_says():

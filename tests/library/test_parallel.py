@@ -80,7 +80,7 @@ def beam(comm, method):
         "reactions": forces_along(U, reactions(K, a, f), at(0, 0.0)).force,
         "stiffness norm": K.norm(),
         "mass norm": M.norm(),
-        "rigid": free.rigid,
+        "rigid": free.n_rigid,
         "free frequencies": free.eigenvalues[3:],
         "symmetrised": buckling(*parts, supports, 1, symmetrised=True).factors,
         **{f"buckling {form}": buckling(K, S, supports, 2).factors for form, S in stresses.items()},
@@ -145,7 +145,7 @@ def rubber(comm):
         "reactions": problem.reactions().norm(),
         "tractions": nodal_flux(spaces, problem.reactions(), at(2, 0.0)).flux,
         "volume": assemble_scalar(ufl.det(ufl.Identity(3) + ufl.grad(u)) * ufl.dx),
-        "iterations": [len(part.corrections) for part in problem.increments],
+        "iterations": [len(part.relative_corrections) for part in problem.increments],
     }
 
 
@@ -162,7 +162,7 @@ def hybrid(comm, state):
 def impact(comm):
     body = Elastic(box(comm, (2, 1, 1), (6, 3, 3)), GALERKIN, "solid", 10.0)
     U = body.space
-    sibling = Sibling.of(U)
+    sibling = Sibling.from_space(U)
     K, M = sibling.matrix(body.K), lumped_mass(sibling.matrix(body.M), U)
     weight = sibling.load(body.weight((0.0, 0.0, -0.5)))
     thrown = K.createVecRight()
