@@ -28,28 +28,28 @@ from study.elements import serendipity
 PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendipity
 
 
-def at(axis, value):
+def on_plane(axis, value):
     return lambda x: np.isclose(x[axis], value)
 
 
-def neo_hookean(F, shear=1.0, lame=1.5):
+def neo_hookean_stress(F, shear=1.0, lame=1.5):
     """First Piola stress."""
     inverse = ufl.inv(F).T
     return shear * (F - inverse) + lame * ufl.ln(ufl.det(F)) * inverse
 
 
-def at_large_strains(spaces, stress=neo_hookean, degree=4, give=0.0):
+def finite_strain_residual(spaces, stress=neo_hookean_stress, degree=4, compressibility=0.0):
     """Unknowns, and the residual of a body without loads; how much a hybrid one's volume gives."""
     w, weights, hybrid = fem.Function(spaces.trial), ufl.TestFunction(spaces.test), spaces.is_hybrid
     (u, p), (v, q) = (ufl.split(f) if hybrid else (f, 0.0) for f in (w, weights))
     F = ufl.Identity(len(u)) + ufl.grad(u)
     J, inverse = ufl.det(F), ufl.inv(F).T
     density = ufl.inner(F - (1 + p * J) * inverse if hybrid else stress(F), ufl.grad(v))
-    density -= q * (J - 1 + give * p) if hybrid else 0
+    density -= q * (J - 1 + compressibility * p) if hybrid else 0
     return w, density * ufl.dx(metadata={"quadrature_degree": degree})
 
 
-class Elastic:
+class ElasticBody:
     def __init__(
         self, mesh, method=PW, state="plane strain", E=1000.0, nu=0.3, thickness=1.0, material=None
     ):
@@ -72,70 +72,70 @@ class Elastic:
         return assemble_matrix(self.body.mass())
 
     @property
-    def nothing(self):
+    def zero_load(self):
         return self.K.createVecLeft()
 
-    def weight(self, force):
+    def body_force_load(self, force):
         return assemble_vector(self.body.body_load(force))
 
-    def prestress(self, load, supports, form="G"):
+    def initial_stress_matrix(self, load, supports, form="G"):
         """Initial stress matrix of the stress under a load."""
         moved = as_function(self.space, solve(self.K, load, supports))
         return assemble_matrix(self.body.initial_stress(self.body.stress(moved), form))
 
-    def load(self, traction, where):
+    def traction_load(self, traction, where):
         surface = boundary_measure(self.mesh, where)
         return assemble_vector(self.body.surface_load(np.asarray(traction), surface))
 
-    def held(self, *conditions):
+    def make_supports(self, *conditions):
         """Supports: component, marker and, where it is not zero, value of each."""
         return Reduction.dirichlet(self.space, [prescribe(self.space, *c) for c in conditions])
 
-    def clamped(self, where, value=0.0):
-        return self.held(*((i, where, value) for i in range(self.dim)))
+    def clamp(self, where, value=0.0):
+        return self.make_supports(*((i, where, value) for i in range(self.dim)))
 
-    def contact(self, pairs, supports=None, loads=None, **options):
+    def solve_contact(self, pairs, supports=None, loads=None, **options):
         """States; without loads one for each motion of the (first) pair."""
-        supports = self.held() if supports is None else supports
+        supports = self.make_supports() if supports is None else supports
         if loads is None:
             motions = (pairs if isinstance(pairs, ContactPair) else pairs[0]).motions
-            loads = [self.nothing] * max(1, len(motions))
+            loads = [self.zero_load] * max(1, len(motions))
         return solve_contact(self.K, loads, supports, pairs, self.space, **options)
 
-    def problem(self, pairs, supports=None, **options):
-        supports = self.held() if supports is None else supports
+    def contact_problem(self, pairs, supports=None, **options):
+        supports = self.make_supports() if supports is None else supports
         return ContactProblem(self.K, supports, pairs, self.space, **options)
 
 
-class Block(Elastic):
+class BlockOnFloor(ElasticBody):
     """Block 4 x 2 on a rough plane, pressed by 200 and then pulled at its right side."""
 
     def __init__(self, n, method=PW, comm=MPI.COMM_SELF):
         mesh = triangles(comm, (0.0, 0.0), (4.0, 2.0), (n, n // 2))
         super().__init__(mesh, method, "plane stress")
-        self.free = self.held()
-        self.pressure = self.load((0.0, -200.0), at(1, 2.0))
+        self.no_supports = self.make_supports()
+        self.pressure_load = self.traction_load((0.0, -200.0), on_plane(1, 2.0))
 
-    def pulled(self, traction, increments=10):
+    def pull_loads(self, traction, increments=10):
         """Load vectors: pressure, then traction in steps."""
-        pull = self.load((traction, 0.0), at(0, 4.0))
+        pull = self.traction_load((traction, 0.0), on_plane(0, 4.0))
         shares = [k / increments for k in range(1, increments + 1)]
-        return [self.pressure, *(self.pressure + share * pull for share in shares)]
+        return [self.pressure_load, *(self.pressure_load + share * pull for share in shares)]
 
-    def pair(self, mu, smooth=0.2):
-        edge = smooth - 1e-9
+    def floor_pair(self, mu, frictionless_end=0.2):
+        edge = frictionless_end - 1e-9
         return ContactPair(
-            at(1, 0.0),
+            on_plane(1, 0.0),
             Plane((0, 0), (0, 1)),
             lambda x: np.where((x[0] > edge) & (x[0] < 4 - edge), mu, 0.0),
         )
 
     def solve(self, mu, traction, increments=10, **pair):
-        loads = self.pulled(traction, increments)
-        return self.contact(self.pair(mu, **pair), self.free, loads)
+        loads = self.pull_loads(traction, increments)
+        return self.solve_contact(self.floor_pair(mu, **pair), self.no_supports, loads)
 
 
-class Punch(Elastic):
+class PunchedBlock(ElasticBody):
     """Parabolic punch of radius 8 on a block 8 x 4 with a fixed base, section 7.3."""
 
     def __init__(
@@ -147,27 +147,31 @@ class Punch(Elastic):
 
         mesh = mapped(build(comm, (-1.0, 0.0), (1.0, 1.0), divisions), graded)
         super().__init__(mesh, method, "plane stress", nu=0.25)
-        self.foot = self.clamped(at(1, 0.0))
+        self.base_supports = self.clamp(on_plane(1, 0.0))
 
-    def pair(self, mu, motions=()):
-        return ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), mu, motions)
+    def punch_pair(self, mu, motions=()):
+        return ContactPair(on_plane(1, 4.0), Parabola((0, 4), 8.0), mu, motions)
 
     def solve(self, mu, motions):
-        return self.contact(self.pair(mu, motions), self.foot)
+        return self.solve_contact(self.punch_pair(mu, motions), self.base_supports)
 
 
-class Greco(Elastic):
+class GrecoPlate(ElasticBody):
     """GRECO/Raous plate (code_aster SSNV128): friction 1, zones that are open, slip and stick."""
 
     def __init__(self, n, method=PW):
         mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (0.04, 0.04), (n, n))
         super().__init__(mesh, method, E=1.3e11, nu=0.2)
-        self.push = self.load((0.0, -5e7), at(1, 0.04)) + self.load((15e7, 0.0), at(0, 0.0))
-        self.symmetry = self.held((0, at(0, 0.04)))
+        self.edge_load = self.traction_load((0.0, -5e7), on_plane(1, 0.04)) + self.traction_load(
+            (15e7, 0.0), on_plane(0, 0.0)
+        )
+        self.symmetry_supports = self.make_supports((0, on_plane(0, 0.04)))
 
-    def pair(self, mu):
-        return ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), mu)
+    def floor_pair(self, mu):
+        return ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)), mu)
 
     def solve(self, mu, **options):
-        (state,) = self.contact(self.pair(mu), self.symmetry, self.push, **options)
+        (state,) = self.solve_contact(
+            self.floor_pair(mu), self.symmetry_supports, self.edge_load, **options
+        )
         return state

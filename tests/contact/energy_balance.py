@@ -20,40 +20,42 @@ import ufl
 from pw_elements import Spaces, assemble_scalar, prescribe
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere
 from pw_elements.meshes import triangles
-from tests.contact.cases import at, at_large_strains, neo_hookean
+from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
 
-LAME, FRICTION = 1.5, 0.3  # over the shear modulus
+LAME_RATIO, FRICTION = 1.5, 0.3  # over the shear modulus
 # places of the cylinder at the ends of the legs, over its radius
-LEGS = ((0.0, 0.0), (0.0, -0.25), (0.25, -0.25), (-0.1, -0.25), (-0.1, 0.05))
+CYLINDER_PATH = ((0.0, 0.0), (0.0, -0.25), (0.25, -0.25), (-0.1, -0.25), (-0.1, 0.05))
 ELEMENTS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
 
 
-class Balance(NamedTuple):
+class EnergyBalance(NamedTuple):
     """Energies at the end, over the size of all work."""
 
     remainder: float
-    of_end_forces: float  # the remainder by sums with forces at the ends of increments
-    stored: float
-    spent: float
+    end_force_remainder: float  # the remainder by sums with forces at the ends of increments
+    stored_energy: float
+    friction_work: float
 
 
-def energy_balance(element: str, increments: int, per_radius: int = 4) -> Balance:
+def measure_energy_balance(
+    element: str, increments: int, cells_per_radius: int = 4
+) -> EnergyBalance:
     """Follow the legs in equal increments on squares of the size 1 / per_radius, halved."""
-    divisions = (int(2.5 * per_radius), per_radius)
+    divisions = (int(2.5 * cells_per_radius), cells_per_radius)
     mesh = triangles(MPI.COMM_SELF, (-1.25, -1.0), (1.25, 0.0), divisions, "right_left")
     spaces = ELEMENTS[element](mesh)
-    u, residual = at_large_strains(spaces, lambda F: neo_hookean(F, 1.0, LAME))
+    u, residual = finite_strain_residual(spaces, lambda F: neo_hookean_stress(F, 1.0, LAME_RATIO))
     F = ufl.Identity(2) + ufl.grad(u)
     log = ufl.ln(ufl.det(F))
-    density = (ufl.inner(F, F) - 2) / 2 - log + LAME / 2 * log**2
+    density = (ufl.inner(F, F) - 2) / 2 - log + LAME_RATIO / 2 * log**2
     energy = density * ufl.dx(metadata={"quadrature_degree": 4})
-    held = [prescribe(spaces.trial, k, at(1, -1.0)) for k in (0, 1)]
-    pair = ContactPair(at(1, 0.0), Sphere((0.0, 1.0), 1.0), FRICTION)
+    held = [prescribe(spaces.trial, k, on_plane(1, -1.0)) for k in (0, 1)]
+    pair = ContactPair(on_plane(1, 0.0), Sphere((0.0, 1.0), 1.0), FRICTION)
     problem = ContactProblem.of_residual(residual, u, held, pair)
     state, size = problem.undeformed, 0.0
     # work, and what friction spends, by the share of the end's forces in sums
     sums = {0.5: np.zeros(2), 1.0: np.zeros(2)}
-    for start, end in pairwise(LEGS):
+    for start, end in pairwise(CYLINDER_PATH):
         for k in range(increments):
             share = (k + 1) / increments
             place = (1 - share) * np.array(start) + share * np.array(end)
@@ -73,7 +75,7 @@ def energy_balance(element: str, increments: int, per_radius: int = 4) -> Balanc
     u.x.array[: state.unknowns.getLocalSize()] = state.unknowns.array_r
     stored = assemble_scalar(energy)
     remainders = [float(work - stored - spent) / size for work, spent in sums.values()]
-    return Balance(*remainders, stored / size, float(sums[0.5][1]) / size)
+    return EnergyBalance(*remainders, stored / size, float(sums[0.5][1]) / size)
 
 
 def main() -> None:
@@ -85,7 +87,7 @@ def main() -> None:
     for element in ELEMENTS:
         for per_radius in options.per_radius:
             for n in options.increments:
-                balance = energy_balance(element, n, per_radius)
+                balance = measure_energy_balance(element, n, per_radius)
                 print(element, f"h = R/{per_radius}, {n} increments a leg:", balance, flush=True)
 
 

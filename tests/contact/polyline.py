@@ -9,7 +9,7 @@ import numpy.typing as npt
 Points = npt.NDArray[np.float64]
 
 
-def quarter_turned(vectors: Points) -> Points:
+def unit_left_normals(vectors: Points) -> Points:
     return np.column_stack((-vectors[:, 1], vectors[:, 0])) / np.linalg.norm(
         vectors, axis=1, keepdims=True
     )
@@ -28,15 +28,15 @@ class Polyline:
     radius: float = 0.0
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
-        return self._nearest(x)[0]
+        return self._gap_and_normal(x)[0]
 
     def normal(self, x: Points) -> Points:
-        return self._nearest(x)[1]
+        return self._gap_and_normal(x)[1]
 
-    def _inset(self) -> Points:
+    def _offset_points(self) -> Points:
         """The line moved into the rigid by the radius, corners where its segments meet."""
         points = np.asarray(self.points, dtype=float)
-        normals = quarter_turned(np.diff(points, axis=0))
+        normals = unit_left_normals(np.diff(points, axis=0))
         inset = points.copy()
         inset[0] -= self.radius * normals[0]
         inset[-1] -= self.radius * normals[-1]
@@ -44,9 +44,9 @@ class Polyline:
         inset[1:-1] -= 2 * self.radius * both / np.sum(both**2, axis=1, keepdims=True)
         return inset
 
-    def _nearest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points]:
-        line = self._inset()
-        normals = quarter_turned(span := np.diff(line, axis=0))
+    def _gap_and_normal(self, x: Points) -> tuple[npt.NDArray[np.float64], Points]:
+        line = self._offset_points()
+        normals = unit_left_normals(span := np.diff(line, axis=0))
         turns_right = np.sum(span[1:] * normals[:-1], axis=1) < 0
         s = np.einsum("nkd,kd->nk", x[:, None] - line[:-1], span) / np.sum(span**2, axis=1)
         low, high = np.zeros(len(span)), np.ones(len(span))

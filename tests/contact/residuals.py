@@ -38,26 +38,28 @@ Array = npt.NDArray[np.float64]
 
 _EPS = float(np.finfo(float).eps)
 # Slip over the largest length that is none: friction may have either sign then
-_NO_SLIP = 1e-8
+_ZERO_SLIP_TOLERANCE = 1e-8
 
 
-Stated = make_dataclass("Stated", ("K", "space", "loads", "conditions", "pairs"))  # a problem
+ProblemData = make_dataclass(
+    "ProblemData", ("K", "space", "loads", "conditions", "pairs")
+)  # a problem
 
 
 @dataclass(frozen=True)
-class Step:
+class StepMotion:
     """What is taken of a state: displacements (nodes, dim), translations (pairs, dim)."""
 
     displacement: Array
     translations: Array
 
     @classmethod
-    def of(cls, state: ContactState) -> "Step":
+    def from_state(cls, state: ContactState) -> "StepMotion":
         moved = np.array([pair.translation for pair in state.pairs])
         return cls(state.displacement.array_r.reshape(-1, moved.shape[1]).copy(), moved)
 
 
-def walked(problem, states: Sequence[ContactState]):
+def split_into_substeps(problem, states: Sequence[ContactState]):
     """The problem in the parts into which its increments were cut, their steps, and shares.
 
     Loads and motions are on the straight way from one increment to the next; the shares are of
@@ -73,18 +75,18 @@ def walked(problem, states: Sequence[ContactState]):
             f.scale(1 - share)
             f.axpy(share, problem.loads[k])
             loads.append(f)
-            steps.append(Step.of(part))
+            steps.append(StepMotion.from_state(part))
             shares.append(share if k == 0 else 1.0)
             for number, pair in enumerate(problem.pairs):
                 end = pair.motions[k] if pair.motions else Motion([0.0] * len(was[number][0]))
-                motions[number].append(_part(end, *was[number], share))
+                motions[number].append(_motion_at_fraction(end, *was[number], share))
         load = problem.loads[k]
         was = [(pair.translation, pair.force) for pair in state.pairs]
     pairs = [replace(p, motions=m) for p, m in zip(problem.pairs, motions, strict=True)]
     return replace(problem, loads=loads, pairs=pairs), steps, shares
 
 
-def _part(end: Motion, moved: Array, pushed: Array, share: float) -> Motion:
+def _motion_at_fraction(end: Motion, moved: Array, pushed: Array, share: float) -> Motion:
     translation = [
         None if u is None else (1 - share) * was + share * u
         for u, was in zip(end.translation, moved, strict=True)
@@ -93,8 +95,8 @@ def _part(end: Motion, moved: Array, pushed: Array, share: float) -> Motion:
     return Motion(translation, np.where(np.isnan(end.prescribed()[:-1]), force, 0.0).tolist())
 
 
-def residuals(
-    problem, steps: Sequence[Step], shares: Sequence[float] | None = None
+def measure_residuals(
+    problem, steps: Sequence[StepMotion], load_factors: Sequence[float] | None = None
 ) -> list[dict[str, float]]:
     """Each condition's largest violation, for every step of a history from its beginning.
 
@@ -102,28 +104,30 @@ def residuals(
     """
     space, dim = problem.space, problem.space.mesh.geometry.dim
     x = space.tabulate_dof_coordinates()[:, :dim]
-    held, prescribed = _supports(problem.conditions, *x.shape)
-    contacts = [_contact_nodes(pair, space) for pair in problem.pairs]
+    held, prescribed = prescribed_displacements(problem.conditions, *x.shape)
+    contacts = [contact_nodes_and_friction(pair, space) for pair in problem.pairs]
     # on an axis of revolution the radius is no direction of friction
     axis = np.array(["axisymmetric" in Assembled.of(problem.K).states, *[False] * (dim - 1)])
     force, length = 0.0, 0.0
-    before = Step(np.zeros_like(x), np.zeros((len(contacts), dim)))
+    before = StepMotion(np.zeros_like(x), np.zeros((len(contacts), dim)))
     results = []
     for k, step in enumerate(steps):
         a = step.displacement
-        r, lost, stiffness = _forces(problem.K, a, problem.loads[k])
+        r, lost, stiffness = _nodal_forces(problem.K, a, problem.loads[k])
         force = max(force, np.linalg.norm(r, axis=1).max())
         length = max(length, *(np.linalg.norm(u, axis=1).max() for u in (a, step.translations)))
         lost_length = 64 * _EPS * (np.abs(x).max() + length)
         nothing = 10 * stiffness * lost_length
-        scale = _Scale(
+        scale = _Scales(
             force if force > nothing else np.inf,
             length if length > lost_length else np.inf,
             lost,
             lost_length,
         )
-        share = 1.0 if shares is None else shares[k]
-        found = {"supports": scale.length_of(np.where(held, np.abs(a - share * prescribed), 0.0))}
+        share = 1.0 if load_factors is None else load_factors[k]
+        found = {
+            "supports": scale.relative_length(np.where(held, np.abs(a - share * prescribed), 0.0))
+        }
         balanced = np.ones(len(x), dtype=bool)
         for number, (pair, (nodes, mu)) in enumerate(zip(problem.pairs, contacts, strict=True)):
             moved, was = step.translations[number], before.translations[number]
@@ -134,45 +138,47 @@ def residuals(
             acts = held[nodes] & ~(axis & (np.abs(x[nodes]) < 1e-9 * np.abs(x).max()))
             free = ~held[nodes]
             known = (place, a[nodes], slipped, r[nodes], free, acts, mu, nodes, still_inside)
-            faced, values, on_supports, slack = _law(pair.surface, scale, *known)
+            faced, values, on_supports, slack = _contact_law_residuals(pair.surface, scale, *known)
             balanced[nodes[faced]] = False
             motion = pair.motions[k] if pair.motions else None
             # what else a support holds is its own reaction
             total = np.where(held[nodes], 0.0, r[nodes]).sum(axis=0) + on_supports
-            values |= _motion(motion, moved, total, slack, scale)
+            values |= _surface_motion_residuals(motion, moved, total, slack, scale)
             for name, value in values.items():
                 found[name] = max(found.get(name, 0.0), value)
         alone = np.where(~held & balanced[:, None], np.abs(r), 0.0)
-        found["equilibrium"] = scale.force_of(alone, np.arange(len(x)))
+        found["equilibrium"] = scale.relative_force(alone, np.arange(len(x)))
         results.append(found)
         before = step
     return results
 
 
-def worst(results: Sequence[dict[str, float]]) -> float:
+def largest_residual(results: Sequence[dict[str, float]]) -> float:
     """The largest of all conditions and steps; infinite where one is not a number."""
     values = np.array([list(found.values()) for found in results])
     return float(np.nan_to_num(values, nan=np.inf).max(initial=0.0))
 
 
 @dataclass(frozen=True)
-class _Scale:
+class _Scales:
     force: float
     length: float
-    lost_force: Array  # (nodes,)
-    lost_length: float
+    force_round_off: Array  # (nodes,)
+    length_round_off: float
 
-    def force_of(self, values: Array, nodes: npt.NDArray, mu: Array | float = 0.0) -> float:
+    def relative_force(self, values: Array, nodes: npt.NDArray, mu: Array | float = 0.0) -> float:
         """Largest force of nodes over the scale, without round-off."""
         share = np.maximum(1.0, mu)
-        lost = self.lost_force[nodes].reshape((-1,) + (1,) * (values.ndim - 1))
+        lost = self.force_round_off[nodes].reshape((-1,) + (1,) * (values.ndim - 1))
         return float(((values - lost) / share / self.force).max(initial=0.0))
 
-    def length_of(self, values: Array) -> float:
-        return float(((values - self.lost_length) / self.length).max(initial=0.0))
+    def relative_length(self, values: Array) -> float:
+        return float(((values - self.length_round_off) / self.length).max(initial=0.0))
 
 
-def _law(surface, scale: _Scale, place, a, slipped, r, free, acts, mu, nodes, still_inside):
+def _contact_law_residuals(
+    surface, scale: _Scales, place, a, slipped, r, free, acts, mu, nodes, still_inside
+):
     """Which nodes a surface faces, and how well its law holds there; friction on supports.
 
     That acts on some components (n, dim): its sum (dim,), and what may be added to it. Nodes may
@@ -184,11 +190,11 @@ def _law(surface, scale: _Scale, place, a, slipped, r, free, acts, mu, nodes, st
         values[faced] for values in (gap, normal, a, slipped, r, free, acts, mu, nodes)
     )
     gap = gap + np.sum(normal * a, axis=1)
-    r_n, r_t = _parts(np.where(free, r, 0.0), normal)
-    _, slip = _parts(np.where(free | acts, slipped, 0.0), normal)
+    r_n, r_t = _normal_and_tangential(np.where(free, r, 0.0), normal)
+    _, slip = _normal_and_tangential(np.where(free | acts, slipped, 0.0), normal)
     slip = np.where(free | acts, slip, 0.0)
     slid, limit = np.linalg.norm(slip, axis=1), mu * np.maximum(0.0, r_n)
-    rests = slid <= _NO_SLIP * scale.length + scale.lost_length
+    rests = slid <= _ZERO_SLIP_TOLERANCE * scale.length + scale.length_round_off
     against = -(limit / np.where(rests, 1.0, slid))[:, None] * slip
     on_supports = np.where(acts & ~rests[:, None], against, 0.0)
     left = np.sqrt(np.maximum(0.0, limit**2 - np.sum(r_t**2, axis=1)))
@@ -198,44 +204,46 @@ def _law(surface, scale: _Scale, place, a, slipped, r, free, acts, mu, nodes, st
 
     def both(force: Array, length: Array, share: Array | float = 0.0) -> float:
         """Smaller one of two that may not both be there."""
-        force = np.maximum(0.0, force - scale.lost_force[nodes] * np.maximum(1.0, share))
-        length = np.maximum(0.0, length - scale.lost_length)
+        force = np.maximum(0.0, force - scale.force_round_off[nodes] * np.maximum(1.0, share))
+        length = np.maximum(0.0, length - scale.length_round_off)
         relative = force / np.maximum(1.0, share) / scale.force
         return float(np.minimum(relative, length / scale.length).max(initial=0.0))
 
     # a product of force and slip, over the largest of both
     against = np.linalg.norm(slid[:, None] * r_t + (mu * r_n)[:, None] * slip, axis=1)
     values = {
-        "penetration": scale.length_of(-gap),
-        "tension": scale.force_of(-r_n, nodes),
+        "penetration": scale.relative_length(-gap),
+        "tension": scale.relative_force(-r_n, nodes),
         "complementarity": both(r_n, gap),
-        "cone": scale.force_of(friction - mu * r_n, nodes, mu),
+        "cone": scale.relative_force(friction - mu * r_n, nodes, mu),
         "stick": both(mu * r_n - friction, slid, mu),
-        "direction": scale.force_of(against / scale.length, nodes, mu),
+        "direction": scale.relative_force(against / scale.length, nodes, mu),
     }
     return faced, values, on_supports.sum(axis=0), slack.sum(axis=0)
 
 
-def _parts(vectors: Array, normal: Array) -> tuple[Array, Array]:
+def _normal_and_tangential(vectors: Array, normal: Array) -> tuple[Array, Array]:
     along = np.sum(vectors * normal, axis=1)
     return along, vectors - along[:, None] * normal
 
 
-def _motion(motion, moved: Array, total: Array, slack: Array, scale: _Scale) -> dict[str, float]:
+def _surface_motion_residuals(
+    motion, moved: Array, total: Array, slack: Array, scale: _Scales
+) -> dict[str, float]:
     """Prescribed components of a translation, and total forces in the others."""
     if motion is None:
-        return {"motion": scale.length_of(np.abs(moved)), "balance": 0.0}
+        return {"motion": scale.relative_length(np.abs(moved)), "balance": 0.0}
     free = np.array([u is None for u in motion.translation])
     stated = np.array([0.0 if u is None else u for u in motion.translation])
     asked = np.zeros(len(moved)) if motion.force is None else np.asarray(motion.force)
-    balance = np.where(free, np.abs(total - asked) - slack - scale.lost_force.max(), 0.0)
+    balance = np.where(free, np.abs(total - asked) - slack - scale.force_round_off.max(), 0.0)
     return {
-        "motion": scale.length_of(np.where(free, 0.0, np.abs(moved - stated))),
+        "motion": scale.relative_length(np.where(free, 0.0, np.abs(moved - stated))),
         "balance": max(0.0, float(balance.max())) / max(scale.force, np.linalg.norm(asked)),
     }
 
 
-def _forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, float]:
+def _nodal_forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, float]:
     """Nodal forces r = K a - f (nodes, dim), what of them is round-off, and max|K|."""
     u, image = K.createVecRight(), K.createVecLeft()
     u.setArray(a.ravel())
@@ -246,7 +254,7 @@ def _forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, floa
     return image.array_r.reshape(a.shape) - f, 50 * _EPS * size.max(axis=1), np.abs(data).max()
 
 
-def _supports(
+def prescribed_displacements(
     conditions: Sequence[fem.DirichletBC], nodes: int, dim: int
 ) -> tuple[npt.NDArray[np.bool_], Array]:
     """Which displacements (nodes, dim) are prescribed, and their values."""
@@ -257,7 +265,7 @@ def _supports(
     return held.reshape(-1, dim), values.reshape(-1, dim)
 
 
-def _contact_nodes(
+def contact_nodes_and_friction(
     pair: ContactPair, space: fem.FunctionSpace
 ) -> tuple[npt.NDArray[np.int64], Array]:
     if callable(pair.nodes):

@@ -9,11 +9,11 @@ from dolfinx.mesh import CellType, create_rectangle
 from pw_elements import Body, Material, Spaces
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
 from pw_elements.contact.interface import measure_gap_and_slip
-from tests.contact.cases import at, at_large_strains
-from tests.contact.two_bodies import joined
+from tests.contact.cases import finite_strain_residual, on_plane
+from tests.contact.two_bodies import join_meshes
 
 
-def two(lower, upper, divisions, shape, comm=MPI.COMM_SELF):
+def mesh_of_two_rectangles(lower, upper, divisions, shape, comm=MPI.COMM_SELF):
     """A mesh of two rectangles, ((x0, y0), (x1, y1)) each, with nodes moved by `shape`."""
     meshes = []
     for body, (box, n) in enumerate(zip((lower, upper), divisions, strict=True)):
@@ -21,61 +21,66 @@ def two(lower, upper, divisions, shape, comm=MPI.COMM_SELF):
         x = mesh.geometry.x
         x[:, :2] = np.stack(shape(*x[:, :2].T, body), axis=1)
         meshes.append(mesh)
-    return joined(*meshes, comm)
+    return join_meshes(*meshes, comm)
 
 
-PATH = [(0.0, -0.05), (0.0, -0.12), (0.15, -0.12), (0.4, -0.12)]
-STORED = 1
+DIE_PATH = [(0.0, -0.05), (0.0, -0.12), (0.15, -0.12), (0.4, -0.12)]
+STORED_INCREMENT = 1
 
 
-class Bodies:
+class SlidingBodies:
     """A body on a held base, and one above whose top is moved, both turned by some degrees."""
 
-    def __init__(self, mesh, own, opposite, base, top, friction, turned=0.0, **options):
+    def __init__(
+        self, mesh, slave_nodes, master_facets, base, top, friction, rotation_degrees=0.0, **options
+    ):
         spaces = Spaces.petrov_galerkin(mesh)
         self.body = Body(spaces, Material(1.0), "plane strain")
         self.space = spaces.trial
-        self.u, self.residual = at_large_strains(spaces)
-        self.given, self.turned = fem.Function(self.space), turned
+        self.u, self.residual = finite_strain_residual(spaces)
+        self.prescribed_displacement, self.rotation_degrees = (
+            fem.Function(self.space),
+            rotation_degrees,
+        )
         nodes = [fem.locate_dofs_geometrical(self.space, where) for where in (base, top)]
-        self.held = [fem.dirichletbc(self.given, part) for part in nodes]
+        self.conditions = [fem.dirichletbc(self.prescribed_displacement, part) for part in nodes]
         self.top = nodes[1]
-        surface = DeformableSurface(opposite, revolved=False)
-        self.pair = ContactPair(own, surface, friction=friction)
+        surface = DeformableSurface(master_facets, revolved=False)
+        self.pair = ContactPair(slave_nodes, surface, friction=friction)
         self.problem = ContactProblem.of_residual(
-            self.residual, self.u, self.held, self.pair, **options
+            self.residual, self.u, self.conditions, self.pair, **options
         )
 
-    def hold(self, motion, angle):
+    def prescribe_base_and_top(self, motion, angle):
         """Moves the top, and turns base and top by an angle about the origin."""
         x = self.space.tabulate_dof_coordinates()[:, :2]
         moved = x.copy()
         moved[self.top] += motion
         c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-        self.given.x.array[:] = (moved @ np.array([[c, s], [-s, c]]) - x).ravel()
+        self.prescribed_displacement.x.array[:] = (moved @ np.array([[c, s], [-s, c]]) - x).ravel()
 
 
-def slid(bodies, path=PATH, start=None):
-    return list(sliding(bodies, path, start))
+def slide_along_path(bodies, path=DIE_PATH, start=None):
+    return list(iterate_along_path(bodies, path, start))
 
 
-def sliding(bodies, path, start=None):
+def iterate_along_path(bodies, path, start=None):
     state, before = start or bodies.problem.undeformed, (0.0, 0.0)
     if start is not None:
-        before = PATH[start.increment - 1]
+        before = DIE_PATH[start.increment - 1]
     for k, end in enumerate(path):
-        angles = [bodies.turned * j / len(path) for j in (k, k + 1)]
+        angles = [bodies.rotation_degrees * j / len(path) for j in (k, k + 1)]
 
         def load(share, ends=(*before, *end), angles=angles):
             motion = (1 - share) * np.array(ends[:2]) + share * np.array(ends[2:])
-            bodies.hold(motion, (1 - share) * angles[0] + share * angles[1])
+            bodies.prescribe_base_and_top(motion, (1 - share) * angles[0] + share * angles[1])
 
         state = bodies.problem.step(state, load)
         yield state
         before = end
 
 
-def die(
+def make_die_on_block(
     friction=0.3,
     upper_is_slave=True,
     comm=MPI.COMM_SELF,
@@ -91,17 +96,17 @@ def die(
         return (x, y) if body == 0 else (x, low + y * (1 - low))
 
     boxes = ((-half_width, -1.0), (half_width, 0.0)), ((-0.5, 0.0), (0.5, 1.0))
-    mesh = two(*boxes, divisions, shape, comm)
+    mesh = mesh_of_two_rectangles(*boxes, divisions, shape, comm)
 
     def under(x):
         inside = (np.abs(x[0]) < 0.5 + 1e-9) & (x[1] > 0.005)
         return inside & (np.abs(x[1] - 0.01 - curvature * x[0] ** 2 / 2) < 0.02)
 
-    sides = (under, at(1, 0.0)) if upper_is_slave else (at(1, 0.0), under)
-    return Bodies(mesh, *sides, at(1, -1.0), at(1, 1.0), friction, **options)
+    sides = (under, on_plane(1, 0.0)) if upper_is_slave else (on_plane(1, 0.0), under)
+    return SlidingBodies(mesh, *sides, on_plane(1, -1.0), on_plane(1, 1.0), friction, **options)
 
 
-def kernel_differences(mortar, start, end):
+def kernel_check_differences(mortar, start, end):
     """Largest differences of what checks measure on two sides and what the iteration's kernel does.
 
     Sides move from positions (n, 2) to others; gaps and slips are over the longest facet.
@@ -123,7 +128,7 @@ def kernel_differences(mortar, start, end):
     }
 
 
-def positions_along(bodies, states):
+def mortar_positions_in_states(bodies, states):
     """The kernel of both bodies' sides, and their nodes' positions (n, 2) in states and parts."""
     mortar = bodies.problem._finite.interface.mortars[0]
     every = [part for state in states for part in (*(at for _, at in state.substates), state)]

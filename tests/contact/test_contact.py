@@ -8,7 +8,7 @@ from dolfinx.mesh import CellType, create_box
 
 from pw_elements.contact import SLIP, STICK, ContactPair, Motion, Plane, SignedDistance, Sphere
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
+from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
 
 PRESSURE = 3.0
 FLOOR = Plane((0, 0), (0, 1))
@@ -35,10 +35,10 @@ def skewed(x):
 )
 def test_contact_patch(build, method, state, shares):
     mesh = mapped(build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), skewed)
-    body = Elastic(mesh, method, state, 10.0)
-    load, (end, middle) = body.load((0.0, -PRESSURE), at(1, 1.0)), shares
-    pair = ContactPair(at(1, 0.0), FLOOR)
-    (found,) = body.contact(pair, body.held((0, at(0, 0.0))), load)
+    body = ElasticBody(mesh, method, state, 10.0)
+    load, (end, middle) = body.traction_load((0.0, -PRESSURE), on_plane(1, 1.0)), shares
+    pair = ContactPair(on_plane(1, 0.0), FLOOR)
+    (found,) = body.solve_contact(pair, body.make_supports((0, on_plane(0, 0.0))), load)
     (contact,) = found.pairs
     length = np.diff(contact.position[::2, 0])
     expected = np.zeros(len(contact.position))
@@ -60,13 +60,15 @@ def test_contact_patch_in_space_and_round_an_axis(state, method):
         mesh, area = create_box(MPI.COMM_SELF, box, [2, 2, 2], CellType.tetrahedron), 1.0
     else:
         mesh, area = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 3)), np.pi * 2**2
-    body = Elastic(mesh, method, state, 10.0)
+    body = ElasticBody(mesh, method, state, 10.0)
     up, axis = np.eye(body.dim)[-1], body.dim - 1
-    sides = body.held(*((i, at(i, 0.0)) for i in range(axis)))
-    pair = ContactPair(at(axis, 0.0), Plane(0 * up, up))
-    (found,) = body.contact(pair, sides, body.load(-PRESSURE * up, at(axis, 1.0)))
+    sides = body.make_supports(*((i, on_plane(i, 0.0)) for i in range(axis)))
+    pair = ContactPair(on_plane(axis, 0.0), Plane(0 * up, up))
+    (found,) = body.solve_contact(
+        pair, sides, body.traction_load(-PRESSURE * up, on_plane(axis, 1.0))
+    )
     (contact,) = found.pairs
-    even = body.load(PRESSURE * up, at(axis, 0.0)).array_r.reshape(-1, body.dim)
+    even = body.traction_load(PRESSURE * up, on_plane(axis, 0.0)).array_r.reshape(-1, body.dim)
     assert contact.force_normal == pytest.approx(even[contact.node, -1], abs=1e-10)
     assert contact.force == pytest.approx(PRESSURE * area * up, abs=1e-10)
     assert found.residuals.largest() < 1e-12
@@ -77,12 +79,12 @@ def test_contact_patch_in_space_and_round_an_axis(state, method):
 def test_a_tip_under_force_is_found_where_differences_are_its_normals(unit):
     """Their round-off changes with each place of the tip: it is found as the circle is."""
     block = quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (4 * unit, 2 * unit), (16, 8))
-    body, states = Elastic(block), []
+    body, states = ElasticBody(block), []
     tip = SignedDistance(lambda x: np.hypot(x[:, 0] - 2 * unit, x[:, 1] - 10 * unit) - 8 * unit)
     press = Motion((0, None), (0, -10 * unit))
     for surface in (tip, Sphere((2 * unit, 10 * unit), 8 * unit)):
-        pair = ContactPair(at(1, 2 * unit), surface, 0.3, press)
-        states += body.contact(pair, body.clamped(at(1, 0.0)))
+        pair = ContactPair(on_plane(1, 2 * unit), surface, 0.3, press)
+        states += body.solve_contact(pair, body.clamp(on_plane(1, 0.0)))
         assert states[-1].iterations < 10
         assert not states[-1].substates
     (found,), (known,) = (state.pairs for state in states)
@@ -97,16 +99,20 @@ def test_sliding_block_in_space(method, angle):
     mu, p, E = 0.3, 3.0, 10.0
     along = np.array([np.cos(angle), np.sin(angle)])
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], CellType.tetrahedron)
-    body = Elastic(mesh, method, "solid", E, 0.0)  # without Poisson's effect slip is uniform, too
-    shear, stress, f = mu * p * along, np.zeros((3, 3)), body.nothing
+    body = ElasticBody(
+        mesh, method, "solid", E, 0.0
+    )  # without Poisson's effect slip is uniform, too
+    shear, stress, f = mu * p * along, np.zeros((3, 3)), body.zero_load
     stress[2, :2] = stress[:2, 2] = -shear
     stress[2, 2] = -p
     for axis, side in ((0, 0.0), (0, 1.0), (1, 0.0), (1, 1.0)):
-        f += body.load(stress @ ((2 * side - 1) * np.eye(3)[axis]), at(axis, side))
-    held = body.held(*((i, at(2, 1.0), u) for i, u in enumerate([*(-shear * 2 / E), -p / E])))
+        f += body.traction_load(stress @ ((2 * side - 1) * np.eye(3)[axis]), on_plane(axis, side))
+    held = body.make_supports(
+        *((i, on_plane(2, 1.0), u) for i, u in enumerate([*(-shear * 2 / E), -p / E]))
+    )
     dragged = [Motion((0.1 * along[0], 0.1 * along[1], 0.0))]
-    (state,) = body.contact(
-        ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), mu, dragged), held, f
+    (state,) = body.solve_contact(
+        ContactPair(on_plane(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), mu, dragged), held, f
     )
     (contact,) = state.pairs
     assert contact.force == pytest.approx([*shear, p], abs=1e-9)

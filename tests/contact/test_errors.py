@@ -25,13 +25,13 @@ from pw_elements.contact import (
 )
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import mapped, triangles
-from tests.contact.cases import Block, Elastic, Greco, at
+from tests.contact.cases import BlockOnFloor, ElasticBody, GrecoPlate, on_plane
 
-BLOCK, FLOOR, BELOW = Block(4), Plane((0, 0), (0, 1)), at(1, 0.0)
+BLOCK, FLOOR, BELOW = BlockOnFloor(4), Plane((0, 0), (0, 1)), on_plane(1, 0.0)
 
 
-def solved(pair=None, load=BLOCK.pressure, reduction=BLOCK.free, **options):
-    return BLOCK.contact(floor() if pair is None else pair, reduction, load, **options)
+def solved(pair=None, load=BLOCK.pressure_load, reduction=BLOCK.no_supports, **options):
+    return BLOCK.solve_contact(floor() if pair is None else pair, reduction, load, **options)
 
 
 def floor(mu=0.3, motions=(), nodes=BELOW):
@@ -39,7 +39,7 @@ def floor(mu=0.3, motions=(), nodes=BELOW):
 
 
 def under(surface, *options):
-    return ContactPair(at(1, 0.0), surface, *options)
+    return ContactPair(on_plane(1, 0.0), surface, *options)
 
 
 def strange(mu):
@@ -47,15 +47,17 @@ def strange(mu):
 
 
 def corner_held(axis):
-    return BLOCK.held((axis, lambda x: np.isclose(x[0], 0)))
+    return BLOCK.make_supports((axis, lambda x: np.isclose(x[0], 0)))
 
 
 def doubled():
-    twice = 2.0 * BLOCK.free.right
-    return Reduction(twice, twice, BLOCK.free.offset)
+    twice = 2.0 * BLOCK.no_supports.right
+    return Reduction(twice, twice, BLOCK.no_supports.offset)
 
 
-OVERTURNING = BLOCK.pressure + BLOCK.load((1800.0, 0.0), lambda x: at(0, 4.0)(x) & (x[1] > 0.9))
+OVERTURNING = BLOCK.pressure_load + BLOCK.traction_load(
+    (1800.0, 0.0), lambda x: on_plane(0, 4.0)(x) & (x[1] > 0.9)
+)
 
 
 class Gap:
@@ -76,8 +78,8 @@ def tilted(normal):
 
 COUNT = len(BLOCK.x)
 PASSING = under(Gap(arc), 0.3, [Motion((0, 0)), Motion((-5, 0))])
-WALL = ContactPair(at(0, 0.0), Plane((0, 0), (1, 0)))
-ABOVE = ContactPair(at(1, 2.0), SignedDistance(lambda x: x[:, 1] - 2.0))
+WALL = ContactPair(on_plane(0, 0.0), Plane((0, 0), (1, 0)))
+ABOVE = ContactPair(on_plane(1, 2.0), SignedDistance(lambda x: x[:, 1] - 2.0))
 # pairs that state no problem, and what is said
 PAIRS = [
     *((strange(mu), r"nodes at \(2, 0\) have a friction") for mu in (-0.1, np.nan, np.inf)),
@@ -101,7 +103,7 @@ CALLS = [
     (lambda: solved(reduction=corner_held(1)), r"at \(0, 0\) have a pre.*away from the support"),
     (lambda: solved(WALL, reduction=corner_held(0)), "prescribed normal displacement"),
     (lambda: solved(reduction=doubled()), "combines the displacements"),
-    (lambda: solved(PASSING, [BLOCK.pressure] * 2), "gap is not a number"),
+    (lambda: solved(PASSING, [BLOCK.pressure_load] * 2), "gap is not a number"),
     (lambda: solved(remedies=("prayer",)), "give some of 'springs', 'cutback'"),
 ]
 
@@ -123,8 +125,12 @@ def test_what_states_no_problem_is_named(attempt, message):
             NoEquilibrium,
             r"rotation about \(4, 0\) of the body, by which the body lifts off pair 0",
         ),
-        (lambda: Greco(16).solve(10.0, remedies=()), NotFound, "runs through the same"),
-        (lambda: Greco(16).solve(1, max_iterations=3, remedies=()), NotFound, "after 3 iterations"),
+        (lambda: GrecoPlate(16).solve(10.0, remedies=()), NotFound, "runs through the same"),
+        (
+            lambda: GrecoPlate(16).solve(1, max_iterations=3, remedies=()),
+            NotFound,
+            "after 3 iterations",
+        ),
     ],
 )
 def test_what_has_no_solution_is_named(attempt, kind, message):
@@ -137,7 +143,7 @@ def test_what_looks_similar_is_solved():
     assert state.residuals.largest() < 1e-12
     (state,) = solved(floor(motions=[Motion((0, 0.1))]))
     assert state.pairs[0].force[1] == pytest.approx(800)
-    middle = BLOCK.held((0, lambda x: np.isclose(x[0], 2) & np.isclose(x[1], 0)))
+    middle = BLOCK.make_supports((0, lambda x: np.isclose(x[0], 2) & np.isclose(x[1], 0)))
     solved(under(Sphere((2, -3), 3.0)), reduction=middle)  # a circle's normals hold the rotation
     (state,) = solved()
     marked = np.isclose(BLOCK.x[:, 1], 0.0)
@@ -148,20 +154,20 @@ def test_what_looks_similar_is_solved():
 
 def test_what_counts_as_inside_a_surface_grows_with_the_body():
     """A millionth of its diagonal is round-off, or the faceting of curved sides."""
-    body = Elastic(triangles(MPI.COMM_SELF, (0.0, 0.0), (600.0, 800.0), (3, 4)))
-    top = body.clamped(at(1, 800.0))
+    body = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (600.0, 800.0), (3, 4)))
+    top = body.clamp(on_plane(1, 800.0))
     for depth, inside in ((0.9e-3, False), (1.1e-3, True)):
-        pair = ContactPair(at(1, 0.0), Plane((0, depth), (0, 1)), 0.2)
+        pair = ContactPair(on_plane(1, 0.0), Plane((0, depth), (0, 1)), 0.2)
         if inside:
             with pytest.raises(ValueError, match="inside the rigid surface before any motion"):
-                body.contact(pair, top)
+                body.solve_contact(pair, top)
         else:
-            assert body.contact(pair, top)[0].pairs[0].force[1] > 0
+            assert body.solve_contact(pair, top)[0].pairs[0].force[1] > 0
 
 
 def test_error_names_its_increment():
     with pytest.raises(FreeBody, match=r"^increment 2: ") as caught:
-        solved(load=[BLOCK.pressure, BLOCK.pressure, -1.0 * BLOCK.pressure])
+        solved(load=[BLOCK.pressure_load, BLOCK.pressure_load, -1.0 * BLOCK.pressure_load])
     assert len(caught.value.states) == 2
     assert caught.value.states[1].pairs[0].force[1] == pytest.approx(800)
 
@@ -172,15 +178,15 @@ def test_large_friction_has_several_answers_and_says_so():
     def corner(x):
         return np.isclose(x[0], 1.0) & np.isclose(x[1], 0.0)
 
-    body = Elastic(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1)), E=10.0)
-    rest = body.clamped(lambda x: ~corner(x))
+    body = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1)), E=10.0)
+    rest = body.clamp(lambda x: ~corner(x))
     (tt, _), (nt, _) = rest.matrix(body.K)[:, :]
     side, critical = np.sign(nt), abs(tt / nt)
 
     def pulled(mu, pull, slips=False, **options):
         """The state of a node that sticks or slips at first."""
         load = nodal_load(body.space, corner, (-side * pull, -1.0))
-        problem = body.problem(ContactPair(corner, FLOOR, mu), rest, **options)
+        problem = body.contact_problem(ContactPair(corner, FLOOR, mu), rest, **options)
         before = problem.undeformed
         if slips:
             (pair,) = before.pairs
@@ -214,17 +220,17 @@ def test_large_friction_has_several_answers_and_says_so():
     assert slip.pairs[0].force_normal < 0.9 * stick.pairs[0].force_normal
     assert max(state.residuals.largest() for state in (stick, slip)) < 1e-12
 
-    assert Greco(16).solve(1.0).unique
-    assert not Greco(16).solve(50.0).unique
+    assert GrecoPlate(16).solve(1.0).unique
+    assert not GrecoPlate(16).solve(50.0).unique
 
 
 def test_nodes_without_a_facet_are_told_before_anything_is_solved(caplog):
     """The last of them is in the middle of a facet."""
-    BLOCK.problem(floor(nodes=lambda x: np.isclose(x[1], 0) & (x[0] < 1.6)))
+    BLOCK.contact_problem(floor(nodes=lambda x: np.isclose(x[1], 0) & (x[0] < 1.6)))
     (record,) = caplog.records
     assert "contact pair 0: its nodes at (1.5, 0) belong to no facet" in record.getMessage()
     assert "write and plot will refuse the states" in record.getMessage()
-    BLOCK.problem(floor(nodes=lambda x: np.isclose(x[1], 0) & (x[0] < 1.1)))
+    BLOCK.contact_problem(floor(nodes=lambda x: np.isclose(x[1], 0) & (x[0] < 1.1)))
     assert len(caplog.records) == 1
 
 
@@ -234,12 +240,12 @@ class Groove:
     def __init__(self, mu=0.1):
         mesh = triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2))
         mapped(mesh, lambda x: np.column_stack([x[:, 0] * (1 + x[:, 1]) / 2, x[:, 1]]))
-        self.body = Elastic(mesh, E=1e4)
+        self.body = ElasticBody(mesh, E=1e4)
         sides = [lambda x, s=s: np.isclose(x[0], s * (1 + x[1]) / 2) for s in (-1, 1)]
         planes = [Plane((s / 2, 0.0), (-s * 2.0, 1.0)) for s in (-1, 1)]
         pairs = [ContactPair(side, plane, mu) for side, plane in zip(sides, planes, strict=True)]
-        self.problem = self.body.problem(pairs, self.body.held())
-        self.weight = self.body.load((0.0, -1.0), at(1, 1.0))
+        self.problem = self.body.contact_problem(pairs, self.body.make_supports())
+        self.weight = self.body.traction_load((0.0, -1.0), on_plane(1, 1.0))
         self.sunk = self.problem.step(self.problem.undeformed, self.weight)
 
 
@@ -271,11 +277,11 @@ def test_a_body_that_ends_clear_of_all_forces_has_no_unique_position(moved):
 def test_what_touches_without_a_force_may_stop_a_body_all_the_same():
     """A square in a frame that fits it, without load: only where it closes no gap may it go."""
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
-    body = Elastic(mesh, E=1e4)
+    body = ElasticBody(mesh, E=1e4)
     sides = {(0, 0.0): (1, 0), (0, 1.0): (-1, 0), (1, 0.0): (0, 1), (1, 1.0): (0, -1)}
 
     def step(*names):
-        where = {name: at(*name) for name in names}
+        where = {name: on_plane(*name) for name in names}
         corners = lambda x: np.isclose(np.abs(x[0] - 0.5) + np.abs(x[1] - 0.5), 1.0)  # noqa: E731
         pairs = [
             ContactPair(
@@ -284,8 +290,10 @@ def test_what_touches_without_a_force_may_stop_a_body_all_the_same():
             )
             for name in names
         ]
-        problem = body.problem(pairs, body.held())
-        return problem.step(problem.undeformed, 0.0 * body.load((0.0, 1.0), at(1, 1.0)))
+        problem = body.contact_problem(pairs, body.make_supports())
+        return problem.step(
+            problem.undeformed, 0.0 * body.traction_load((0.0, 1.0), on_plane(1, 1.0))
+        )
 
     assert step(*sides).residuals.largest() < 1e-9  # stopped all around
     for missing in ((0, 1.0), (1, 0.0)):

@@ -39,7 +39,7 @@ from pw_elements.meshes import mapped, triangles
 from study.elements import composite
 from study.verification.half_space import Elastic as HalfPlane
 from study.verification.half_space import HertzLine, HertzSphere
-from tests.contact.cases import GALERKIN, PW, Block, Elastic, at
+from tests.contact.cases import GALERKIN, PW, BlockOnFloor, ElasticBody, on_plane
 from tests.library import vtx
 
 FIELDS = ["displacement", "contact_force", "gap", "slip", "status"]
@@ -57,10 +57,10 @@ def on(space, where):
 def ball(comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PW, nu=0.3, n=4):
     """A sphere pressed on the top of a block and pushed sideways: body and states."""
     mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (n, n, 2), cell)
-    body = Elastic(mesh, method, "solid", nu=nu)
+    body = ElasticBody(mesh, method, "solid", nu=nu)
     motions = [Motion((0, 0, -0.1)), Motion((0.01, 0.02, None), (0, 0, -80.0))]
-    pair = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
-    return body, body.contact(pair, body.clamped(at(2, 0.0)))
+    pair = ContactPair(on_plane(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
+    return body, body.solve_contact(pair, body.clamp(on_plane(2, 0.0)))
 
 
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
@@ -71,14 +71,14 @@ def test_fields_and_pictures_in_space(cell, tmp_path):
     assert force.sum(axis=0) == pytest.approx(pair.force, rel=1e-9)
     assert force[:, 2].sum() == pytest.approx(-80.0, rel=1e-9)
     # sub-cells of the face are 1/6 wide, and there is no contact on its rim: each node has 1/36
-    top = on(body.space, at(2, 1.0))
+    top = on(body.space, on_plane(2, 1.0))
     outwards = body.x[top] - (np.array([0.0, 0.0, 3.0]) + pair.translation)
     normal = outwards / np.linalg.norm(outwards, axis=1)[:, None]
     traction = fields.traction.x.array.reshape(-1, 3)[top]
     traction += fields.pressure.x.array[top, None] * normal
     assert np.abs(traction / 36 - force[top]).max() < 1e-9 * np.abs(force).max()
     assert (fields.pressure.x.array[top] > 0).sum() > 20
-    left = reactions(body.K, state.displacement, body.nothing).array_r.reshape(-1, 3)
+    left = reactions(body.K, state.displacement, body.zero_load).array_r.reshape(-1, 3)
     assert np.abs(left - force)[body.x[:, 2] > 1e-9].max() < 1e-9 * np.abs(force).max()
 
     axes = plot(state, body.body)
@@ -101,7 +101,7 @@ def test_fields_and_pictures_in_space(cell, tmp_path):
 
 
 def test_a_space_alone_gives_all_but_the_pressures():
-    block = Block(4)
+    block = BlockOnFloor(4)
     (state,) = block.solve(0.3, 60.0, increments=0)
     fields = ContactFields.of(state, block.space)
     assert [f.name for f in fields.functions()] == FIELDS
@@ -111,9 +111,9 @@ def test_a_space_alone_gives_all_but_the_pressures():
 
 
 def test_a_given_function_is_filled():
-    block = Block(4)
-    u = as_function(block.space, block.pressure, "load")
-    twice = 2.0 * block.pressure
+    block = BlockOnFloor(4)
+    u = as_function(block.space, block.pressure_load, "load")
+    twice = 2.0 * block.pressure_load
     half = fem.Constant(block.mesh, 0.5)
     form = fem.form(half * ufl.inner(u, u) * ufl.dx)
     before = fem.assemble_scalar(form)
@@ -121,9 +121,9 @@ def test_a_given_function_is_filled():
     assert u.name == "load"
     assert fem.assemble_scalar(form) == pytest.approx(4 * before)
     with pytest.raises(ValueError, match="belongs to another space"):
-        as_function(block.space, twice, out=fem.Function(Block(4).space))
+        as_function(block.space, twice, out=fem.Function(BlockOnFloor(4).space))
     with pytest.raises(ValueError, match="the vector has 90 degrees of freedom, the space has 182"):
-        as_function(Block(6).space, twice)
+        as_function(BlockOnFloor(6).space, twice)
 
 
 def indented(edges, cell=None):
@@ -143,7 +143,7 @@ def indented(edges, cell=None):
         mesh = create_box(MPI.COMM_SELF, corners, [count] * 3, cell)
     else:
         mesh = triangles(MPI.COMM_SELF, (0.0, -side), (side, 0.0), (count, count), "left")
-    elastic = Elastic(mesh, state="solid" if cell else "plane strain", E=1.0)
+    elastic = ElasticBody(mesh, state="solid" if cell else "plane strain", E=1.0)
     body, space = elastic.body, elastic.space
 
     def displaced(x):
@@ -166,7 +166,7 @@ def indented(edges, cell=None):
     supports = Reduction.dirichlet(space, [fem.dirichletbc(far, on(space, outside)), *middle])
     punch = Parabola((0,) * dim, radius)
     motion = Motion([0.0] * (dim - 1) + [-known.approach])
-    (state,) = elastic.contact(ContactPair(below, punch, 0.0, [motion]), supports)
+    (state,) = elastic.solve_contact(ContactPair(below, punch, 0.0, [motion]), supports)
     fields, x = ContactFields.of(state, body), ufl.SpatialCoordinate(mesh)
     away = sum(x[i] ** 2 for i in range(dim - 1))
     exact = known.peak * ufl.sqrt(ufl.max_value(0.0, 1 - away / a**2))
@@ -207,11 +207,13 @@ def test_no_indicator_without_a_stress():
 
 
 def test_what_is_no_state_of_the_body():
-    block, other = Block(4), Block(6)
+    block, other = BlockOnFloor(4), BlockOnFloor(6)
     (state,) = block.solve(0.3, 60.0, increments=0)
     moved = PW(mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), uneven))
-    pair = ContactPair(lambda x: at(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
-    (half,) = block.contact(pair, block.held((0, at(0, 0.0))), block.pressure)
+    pair = ContactPair(lambda x: on_plane(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
+    (half,) = block.solve_contact(
+        pair, block.make_supports((0, on_plane(0, 0.0))), block.pressure_load
+    )
     fields = ContactFields.of(state, block.body)
     ContactFields.of(half, block.space)
     for attempt, words in (
@@ -232,7 +234,7 @@ def test_what_is_no_state_of_the_body():
 
 @pytest.mark.skipif(vtx.library() is None, reason="no C library of ADIOS2")
 def test_files_hold_the_states(tmp_path):
-    block = Block(12)
+    block = BlockOnFloor(12)
     states = block.solve(0.3, 60.0, increments=2)
     write(tmp_path / "block.bp", states[:1], block.body)
     write(tmp_path / "block.bp", states, block.body)  # in place of the first
@@ -263,7 +265,7 @@ def test_files_hold_the_states(tmp_path):
 
 
 def test_files_that_cannot_be_written(tmp_path):
-    block = Block(4)
+    block = BlockOnFloor(4)
     states = block.solve(0.3, 60.0, increments=1)
     path = tmp_path / "block.bp"
     for arguments, message in (
@@ -286,12 +288,12 @@ def test_files_that_cannot_be_written(tmp_path):
     with full, pytest.raises(OSError, match=r"it takes about 0\.\d+ MB: .*block\.bp"):
         write(path, states, block.body)
     assert list(tmp_path.iterdir()) == []
-    other = Block(4, composite)
+    other = BlockOnFloor(4, composite)
     (state,) = other.solve(0.3, 60.0, increments=0)
     with pytest.raises(ValueError, match="not Lagrange's of degree 2"):
         write(path, state, other.body)
     write(path, states[0], block.space)
-    (state,) = Block(6).solve(0.3, 60.0, increments=0)
+    (state,) = BlockOnFloor(6).solve(0.3, 60.0, increments=0)
     with pytest.raises(ValueError, match="belongs to another space"):
         write(path, [states[0], state], block.space, [0.0, 1.0])
     assert [file.name for file in tmp_path.iterdir()] == ["block.bp"]
@@ -299,7 +301,7 @@ def test_files_that_cannot_be_written(tmp_path):
 
 def test_a_folder_of_the_users_that_looks_like_a_series_loses_nothing(tmp_path):
     """Nor does a series to which files of the user's have been added."""
-    block = Block(4)
+    block = BlockOnFloor(4)
     states = block.solve(0.3, 60.0, increments=1)
     copy, path = tmp_path / "copy.bp", tmp_path / "block.bp"
     write(path, states[:1], block.body)
@@ -317,7 +319,7 @@ def test_a_folder_of_the_users_that_looks_like_a_series_loses_nothing(tmp_path):
 
 
 def test_an_error_of_the_writer_leaves_the_old_series(tmp_path, monkeypatch):
-    block = Block(4)
+    block = BlockOnFloor(4)
     states = block.solve(0.3, 60.0, increments=1)
     path = tmp_path / "block.bp"
     write(path, states[:1], block.body)
@@ -344,7 +346,7 @@ def test_picture_of_a_line():
     from matplotlib import pyplot
 
     mpl.use("Agg")
-    block = Block(12)
+    block = BlockOnFloor(12)
     state = block.solve(0.3, 60.0, increments=2)[-1]
     axes = plot(state, block.body)
     (pair,) = state.pairs

@@ -8,15 +8,15 @@ import pytest
 from pw_elements import Direct, Iterative
 from pw_elements.contact import SLIP, ContactPair, Coulomb, Motion, NoEquilibrium, Plane
 from pw_elements.meshes import triangles
-from tests.contact.cases import GALERKIN, Block, Elastic, at
-from tests.contact.iterative import FLOOR, Solid
+from tests.contact.cases import GALERKIN, BlockOnFloor, ElasticBody, on_plane
+from tests.contact.iterative import FLOOR, SolidBlock
 
-BLOCK = Block(8)
+BLOCK = BlockOnFloor(8)
 SOLVERS = pytest.mark.parametrize("solver", [Direct(), Iterative()], ids=["factors", "krylov"])
 
 
 def on_floor(law, *options):
-    return ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), law, *options)
+    return ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)), law, *options)
 
 
 class Falling:
@@ -73,11 +73,16 @@ def test_an_even_stress_has_the_friction_of_its_pressure(solver, p):
         return p_0 * h * np.where(np.isclose(x[0] % 4.0, 0.0), 0.5, 1.0)
 
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2))
-    body = Elastic(mesh, state="plane stress", E=1e4, nu=0.0)
-    sides = body.load((0.0, tau), at(0, 0.0)) + body.load((0.0, -tau), at(0, 4.0))
-    load, held = body.load((0.0, -p), at(1, 2.0)) + sides, body.held((0, at(1, 2.0)))
+    body = ElasticBody(mesh, state="plane stress", E=1e4, nu=0.0)
+    sides = body.traction_load((0.0, tau), on_plane(0, 0.0)) + body.traction_load(
+        (0.0, -tau), on_plane(0, 4.0)
+    )
+    load, held = (
+        body.traction_load((0.0, -p), on_plane(1, 2.0)) + sides,
+        body.make_supports((0, on_plane(1, 2.0))),
+    )
     floor = on_floor(Falling(mu, half), Motion((0.1, 0.0)))
-    (state,) = body.contact(floor, held, load, solver=solver)
+    (state,) = body.solve_contact(floor, held, load, solver=solver)
     (pair,) = state.pairs
     assert (pair.status == SLIP).all()
     area = np.where(np.isclose(pair.position[:, 0] % 4.0, 0.0), h / 2, h)
@@ -108,14 +113,15 @@ LAWS = {
 
 @SOLVERS
 @pytest.mark.parametrize(
-    ("name", "block"), [("falling", BLOCK), ("capped", BLOCK), ("falling", Block(8, GALERKIN))]
+    ("name", "block"),
+    [("falling", BLOCK), ("capped", BLOCK), ("falling", BlockOnFloor(8, GALERKIN))],
 )
 def test_a_law_holds_at_each_node_of_a_block_that_is_pulled(name, block, solver):
     law, half, exact = LAWS[name]
-    problem = block.problem(on_floor(law), solver=solver)
+    problem = block.contact_problem(on_floor(law), solver=solver)
     state, slipping = problem.undeformed, 0
     for pull in (0.0, 4.0, 7.0, 9.0):
-        load = 0.05 * block.pressure + block.load((pull, 0.0), at(0, 4.0))
+        load = 0.05 * block.pressure_load + block.traction_load((pull, 0.0), on_plane(0, 4.0))
         state = problem.step(state, load)
         assert_law(state.pairs[0], exact, half)
         slipping = max(slipping, int(np.sum(state.pairs[0].status == SLIP)))
@@ -125,16 +131,16 @@ def test_a_law_holds_at_each_node_of_a_block_that_is_pulled(name, block, solver)
 
 
 def test_a_law_holds_in_space_where_slip_turns():
-    solid = Solid()
-    floor = ContactPair(at(2, 0.0), FLOOR, Falling(0.4, 1.5))
-    (state,) = solid.contact(floor, loads=solid.pushed())
+    solid = SolidBlock()
+    floor = ContactPair(on_plane(2, 0.0), FLOOR, Falling(0.4, 1.5))
+    (state,) = solid.solve_contact(floor, loads=solid.press_and_push_load())
     assert_law(state.pairs[0], lambda r, h: 0.4 * r / (1 + r / h), 1.5)
     assert state.iterations <= 12  # Newton's method converges fast there, too
 
 
 def test_coulomb_is_what_a_number_means():
     one, *others = (
-        BLOCK.contact(on_floor(friction), loads=BLOCK.pulled(90.0, 2))[-1]
+        BLOCK.solve_contact(on_floor(friction), loads=BLOCK.pull_loads(90.0, 2))[-1]
         for friction in (0.3, Coulomb(0.3), lambda x: 0.3 + 0 * x[0], Falling(0.3, 1e300))
     )
     for state in others:
@@ -154,9 +160,11 @@ class Limited(Coulomb):
 
 def test_a_law_derived_from_coulombs_is_asked_for_its_own_limit():
     drag = Motion((0.2, 0.0))
-    load = BLOCK.pressure
+    load = BLOCK.pressure_load
     for law, capped in ((Coulomb(0.3), False), (Limited(0.3), True)):
-        (state,) = BLOCK.contact(on_floor(law, [drag]), BLOCK.held((0, at(0, 4.0))), [load])
+        (state,) = BLOCK.solve_contact(
+            on_floor(law, [drag]), BLOCK.make_supports((0, on_plane(0, 4.0))), [load]
+        )
         (pair,) = state.pairs
         limit = 0.3 * pair.force_normal
         expected = np.minimum(limit, Limited.most) if capped else limit
@@ -169,13 +177,16 @@ def test_a_law_derived_from_coulombs_is_asked_for_its_own_limit():
 
 def test_coulombs_limit_is_what_all_nodes_are_asked_for(monkeypatch):
     """Half of the limit is half of the friction: nothing else multiplies coefficients."""
-    supports, floor = BLOCK.held((0, at(0, 4.0))), on_floor(0.3, [Motion((0.2, 0.0))])
+    supports, floor = (
+        BLOCK.make_supports((0, on_plane(0, 4.0))),
+        on_floor(0.3, [Motion((0.2, 0.0))]),
+    )
     forces = []
     for part in (1.0, 0.5):
         monkeypatch.setattr(
             Coulomb, "limit", lambda _, at, force, part=part: (part * at * force, part * at)
         )
-        (state,) = BLOCK.contact(floor, supports, [BLOCK.pressure])
+        (state,) = BLOCK.solve_contact(floor, supports, [BLOCK.pressure_load])
         (pair,) = state.pairs
         slips = pair.status == SLIP
         assert slips.sum() > 3
@@ -213,7 +224,7 @@ class Bumpy(Coulomb):
 )
 def test_a_law_that_contradicts_itself_is_refused(law, words):
     with pytest.raises(ValueError, match=words):
-        BLOCK.contact(on_floor(law), loads=BLOCK.pressure)
+        BLOCK.solve_contact(on_floor(law), loads=BLOCK.pressure_load)
 
 
 def test_a_law_that_rises_between_the_forces_it_was_asked_for_first_is_refused_where_it_is_used():
@@ -222,29 +233,29 @@ def test_a_law_that_rises_between_the_forces_it_was_asked_for_first_is_refused_w
     class Narrow(Bumpy):
         low, high = 10.0005, 10.0015
 
-    block = Elastic(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1)), nu=0.0)
+    block = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1)), nu=0.0)
     floor = on_floor(Narrow(0.3))
     for pressure, wrong in ((10.001 * 2, True), (9.9 * 2, False)):
-        load = block.load((0.0, -pressure), at(1, 1.0))
+        load = block.traction_load((0.0, -pressure), on_plane(1, 1.0))
         if wrong:
             with pytest.raises(ValueError, match=r"rises up to the normal force 10\.001"):
-                block.contact(floor, loads=load)
+                block.solve_contact(floor, loads=load)
         else:
-            assert block.contact(floor, loads=load)
+            assert block.solve_contact(floor, loads=load)
 
 
 def test_derivatives_know_the_slope_of_no_other_law():
-    problem = BLOCK.problem(on_floor(Limited(0.3)))
-    states = [problem.undeformed, problem.step(problem.undeformed, BLOCK.pressure)]
+    problem = BLOCK.contact_problem(on_floor(Limited(0.3)))
+    states = [problem.undeformed, problem.step(problem.undeformed, BLOCK.pressure_load)]
     with pytest.raises(ValueError, match="is not Coulomb's"):
         problem.sensitivity(states, [("force", 0, 0)], [("friction", 0)])
 
 
 def test_more_than_a_law_can_hold_is_proved_to_be_too_much():
     """Its steepest cone, 0.3, does not hold a pull of 0.4 of the pressure either."""
-    load = BLOCK.pressure + BLOCK.load((0.4 * 200 * 4 / 2, 0.0), at(0, 4.0))
+    load = BLOCK.pressure_load + BLOCK.traction_load((0.4 * 200 * 4 / 2, 0.0), on_plane(0, 4.0))
     with pytest.raises(NoEquilibrium, match="slides"):
-        BLOCK.contact(on_floor(Falling(0.3, 1e3)), loads=load)
+        BLOCK.solve_contact(on_floor(Falling(0.3, 1e3)), loads=load)
 
 
 @pytest.mark.parametrize(
@@ -257,4 +268,4 @@ def test_more_than_a_law_can_hold_is_proved_to_be_too_much():
 )
 def test_what_is_no_law_is_refused(law):
     with pytest.raises(ValueError, match="friction"):
-        BLOCK.contact(on_floor(law), loads=BLOCK.pressure)
+        BLOCK.solve_contact(on_floor(law), loads=BLOCK.pressure_load)

@@ -52,12 +52,12 @@ from pw_elements.meshes import triangles
 from pw_elements.solvers import Multigrid
 from study.cost.measure import Row, alone
 from study.matrices import dense
-from tests.contact.cases import at, at_large_strains, neo_hookean
+from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
 from tests.library import vtx
 from tests.library.near_incompressible import distorted_mesh
 from tests.parallel import assert_same
 
-above = at(1, 0.0)
+above = on_plane(1, 0.0)
 WAY = [Motion((0.0, -0.15)), Motion((0.05, -0.3)), Motion((0.3, -0.3))]
 SOLVERS = {"factors": Direct(), "krylov": Iterative()}
 
@@ -70,12 +70,16 @@ def saint_venant(F):
 class Rubber:
     """A block 2 x 1 on a held base, and a circle of radius 0.6 that touches its upper side."""
 
-    def __init__(self, n=4, stress=neo_hookean, friction=0.3, mesh=None, **options):
+    def __init__(self, n=4, stress=neo_hookean_stress, friction=0.3, mesh=None, **options):
         mesh = mesh or triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (2 * n, n))
-        self.u, self.residual = at_large_strains(spaces := Spaces.petrov_galerkin(mesh), stress)
+        self.u, self.residual = finite_strain_residual(
+            spaces := Spaces.petrov_galerkin(mesh), stress
+        )
         self.space = spaces.trial
         self.base = [fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)]
-        self.held = [prescribe(self.space, k, at(1, -1.0), v) for k, v in enumerate(self.base)]
+        self.held = [
+            prescribe(self.space, k, on_plane(1, -1.0), v) for k, v in enumerate(self.base)
+        ]
         self.pair = ContactPair(above, Sphere((0.0, 0.6), 0.6), friction=friction)
         self.problem = self.touching(options=options)
 
@@ -104,7 +108,7 @@ def hardened(comm=MPI.COMM_SELF, **options):
     def update():
         hardness.x.array[:] += 1.0
 
-    stress = lambda F: (1 + 0.1 * hardness) * neo_hookean(F)  # noqa: E731
+    stress = lambda F: (1 + 0.1 * hardness) * neo_hookean_stress(F)  # noqa: E731
     return Rubber(mesh=mesh, stress=stress, history=[hardness], update=update, **options), hardness
 
 
@@ -180,7 +184,7 @@ def test_slip_is_the_arc():
         assert kinematics.find_jumped(far, pressed).all()
 
 
-@pytest.mark.parametrize("stress", [neo_hookean, saint_venant])
+@pytest.mark.parametrize("stress", [neo_hookean_stress, saint_venant])
 def test_no_cell_is_turned(stress):
     """Whatever the stress is, which may stay finite there, no accepted state has turned cells."""
     rubber = Rubber(2, stress=stress)
@@ -240,10 +244,10 @@ def pressed_and_pushed(kind, solver, comm=MPI.COMM_SELF):
     else:
         mesh = create_box(comm, [low, high], n, CellType.tetrahedron)
     spaces = (Spaces.hybrid if hybrid else Spaces.petrov_galerkin)(mesh)
-    w, residual = at_large_strains(spaces, degree=3, give=1e-4)
-    base = [prescribe(spaces.trial, k, at(dim - 1, -1.0)) for k in range(dim)]
+    w, residual = finite_strain_residual(spaces, degree=3, compressibility=1e-4)
+    base = [prescribe(spaces.trial, k, on_plane(dim - 1, -1.0)) for k in range(dim)]
     ball = Sphere((*[0.0] * (dim - 1), 1.0), 1.0)
-    pair = ContactPair(at(dim - 1, 0.0), ball, friction=0.3)
+    pair = ContactPair(on_plane(dim - 1, 0.0), ball, friction=0.3)
     problem = ContactProblem.of_residual(residual, w, base, pair, solver=solver)
     state = problem.undeformed
     for motion in ((0.0, 0.0, -0.15), (0.0, 0.0, -0.3), (0.1, 0.05, -0.3)):
@@ -277,9 +281,9 @@ def leaning_column(solver, depths):
     mesh = triangles(MPI.COMM_SELF, (-0.5, 0.0), (0.5, 8.0), (2, 16))
     mesh.geometry.x[:, 0] += 1e-3 * mesh.geometry.x[:, 1]
     spaces = Spaces.petrov_galerkin(mesh)
-    u, residual = at_large_strains(spaces)
-    foot = [prescribe(spaces.trial, k, at(1, 0.0)) for k in (0, 1)]
-    pair = ContactPair(at(1, 8.0), Plane((0, 8.0), (0, -1)))
+    u, residual = finite_strain_residual(spaces)
+    foot = [prescribe(spaces.trial, k, on_plane(1, 0.0)) for k in (0, 1)]
+    pair = ContactPair(on_plane(1, 8.0), Plane((0, 8.0), (0, -1)))
     problem = ContactProblem.of_residual(residual, u, foot, pair, solver=solver)
     state = problem.undeformed
     for depth in depths:
@@ -378,9 +382,9 @@ def test_pressures_of_uniform_compression(kind, tmp_path):
     density -= q * (ufl.det(F) - 1 + p / 1e4) if hybrid else 0
     depth = 2 * np.pi * ufl.SpatialCoordinate(mesh)[0] if ring else 1.0
     residual = density * depth * ufl.dx(metadata={"quadrature_degree": 5})
-    held = [prescribe(spaces.trial, k, at(k, 0.0)) for k in range(dim)]
+    held = [prescribe(spaces.trial, k, on_plane(k, 0.0)) for k in range(dim)]
     up = np.eye(dim)[-1]
-    pair = ContactPair(at(dim - 1, 1.0), Plane(up, -up))
+    pair = ContactPair(on_plane(dim - 1, 1.0), Plane(up, -up))
     problem = ContactProblem.of_residual(residual, w, held, pair)
     state = problem.step(problem.undeformed, motions=Motion(-0.3 * up))
     body = Body(spaces, Material(1.0, 0.3), "plane strain" if hybrid else kind)
@@ -439,7 +443,7 @@ class NearlyIncompressible:
             return 2 * ufl.inner(strain(u), strain(v)) + self.lame * ufl.div(u) * ufl.div(v)
 
         self.stiffness = work(trial) * dx
-        self.held = [prescribe(self.spaces.trial, k, at(1, 0.0)) for k in (0, 1)]
+        self.held = [prescribe(self.spaces.trial, k, on_plane(1, 0.0)) for k in (0, 1)]
         x = self.spaces.trial.tabulate_dof_coordinates()[:, :2]
         self.node = int(np.argmin(np.linalg.norm(x - [0.5, 1.0], axis=1)))
         pair = ContactPair(np.array([self.node]), Sphere(x[self.node] + [0.0, 1.0], 1.0))
@@ -542,8 +546,8 @@ def test_nothing_faces_points_where_a_signed_distance_is_infinite(with_gradient)
     def solved(surface, nodes, way):
         mesh = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 4))
         spaces = Spaces.petrov_galerkin(mesh)
-        u, residual = at_large_strains(spaces)
-        held = [prescribe(spaces.trial, k, at(1, -1.0)) for k in (0, 1)]
+        u, residual = finite_strain_residual(spaces)
+        held = [prescribe(spaces.trial, k, on_plane(1, -1.0)) for k in (0, 1)]
         pair = ContactPair(nodes, surface, 0.3)
         problem = ContactProblem.of_residual(residual, u, held, pair)
         states = [problem.undeformed]
@@ -554,9 +558,9 @@ def test_nothing_faces_points_where_a_signed_distance_is_infinite(with_gradient)
     distance, gradient = flat_face(half_width, np.inf)
     face = SignedDistance(distance, gradient if with_gradient else None)
     way = [(0.0, -0.02), (0.01, -0.05), (0.02, -0.05)]
-    below = lambda x: at(1, 0.0)(x) & (np.abs(x[0]) < half_width)  # noqa: E731
+    below = lambda x: on_plane(1, 0.0)(x) & (np.abs(x[0]) < half_width)  # noqa: E731
     known = solved(Plane((0.0, 0.0), (0.0, -1.0)), below, way)
-    found = solved(face, at(1, 0.0), way)
+    found = solved(face, on_plane(1, 0.0), way)
     for one, other in zip(found[1:], known[1:], strict=True):
         assert (one.unknowns - other.unknowns).norm() < 1e-9
         assert np.abs(one.pairs[0].force - other.pairs[0].force).max() < 1e-9
@@ -565,7 +569,7 @@ def test_nothing_faces_points_where_a_signed_distance_is_infinite(with_gradient)
         assert away.sum() == len(pair.gap) - len(other.pairs[0].gap)
         assert np.abs(pair.force_vector[away]).max() < 1e-10
     # slid by more than the width of a facet, so that nodes leave the face and others come below it
-    *_, last = solved(face, at(1, 0.0), [(0.0, -0.02), (0.1, -0.02), (0.2, -0.02)])
+    *_, last = solved(face, on_plane(1, 0.0), [(0.0, -0.02), (0.1, -0.02), (0.2, -0.02)])
     (pair,) = last.pairs
     x = pair.position[:, 0] + pair.displacement[:, 0] - 0.2
     assert np.array_equal(np.isinf(pair.gap), np.abs(x) > half_width)

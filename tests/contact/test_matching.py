@@ -9,8 +9,8 @@ from pw_elements import reactions
 from pw_elements.contact import OPEN, SLIP, ContactPair, Parabola, Plane
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.meshes import triangles
-from tests.contact.cases import GALERKIN, PW, Elastic, at
-from tests.contact.two_bodies import joined
+from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
+from tests.contact.two_bodies import join_meshes
 
 HEIGHT, LENGTH = 1.0, 2.0
 
@@ -24,7 +24,7 @@ def lower_nodes(space, coordinate, upper):
     return np.intersect1d(np.unique(cells[above == upper]), there).astype(np.int32)
 
 
-class Blocks(Elastic):
+class Blocks(ElasticBody):
     """Two equal blocks, one on top of the other; their nodes coincide along y = 1."""
 
     def __init__(self, method=PW, divisions=(6, 3), gap=0.0, comm=MPI.COMM_SELF):
@@ -32,12 +32,12 @@ class Blocks(Elastic):
             triangles(MPI.COMM_SELF, (0.0, y), (LENGTH, y + HEIGHT), divisions)
             for y in (0.0, HEIGHT + gap)
         )
-        super().__init__(joined(lower, upper, comm), method, E=100.0)
+        super().__init__(join_meshes(lower, upper, comm), method, E=100.0)
         self.gap, self.top = gap, 2 * HEIGHT + gap
-        self.foot = self.held((1, at(1, 0.0)), (0, at(0, 0.0)))
+        self.foot = self.make_supports((1, on_plane(1, 0.0)), (0, on_plane(0, 0.0)))
 
     def load(self, traction, where=None):
-        return super().load(traction, where or at(1, self.top))
+        return super().traction_load(traction, where or on_plane(1, self.top))
 
     def nodes(self, upper):
         return lower_nodes(self.space, HEIGHT + self.gap if upper else HEIGHT, upper)
@@ -54,7 +54,7 @@ class Blocks(Elastic):
 def test_uniform_pressure_passes_exactly(method, own_is_upper):
     blocks, down = Blocks(method), (0.0, -3.0)
     pair_ = blocks.pair(own_is_upper=own_is_upper)
-    (state,) = blocks.contact(pair_, blocks.foot, blocks.load(down))
+    (state,) = blocks.solve_contact(pair_, blocks.foot, blocks.load(down))
     (pair,) = state.pairs
     end, middle = (1 / 6, 2 / 3) if method == GALERKIN else (1 / 4, 1 / 2)
     expected = np.full(13, 2 * end)
@@ -78,7 +78,7 @@ def test_either_side_may_be_the_pair_s_own(gap):
         level = HEIGHT if own_is_upper else HEIGHT + gap
         pair = blocks.pair(0.2, own_is_upper, Parabola((LENGTH / 2, level), sign * 10.0))
         loads = [blocks.load((pull, -2.0)) for pull in (0.0, 0.3)]
-        state = blocks.contact(pair, blocks.clamped(at(1, 0.0)), loads)[-1]
+        state = blocks.solve_contact(pair, blocks.clamp(on_plane(1, 0.0)), loads)[-1]
         results.append((state.displacement.array_r, state.pairs[0]))
     (moved, own), (moved_too, other) = results
     assert {OPEN, SLIP} <= set(own.status.tolist())
@@ -105,17 +105,17 @@ def facing(nodes=UPPER, opposite=LOWER, point=(0, 1), up=(0, 1), offset=(0.0, -0
         (facing(opposite=lambda x: x[1] > 9), "no opposite nodes"),
         (facing(point=(0, 1, 0), up=(0, 1, 0)), "the point of its surface has 3 components"),
         ([facing(), ContactPair(LOWER, Plane((0, 0), (0, 1)))], "belong to two contact pairs"),
-        (facing(at(1, 1.1 + 1 / 6), offset=(0.0, -0.1 - 1 / 6)), "inside of the body"),
+        (facing(on_plane(1, 1.1 + 1 / 6), offset=(0.0, -0.1 - 1 / 6)), "inside of the body"),
     ],
 )
 def test_what_matching_refuses(pair, message):
     with pytest.raises(ValueError, match=message):
-        APART.problem(pair, APART.foot)
+        APART.contact_problem(pair, APART.foot)
 
 
 def test_supports_of_one_side_only_are_refused():
     one_sided = (0, lambda x: np.isclose(x[1], 1.1) & np.isclose(x[0], 1.0))
-    supports = APART.held((1, at(1, 0.0)), (0, at(0, 0.0)), one_sided)
+    supports = APART.make_supports((1, on_plane(1, 0.0)), (0, on_plane(0, 0.0)), one_sided)
     said = r"at \(1, 1.1\) have a prescribed displacement that their counterparts have not"
     with pytest.raises(ValueError, match=said):
-        APART.problem(facing(), supports)
+        APART.contact_problem(facing(), supports)

@@ -36,18 +36,18 @@ from pw_elements.contact.rescue.refusals import Points, escape, proof, proves_im
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import triangles
 from pw_elements.solvers import matrices
-from tests.contact.cases import Elastic, Greco, at
+from tests.contact.cases import ElasticBody, GrecoPlate, on_plane
 from tests.contact.test_large import Rubber
 from tests.contact.test_matching import lower_nodes
-from tests.contact.two_bodies import joined
-from tests.oracle.proofs import flaws, sound
+from tests.contact.two_bodies import join_meshes
+from tests.oracle.proofs import is_valid_proof, measure_proof_defects
 
 SELF = MPI.COMM_SELF
 FLOOR, CEILING = Plane((0, 0), (0, 1)), Plane((0, 1), (0, -1))
 GROUND = Plane((0, 0, 0), (0, 0, 1))
 
 
-class Stated(Elastic):
+class Stated(ElasticBody):
     """A body and its supports; pairs and loads of one increment follow."""
 
     def __init__(self, mesh, state="plane strain", conditions=()):
@@ -61,7 +61,7 @@ class Stated(Elastic):
             load = assemble_vector(self.body.body_load(load))
         self.pairs, self.loads = pairs, [load]
         supports = Reduction.dirichlet(self.space, self.conditions)
-        return self.contact(pairs, supports, load)[0]
+        return self.solve_contact(pairs, supports, load)[0]
 
     def at_node(self, place, force):
         return nodal_load(
@@ -78,7 +78,7 @@ def ring(comm=SELF):
 
 
 def clamped(comm=SELF):
-    return block(comm, [(0, at(1, 0.0)), (1, at(1, 0.0))])
+    return block(comm, [(0, on_plane(1, 0.0)), (1, on_plane(1, 0.0))])
 
 
 def solid(comm=SELF, conditions=()):
@@ -87,14 +87,14 @@ def solid(comm=SELF, conditions=()):
 
 
 def floor(mu=0.3, surface=FLOOR):
-    return ContactPair(at(1, 0.0), surface, mu)
+    return ContactPair(on_plane(1, 0.0), surface, mu)
 
 
 def two_apart(comm=SELF, x=5.0, y=0.0):
     first, second = (
         triangles(SELF, low, (low[0] + 2.0, low[1] + 1.0), (4, 2)) for low in ((0.0, 0.0), (x, y))
     )
-    return Stated(joined(first, second, comm))
+    return Stated(join_meshes(first, second, comm))
 
 
 def stacked(body, below, between):
@@ -108,8 +108,8 @@ def refusal(stated, pairs, load, match=None, kind=NoEquilibrium):
         stated.solve(pairs, load)
     assert type(caught.value) is kind
     if kind is NoEquilibrium:
-        found = flaws(stated, 0, caught.value)
-        assert sound(found), found
+        found = measure_proof_defects(stated, 0, caught.value)
+        assert is_valid_proof(found), found
     return caught.value
 
 
@@ -139,7 +139,7 @@ def test_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
 
 def test_body_in_space_is_dragged_along_a_diagonal():
     """The cone is round: no polygon's corner is taken for it, in any direction."""
-    body, ground = solid(), ContactPair(at(2, 0.0), GROUND, 0.3)
+    body, ground = solid(), ContactPair(on_plane(2, 0.0), GROUND, 0.3)
     for angle in np.radians([0.0, 30.0, 100.0]):
         pull = 0.3 * np.array([np.cos(angle), np.sin(angle)])
         load = body.at_node((1, 1, 0), (*(1.0001 * pull), -1.0))
@@ -156,7 +156,7 @@ UPPER = r"the body around \(1, 1\.5\), by .* slides along x on pair 1\. .* of \(
 @pytest.mark.parametrize(("below", "between", "said"), [(0.5, 0.3, UPPER), (0.3, 0.5, BOTH)])
 def test_upper_or_both_of_two_stacked_blocks_are_dragged_off(below, between, said):
     body = two_apart(x=0.0, y=1.0)
-    load = body.load((0.2, -0.5), at(1, 2.0))
+    load = body.traction_load((0.2, -0.5), on_plane(1, 2.0))
     error = refusal(body, stacked(body, below, between), load, said)
     first, second = error.velocity.translation
     assert first == pytest.approx(second if said == BOTH else 0.0, abs=1e-9)
@@ -178,16 +178,18 @@ def test_axisymmetric_body_is_lifted_along_its_axis_only():
 
 
 def pushed_by(surface, force, mu=0.3):
-    return ContactPair(at(1, 1.0), surface, mu, [Motion((None, None), force)])
+    return ContactPair(on_plane(1, 1.0), surface, mu, [Motion((None, None), force)])
 
 
 def test_plate_that_is_pulled_off_or_along():
     body = clamped()
     plate = pushed_by(CEILING, (0, 1.0))
-    error = refusal(body, plate, body.nothing, "y of the surface of pair 0, by .* lifts off pair 0")
+    error = refusal(
+        body, plate, body.zero_load, "y of the surface of pair 0, by .* lifts off pair 0"
+    )
     assert error.missing.surface == pytest.approx(np.array([[0, -1]]), rel=1e-6)
     words = r"slides along -x on pair 0\. At .* \(-0\.1, 0\) of the surface of pair 0"
-    error = refusal(body, pushed_by(CEILING, (0.4, -1.0)), body.nothing, words)
+    error = refusal(body, pushed_by(CEILING, (0.4, -1.0)), body.zero_load, words)
     assert error.missing.force == pytest.approx(0.0)
 
 
@@ -208,16 +210,16 @@ def corner(x):
     return np.all(np.isclose(x.T, 0.0), axis=1)
 
 
-ICE, ICE_IN_SPACE = floor(0.0), ContactPair(at(2, 0.0), GROUND)
-PLATE = ContactPair(at(1, 1.0), CEILING, 0.3, [Motion((None, 0))])
-AWAY = ContactPair(at(2, 1.0), FlatPunch((9, 9, 1), (0, 0, -1), 0.1), 0.3)
+ICE, ICE_IN_SPACE = floor(0.0), ContactPair(on_plane(2, 0.0), GROUND)
+PLATE = ContactPair(on_plane(1, 1.0), CEILING, 0.3, [Motion((None, 0))])
+AWAY = ContactPair(on_plane(2, 1.0), FlatPunch((9, 9, 1), (0, 0, -1), 0.1), 0.3)
 EDGE = [(axis, lambda x: np.isclose(x[0], 0) & np.isclose(x[2], 0)) for axis in (0, 2)]
 ONE, OTHER = (rf"translation x of the body around \({x}, 0\.5\)" for x in (1, 6))
 AXES = zip("zyx", (r"0, 0, 0\.5", "0, 1, 0", "1, 0, 0"), strict=True)
 ABOUT = " and ".join(rf"rotation about the axis along {a} through \({at}\) of .*" for a, at in AXES)
 SPIN = r"rotation about the axis along z through \(1, 1, 0\.5\) of .* and translation x of .* and"
 HINGE = r"rotation about the axis along y through \(0, 1, 0\) of the body and translation y"
-RING = ContactPair(at(0, 3.0), Plane((3, 0), (-1, 0)))
+RING = ContactPair(on_plane(0, 3.0), Plane((3, 0), (-1, 0)))
 DOWN, SINK = (0.0, -1.0), (0.0, 0.0, -1.0)
 FREE = {
     "ice": (block, ICE, DOWN, "^increment 0: translation x"),
@@ -240,7 +242,7 @@ def test_free_motions_are_named_so_that_supports_can_follow(name):
 
 def messages(comm):
     """Refusals without equilibrium, then of free bodies."""
-    above, space = two_apart(comm, 0.0, 1.0), ContactPair(at(2, 0.0), GROUND, 0.3)
+    above, space = two_apart(comm, 0.0, 1.0), ContactPair(on_plane(2, 0.0), GROUND, 0.3)
     plate = pushed_by(CEILING, (0, 1.0))
     cases = [
         *((block(comm), floor(mu), f) for mu, f in ((0.3, (0.4, -1.0)), (3.0, (2.5, -1.0)))),
@@ -264,16 +266,16 @@ def messages(comm):
 
 
 def test_state_that_came_nearest_is_kept_but_nothing_goes_on_from_it(tmp_path):
-    greco = Greco(16)
+    greco = GrecoPlate(16)
     with pytest.raises(NotFound, match="came nearest violates the law by") as caught:
         greco.solve(1.0, max_iterations=3, remedies=())
     state = caught.value.state
     assert not state.converged
     assert state.iterations == 3
     assert 1e-6 < state.residuals.largest() < 10
-    problem = greco.problem(greco.pair(1.0), greco.symmetry)
+    problem = greco.contact_problem(greco.floor_pair(1.0), greco.symmetry_supports)
     with pytest.raises(ValueError, match="no solution: go on from the one before"):
-        problem.step(state, greco.push)
+        problem.step(state, greco.edge_load)
     with pytest.raises(ValueError, match="the state is not a solution"):
         problem.save(state, tmp_path / "state.npz")
 
@@ -285,14 +287,14 @@ def carried_at_most(error):
 def test_ring_that_is_pushed_off_its_shaft_is_told_what_friction_carries():
     """Smaller increments cannot help; the capacity is mu times the force of the fit."""
     ring = Stated(triangles(SELF, (1.0, 0.0), (2.0, 1.0), (4, 4)), "axisymmetric")
-    pair = ContactPair(at(0, 1.0), Plane((1.01, 0), (1, 0)), 0.3, interference=True)
-    problem, area = ring.problem(pair), np.pi * (2**2 - 1)
-    fitted = problem.step(problem.undeformed, ring.load((0, 1e-9), at(1, 1.0)))
+    pair = ContactPair(on_plane(0, 1.0), Plane((1.01, 0), (1, 0)), 0.3, interference=True)
+    problem, area = ring.contact_problem(pair), np.pi * (2**2 - 1)
+    fitted = problem.step(problem.undeformed, ring.traction_load((0, 1e-9), on_plane(1, 1.0)))
     capacity = 0.3 * fitted.pairs[0].force_normal.sum()
-    pushed = problem.step(fitted, ring.load((0, 0.95 * capacity / area), at(1, 1.0)))
+    pushed = problem.step(fitted, ring.traction_load((0, 0.95 * capacity / area), on_plane(1, 1.0)))
     assert pushed.pairs[0].force[1] == pytest.approx(-0.95 * capacity)
     with pytest.raises(NotFound, match=r"pair 0 is used up: .*smaller increments do not") as caught:
-        problem.step(fitted, ring.load((0, 1.5 * capacity / area), at(1, 1.0)))
+        problem.step(fitted, ring.traction_load((0, 1.5 * capacity / area), on_plane(1, 1.0)))
     assert "may find one" not in str(caught.value)
     assert carried_at_most(caught.value) == pytest.approx(capacity, rel=0.03)
 
@@ -307,7 +309,7 @@ def test_tool_that_is_pushed_along_by_more_than_friction_is_told_what_that_carri
 
 
 def test_refusals_of_other_causes_do_not_blame_friction():
-    greco = Greco(16)
+    greco = GrecoPlate(16)
     with pytest.raises(NotFound, match=r"may find one$"):
         greco.solve(1.0, max_iterations=3, remedies=())
 
@@ -424,7 +426,7 @@ def test_motions_of_many_pieces_are_found_as_those_of_few(monkeypatch, blocked):
         unbraked = refusal(both, floor(0.3), (0.5, -1.0))
         words.append((str(unbraked), unbraked.missing.moment.round(9).tolist()))
         with pytest.raises(FreeBody) as loose:
-            both.solve(ContactPair(at(1, 1.0), CEILING, 0.0), (0.0, 0.0))
+            both.solve(ContactPair(on_plane(1, 1.0), CEILING, 0.0), (0.0, 0.0))
         words[-1] += (str(loose.value),)
         assert both.solve(floor(0.3), (0.1, -1.0)).converged
     assert words[0] == words[1]
@@ -436,7 +438,7 @@ def test_stiffness_between_pieces_holds_them():
     both.conditions = [
         prescribe(both.space, i, lambda x: np.isclose(x[1], 0.0) & (x[0] < 2.5)) for i in (0, 1)
     ]
-    load, pair = (0.0, 0.0), ContactPair(at(1, 1.0), CEILING, 0.0)
+    load, pair = (0.0, 0.0), ContactPair(on_plane(1, 1.0), CEILING, 0.0)
     with pytest.raises(FreeBody):
         both.solve(pair, load)
     free = both.x[:, 0] > 2.5

@@ -19,7 +19,7 @@ from pw_elements import (
 )
 from pw_elements.contact import SLIP, ContactPair, ContactProblem, Motion, SignedDistance, Sphere
 from pw_elements.meshes import triangles
-from tests.contact.cases import Elastic, at, at_large_strains, neo_hookean
+from tests.contact.cases import ElasticBody, finite_strain_residual, neo_hookean_stress, on_plane
 from tests.contact.test_large import Rubber as Touching
 from tests.contact.test_large import hardened
 
@@ -43,15 +43,15 @@ class Rubber:
         self.load = fem.Constant(mesh, np.zeros(dim))
         spaces = Spaces.petrov_galerkin(mesh)
         self.space = spaces.trial
-        stress = lambda F: neo_hookean(F, self.shear, self.lame)  # noqa: E731
-        self.u, inner = at_large_strains(spaces, stress, 3)
-        weight, side = ufl.TestFunction(spaces.test), boundary_measure(mesh, at(0, 1.0))
+        stress = lambda F: neo_hookean_stress(F, self.shear, self.lame)  # noqa: E731
+        self.u, inner = finite_strain_residual(spaces, stress, 3)
+        weight, side = ufl.TestFunction(spaces.test), boundary_measure(mesh, on_plane(0, 1.0))
         self.residual = inner - ufl.inner(self.load, weight) * side
         F, dx = ufl.Identity(dim) + ufl.grad(self.u), ufl.dx(metadata={"quadrature_degree": 3})
         self.work = self.shear * ufl.inner(F, F) * dx + ufl.inner(self.load, self.u) * side
-        self.top = fem.locate_dofs_geometrical(self.space, at(axis, 0.0))
+        self.top = fem.locate_dofs_geometrical(self.space, on_plane(axis, 0.0))
         self.held = [
-            prescribe(self.space, i, at(axis, bottom), *value)
+            prescribe(self.space, i, on_plane(axis, bottom), *value)
             for i, value in enumerate([(self.base,), *[()] * (dim - 1)])
         ]
         centre, radius = rng.uniform(-0.1, 0.1, dim), rng.uniform(0.6, 1.0)
@@ -151,15 +151,15 @@ class Steel:
 
     def __init__(self):
         mesh = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (12, 6))
-        self.body = Elastic(mesh, E=10.0)
-        self.K, self.load = self.body.K, self.body.load((0.02, -0.05), at(0, 1.0))
-        self.supports = self.body.clamped(at(1, -1.0))
+        self.body = ElasticBody(mesh, E=10.0)
+        self.K, self.load = self.body.K, self.body.traction_load((0.02, -0.05), on_plane(0, 1.0))
+        self.supports = self.body.clamp(on_plane(1, -1.0))
         self.outputs = [("force", 0, 0), ("force", 0, 1), ("translation", 0, 1), self.load]
 
     def solve(self, friction=0.2, depth=1.0, slide=1.0, push=1.0, load=1.0, solver=None):
         circle = Sphere((0.03, 0.6), 0.6)
-        pair = ContactPair(at(1, 0.0), circle, friction=friction)
-        problem = self.body.problem(pair, self.supports, solver=solver)
+        pair = ContactPair(on_plane(1, 0.0), circle, friction=friction)
+        problem = self.body.contact_problem(pair, self.supports, solver=solver)
         states, f = [problem.undeformed], self.load.copy()
         f.scale(load)
         motions = [

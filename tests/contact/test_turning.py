@@ -27,7 +27,7 @@ from pw_elements.contact.nodes import (
     RigidSurfacesOnly,
 )
 from pw_elements.contact.steps import finite
-from tests.contact.cases import Block, at, at_large_strains
+from tests.contact.cases import BlockOnFloor, finite_strain_residual, on_plane
 from tests.contact.test_large import SOLVERS, SURFACES, Rubber, _at_points, above, numbers, walked
 from tests.parallel import assert_same
 
@@ -145,7 +145,7 @@ def test_what_turns_with_its_body_makes_no_slip():
     rubber = roller()
     base = fem.Function(rubber.space)
     x = rubber.space.tabulate_dof_coordinates()[:, :2]
-    nodes = fem.locate_dofs_geometrical(rubber.space, at(1, -1.0))
+    nodes = fem.locate_dofs_geometrical(rubber.space, on_plane(1, -1.0))
     held = fem.dirichletbc(base, nodes)
     problem = rubber.touching(held, pivot=PIVOT)
     pressed = walked(problem, [Motion((0.05, -0.15), rotation=0.1)])[-1]
@@ -228,7 +228,7 @@ def on_a_turning_base(pivot, angle):
     rubber = roller(pivot)
     base = fem.Function(rubber.space)
     x = rubber.space.tabulate_dof_coordinates()[:, :2]
-    held = fem.dirichletbc(base, fem.locate_dofs_geometrical(rubber.space, at(1, -1.0)))
+    held = fem.dirichletbc(base, fem.locate_dofs_geometrical(rubber.space, on_plane(1, -1.0)))
     arm = x - pivot - [0.0, -0.1]
 
     def load(share):
@@ -273,10 +273,10 @@ def ball(friction, **options):
     """A cube on a held base below a sphere that turns about its upright diameter."""
     mesh = create_unit_cube(MPI.COMM_SELF, 2, 2, 2, CellType.tetrahedron)
     pair = Spaces.petrov_galerkin(mesh)
-    u, residual = at_large_strains(pair)
-    held = [prescribe(pair.trial, k, at(2, 0.0)) for k in range(3)]
+    u, residual = finite_strain_residual(pair)
+    held = [prescribe(pair.trial, k, on_plane(2, 0.0)) for k in range(3)]
     top = 0.5, 0.4, 1.8
-    pair = ContactPair(at(2, 1.0), Sphere(top, 0.8), friction, pivot=top, axis=(0, 0, 2))
+    pair = ContactPair(on_plane(2, 1.0), Sphere(top, 0.8), friction, pivot=top, axis=(0, 0, 2))
     return ContactProblem.of_residual(residual, u, held, pair, **options)
 
 
@@ -351,7 +351,7 @@ def test_derivatives_of_what_has_turned_are_refused():
 
 
 def test_wrong_pivots_are_refused():
-    rubber, block = Rubber(), Block(4)
+    rubber, block = Rubber(), BlockOnFloor(4)
     surface, step = rubber.pair.surface, rubber.problem.step
     for attempt, words in (
         (lambda: ContactPair(above, DeformableSurface(above), pivot=PIVOT), "are its supports"),
@@ -362,7 +362,10 @@ def test_wrong_pivots_are_refused():
             lambda: rubber.touching(pivot=(0, 0, 1), axis=(0, 0, 1)),
             "its pivot has 3 components in 2-D",
         ),
-        (lambda: block.problem(replace(block.pair(0.3), pivot=(0.0, -1.0))), "of_residual"),
+        (
+            lambda: block.contact_problem(replace(block.floor_pair(0.3), pivot=(0.0, -1.0))),
+            "of_residual",
+        ),
     ):
         with pytest.raises(ValueError, match=words):
             attempt()

@@ -19,14 +19,14 @@ from pw_elements.contact import ContactPair, DeformableSurface
 from pw_elements.elasticity import facet_nodes
 from pw_elements.spaces import exterior_facets
 from study.elements import composite, taylor_hood
-from tests.contact.cases import Elastic, at
+from tests.contact.cases import ElasticBody, on_plane
 
 PRESSURE = 1e-3
-PLANE = ("triangle", "quadrilateral")
-RIVALS = {"composite": composite, "taylor_hood": taylor_hood}
+PLANE_CELLS = ("triangle", "quadrilateral")
+COMPARISON_ELEMENTS = {"composite": composite, "taylor_hood": taylor_hood}
 
 
-def joined(lower, upper, comm=MPI.COMM_SELF):
+def join_meshes(lower, upper, comm=MPI.COMM_SELF):
     """One mesh of two meshes, on any communicator."""
     a, b = lower.geometry.x, upper.geometry.x
     cells = np.concatenate([cell_nodes(lower), cell_nodes(upper) + len(a)]).astype(np.int64)
@@ -36,7 +36,7 @@ def joined(lower, upper, comm=MPI.COMM_SELF):
     return create_mesh(comm, cells=cells, x=x, e=lower.ufl_domain().ufl_coordinate_element())
 
 
-def two_sides(elastic, marker, is_beyond):
+def split_facets_by_side(elastic, marker, is_beyond):
     """Facets of a marker, of the cells whose middles (n, dim) are on this side, and beyond."""
     facets = exterior_facets(elastic.mesh, marker)
     beyond = is_beyond(elastic.x[elastic.displacements.dofmap.list].mean(axis=1))
@@ -45,7 +45,7 @@ def two_sides(elastic, marker, is_beyond):
     return facets[~behind], facets[behind]
 
 
-class Stack(Elastic):
+class StackedBlocks(ElasticBody):
     """A block on another one; they meet near x_up = 1.
 
     `lower` and `upper` are their first and last coordinate across, `element` is a method of
@@ -57,16 +57,16 @@ class Stack(Elastic):
         self,
         divisions,
         cell="triangle",
-        lower=(0.0, 1.0),
-        upper=(0.0, 1.0),
+        lower_range=(0.0, 1.0),
+        upper_range=(0.0, 1.0),
         element="petrov_galerkin",
-        shape=None,
+        map_upper=None,
         nu=0.3,
-        ratio=1.0,
+        modulus_ratio=1.0,
         state=None,
         comm=MPI.COMM_SELF,
     ):
-        dim = 2 if cell in PLANE else 3
+        dim = 2 if cell in PLANE_CELLS else 3
         self.up = dim - 1
 
         def block(n, sides, bottom):
@@ -75,60 +75,62 @@ class Stack(Elastic):
             build = create_box if dim == 3 else create_rectangle
             return build(MPI.COMM_SELF, [low, high], [n, n + 1, n][:dim], CellType[cell])
 
-        below, above = block(divisions[0], lower, 0.0), block(divisions[1], upper, 1.0)
-        if shape is not None:
-            above.geometry.x[:] = shape(above.geometry.x)
-        mesh, material = joined(below, above, comm), Material(1.0, nu)
-        if ratio != 1:
+        below, above = block(divisions[0], lower_range, 0.0), block(divisions[1], upper_range, 1.0)
+        if map_upper is not None:
+            above.geometry.x[:] = map_upper(above.geometry.x)
+        mesh, material = join_meshes(below, above, comm), Material(1.0, nu)
+        if modulus_ratio != 1:
             cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
             above = compute_midpoints(mesh, dim, cells)[:, self.up] > 1
             tags = meshtags(mesh, dim, cells, above.astype(np.int32))
-            material = Material.by_tag(mesh, tags, {0: material, 1: Material(ratio, nu)})
+            material = Material.by_tag(mesh, tags, {0: material, 1: Material(modulus_ratio, nu)})
         state = state or ("solid" if dim == 3 else "plane strain")
-        spaces = RIVALS.get(element) or getattr(Spaces, element)
+        spaces = COMPARISON_ELEMENTS.get(element) or getattr(Spaces, element)
         super().__init__(mesh, spaces, state, material=material)
-        low, high = two_sides(
+        low, high = split_facets_by_side(
             self, lambda x: np.abs(x[self.up] - 1.0) < 0.1, lambda x: x[:, self.up] > 1.0
         )
-        self.sides = {"upper": self._flat(high), "lower": self._flat(low)}
+        self.sides = {"upper": self._along_interface(high), "lower": self._along_interface(low)}
 
-    def _flat(self, facets):
+    def _along_interface(self, facets):
         """Facets that lie rather than stand, for the sides' may be among them."""
         extent = np.ptp(self.x[facet_nodes(self.displacements, facets)], axis=1)
         return facets[extent[:, self.up] < extent[:, : self.up].max(axis=1)]
 
-    def nodes(self, side):
+    def side_nodes(self, side):
         mask = np.zeros(len(self.x), dtype=bool)
         facets = self.sides[side]
         mask[fem.locate_dofs_topological(self.displacements, self.up, facets)] = True
         return mask
 
-    def load(self, traction, where=None):
+    def traction_load(self, traction, where=None):
         """Load vector of a traction, on top unless told otherwise."""
-        return super().load(traction, where or at(self.up, 2.0))
+        return super().traction_load(traction, where or on_plane(self.up, 2.0))
 
-    def pair(self, slave="upper", friction=0.0, motions=()):
+    def make_pair(self, slave="upper", friction=0.0, motions=()):
         master = "lower" if slave == "upper" else "upper"
         surface = DeformableSurface(self.sides[master])
-        return ContactPair(self.nodes(slave), surface, friction, motions)
+        return ContactPair(self.side_nodes(slave), surface, friction, motions)
 
-    def moved_top(self, by, sides=()):
+    def moved_top_supports(self, translation, side_conditions=()):
         """Supports: the base held, the top moved."""
-        ends = [(i, at(self.up, 2.0), by[i]) for i in range(self.dim)]
-        return self.held(*((i, at(self.up, 0.0)) for i in range(self.dim)), *ends, *sides)
+        ends = [(i, on_plane(self.up, 2.0), translation[i]) for i in range(self.dim)]
+        return self.make_supports(
+            *((i, on_plane(self.up, 0.0)) for i in range(self.dim)), *ends, *side_conditions
+        )
 
-    def askew(self, slave="upper", friction=0.2, **options):
+    def solve_shifted_top(self, slave="upper", friction=0.2, **options):
         """The state of an uneven contact: pressed and pushed on by the top."""
-        supports = self.moved_top([0.01, -0.02] if self.dim == 2 else [0.01, -0.02, -0.02])
-        return self.contact(self.pair(slave, friction), supports, **options)[0]
+        supports = self.moved_top_supports([0.01, -0.02] if self.dim == 2 else [0.01, -0.02, -0.02])
+        return self.solve_contact(self.make_pair(slave, friction), supports, **options)[0]
 
-    def pressed(self, slave="upper", friction=0.0, load=None):
+    def solve_uniaxial(self, slave="upper", friction=0.0, load=None):
         """The state of uniaxial stress: symmetry planes, a base that slides, pressure on top."""
-        load = self.load(-PRESSURE * np.eye(self.dim)[self.up]) if load is None else load
-        supports = self.held(*((i, at(i, 0.0)) for i in range(self.dim)))
-        return self.contact(self.pair(slave, friction), supports, load)[0]
+        load = self.traction_load(-PRESSURE * np.eye(self.dim)[self.up]) if load is None else load
+        supports = self.make_supports(*((i, on_plane(i, 0.0)) for i in range(self.dim)))
+        return self.solve_contact(self.make_pair(slave, friction), supports, load)[0]
 
-    def uniaxial(self, nu=0.3):
+    def uniaxial_displacement(self, nu=0.3):
         """Its displacements (nodes, dim)."""
         modulus = 1.0
         if self.body.state.value == "plane strain":

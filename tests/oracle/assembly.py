@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from tests.oracle.elements import ELEMENTS, table
+from tests.oracle.elements import ELEMENTS, tabulate_at_gauss_points
 
-Where = Callable[[np.ndarray], np.ndarray]
+NodeMarker = Callable[[np.ndarray], np.ndarray]
 
 
-class At(NamedTuple):
+class GaussPointData(NamedTuple):
     """What is known at one Gauss point of all c cells; the volume includes the third direction."""
 
     shapes: np.ndarray  # (n,)
@@ -42,13 +42,13 @@ class Body:
     nu: float
     rho: float = 1.0
     thickness: float = 1.0
-    count: int = 3
+    n_gauss: int = 3
 
     def stiffness(self) -> sparse.csc_matrix:
-        lame, mu = self._moduli()
+        lame, mu = self._lame_constants()
         one = np.eye(self.nodes.shape[1])
         total = 0.0
-        for at in self._points():
+        for at in self._gauss_points():
             G, H = at.gradients, at.weight_gradients
             div_u, div_w = G.copy(), H.copy()
             if self.state == "axisymmetric":
@@ -61,60 +61,63 @@ class Body:
                 hoop = np.einsum("i,j,c->cij", at.weights, at.shapes, at.radius**-2.0)
                 entry[:, :, 0, :, 0] += 2 * mu * hoop
             total = total + entry * at.volume[:, None, None, None, None]
-        return self._matrix(total)
+        return self._assemble_matrix(total)
 
     def mass(self) -> sparse.csc_matrix:
         scalar = sum(
             np.einsum("i,j,c->cij", at.weights, at.shapes, self.rho * at.volume)
-            for at in self._points()
+            for at in self._gauss_points()
         )
-        return self._per_component(scalar)
+        return self._assemble_for_each_component(scalar)
 
     def geometric_stiffness(self, displacement: np.ndarray) -> sparse.csc_matrix:
         """Form G, int grad w : grad u S, of a plane body with the stress S of a displacement."""
         u = displacement.reshape(self.nodes.shape)[self.cells]
-        lame, mu = self._moduli()
+        lame, mu = self._lame_constants()
         scalar = 0.0
-        for at in self._points():
+        for at in self._gauss_points():
             slope = np.einsum("cik,cid->ckd", u, at.gradients)
             S = mu * (slope + slope.transpose(0, 2, 1))
             S += lame * np.trace(slope, axis1=1, axis2=2)[:, None, None] * np.eye(2)
             entry = np.einsum("cia,cab,cjb->cij", at.weight_gradients, S, at.gradients)
             scalar = scalar + entry * at.volume[:, None, None]
-        return self._per_component(scalar)
+        return self._assemble_for_each_component(scalar)
 
     def body_load(self, force: tuple[float, ...]) -> np.ndarray:
-        per_node = sum(np.outer(at.volume, at.weights) for at in self._points())
-        return self._vector(per_node, force)
+        per_node = sum(np.outer(at.volume, at.weights) for at in self._gauss_points())
+        return self._assemble_vector(per_node, force)
 
-    def traction(self, where: Where, traction: tuple[float, ...]) -> np.ndarray:
+    def traction_load(self, where: NodeMarker, traction: tuple[float, ...]) -> np.ndarray:
         """Load vector of a traction on the facets all of whose nodes `where` (n, dim) holds on."""
-        surface = self._surface(where)
-        per_node = sum(np.outer(at.volume, at.weights) for at in surface._points())
-        return surface._vector(per_node, traction)
+        surface = self._boundary_body(where)
+        per_node = sum(np.outer(at.volume, at.weights) for at in surface._gauss_points())
+        return surface._assemble_vector(per_node, traction)
 
-    def at_nodes(self, where: Where, components: tuple[int, ...]) -> np.ndarray:
+    def component_mask(self, where: NodeMarker, components: tuple[int, ...]) -> np.ndarray:
         """Mask (n, dim) of displacement components of the nodes that `where` holds on."""
         mask = np.zeros(self.nodes.shape, dtype=bool)
         mask[:, components] = where(self.nodes)[:, None]
         return mask
 
-    def _surface(self, where: Where) -> "Body":
+    def _boundary_body(self, where: NodeMarker) -> "Body":
         element = ELEMENTS[self.element]
         facets = np.concatenate([self.cells[:, facet] for facet in element.facets])
         facets = facets[where(self.nodes)[facets].all(axis=1)]
-        return replace(self, cells=facets, element=element.facet, count=4)
+        return replace(self, cells=facets, element=element.facet, n_gauss=4)
 
-    def _moduli(self) -> tuple[float, float]:
+    def _lame_constants(self) -> tuple[float, float]:
         """Lame's constants; in plane stress the first one that belongs to it."""
         E, nu = self.E, self.nu
         if self.state == "plane stress":
             return E * nu / (1 - nu**2), E / (2 * (1 + nu))
         return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
-    def _points(self) -> Iterator[At]:
+    def _gauss_points(self) -> Iterator[GaussPointData]:
         """Gauss points of the cells, one after the other; no gradients on surfaces."""
-        functions, x = table(self.element, self.linear_weights, self.count), self.nodes[self.cells]
+        functions, x = (
+            tabulate_at_gauss_points(self.element, self.linear_weights, self.n_gauss),
+            self.nodes[self.cells],
+        )
         for N, dN, W, dW, measure in zip(*functions, strict=True):
             J = np.einsum("cna,nb->cab", x, dN)
             on_surface = J.shape[1] > J.shape[2]
@@ -125,12 +128,16 @@ class Body:
                 G, H = (np.einsum("nb,cba->cna", d, inverse) for d in (dN, dW))
             radius = np.einsum("cn,n->c", x[:, :, 0], N)
             depth = {"axisymmetric": 2 * np.pi * radius, "solid": 1.0}
-            yield At(N, G, W, H, radius, measure * size * depth.get(self.state, self.thickness))
+            yield GaussPointData(
+                N, G, W, H, radius, measure * size * depth.get(self.state, self.thickness)
+            )
 
-    def _per_component(self, scalar: np.ndarray) -> sparse.csc_matrix:
-        return self._matrix(np.einsum("cij,kl->cikjl", scalar, np.eye(self.nodes.shape[1])))
+    def _assemble_for_each_component(self, scalar: np.ndarray) -> sparse.csc_matrix:
+        return self._assemble_matrix(
+            np.einsum("cij,kl->cikjl", scalar, np.eye(self.nodes.shape[1]))
+        )
 
-    def _matrix(self, entries: np.ndarray) -> sparse.csc_matrix:
+    def _assemble_matrix(self, entries: np.ndarray) -> sparse.csc_matrix:
         """Sum of cell matrices (c, n, dim, n, dim)."""
         dim = self.nodes.shape[1]
         dofs = (self.cells[:, :, None] * dim + np.arange(dim)).reshape(len(self.cells), -1)
@@ -139,7 +146,7 @@ class Body:
         place = (rows.ravel(), columns.ravel())
         return sparse.coo_matrix((entries.ravel(), place), shape).tocsc()
 
-    def _vector(self, per_node: np.ndarray, direction: tuple[float, ...]) -> np.ndarray:
+    def _assemble_vector(self, per_node: np.ndarray, direction: tuple[float, ...]) -> np.ndarray:
         """Sum of cell vectors (c, n) times a constant vector."""
         total = np.zeros(len(self.nodes))
         np.add.at(total, self.cells, per_node)

@@ -5,11 +5,15 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 
-def smallest(
-    K: sparse.spmatrix, M: sparse.spmatrix, held: np.ndarray, count: int, shift: float = 0.0
+def eigenvalues_nearest_to(
+    K: sparse.spmatrix,
+    M: sparse.spmatrix,
+    prescribed_mask: np.ndarray,
+    count: int,
+    shift: float = 0.0,
 ) -> np.ndarray:
     """Eigenvalues (count,) of K x = lambda M x nearest to the shift, sorted by their real parts."""
-    kept = np.flatnonzero(~held.ravel())
+    kept = np.flatnonzero(~prescribed_mask.ravel())
     K, M = (matrix.tocsc()[kept][:, kept] for matrix in (K, M))
     factors = splu((K - shift * M).tocsc())
     inverse = LinearOperator(K.shape, lambda x: factors.solve(M @ x))
@@ -18,7 +22,7 @@ def smallest(
     return np.sort_complex(shift + 1 / values)
 
 
-def condensed(
+def guyan_reduction(
     K: sparse.spmatrix, M: sparse.spmatrix, inner: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """K and M by Guyan's reduction: inner nodes follow the others as they do in statics.

@@ -18,8 +18,8 @@ import numpy as np
 class Element:
     simplex: bool
     nodes: tuple
-    powers: tuple
-    parts: tuple = ()
+    exponents: tuple
+    sub_cells: tuple = ()
     facets: tuple = ()
     facet: str = ""
     centre: tuple = ()
@@ -75,7 +75,7 @@ ELEMENTS = {
 }
 
 
-class Table(NamedTuple):
+class FunctionTable(NamedTuple):
     """Functions and their slopes at the q points of a rule on the reference element."""
 
     shapes: np.ndarray  # (q, n)
@@ -86,54 +86,58 @@ class Table(NamedTuple):
 
 
 @cache
-def table(name: str, linear_weights: bool, count: int) -> Table:
+def tabulate_at_gauss_points(name: str, linear_weights: bool, n_gauss: int) -> FunctionTable:
     """An element's functions at Gauss points, `count` in each direction.
 
     The rule is one of the whole element with quadratic weights, and one of each sub-cell with
     piecewise-linear ones.
     """
     element = ELEMENTS[name]
-    return tabulated(name, linear_weights, *gauss(element.simplex, len(element.nodes[0]), count))
+    return tabulate_at_points(
+        name, linear_weights, *gauss_rule(element.simplex, len(element.nodes[0]), n_gauss)
+    )
 
 
-def tabulated(name: str, linear_weights: bool, points: np.ndarray, measure: np.ndarray) -> Table:
+def tabulate_at_points(
+    name: str, linear_weights: bool, points: np.ndarray, measure: np.ndarray
+) -> FunctionTable:
     """The same at the points (q, d) of a rule on a cell, or on a sub-cell."""
     element = ELEMENTS[name]
     if not linear_weights:
-        values, slopes = shapes(name, points)
-        return Table(values, slopes, values, slopes, measure)
+        values, slopes = shape_functions(name, points)
+        return FunctionTable(values, slopes, values, slopes, measure)
     nodes, nodal = np.array(element.nodes) / 2, np.eye(len(element.nodes))
     if element.centre:
         centre = list(element.centre)
         nodes, nodal = (np.vstack([a, a[centre].mean(axis=0)]) for a in (nodes, nodal))
-    hats, hat_slopes = _corner_functions(element.simplex, points)
+    hats, hat_slopes = _vertex_functions(element.simplex, points)
     collected = []
-    for part in map(list, element.parts):
+    for part in map(list, element.sub_cells):
         jacobian = np.einsum("ka,qkb->qab", nodes[part], hat_slopes)
         weights = hats @ nodal[part]
         weight_slopes = np.einsum("qka,kn->qna", hat_slopes @ np.linalg.inv(jacobian), nodal[part])
-        inside = shapes(name, hats @ nodes[part])
+        inside = shape_functions(name, hats @ nodes[part])
         size = np.abs(np.linalg.det(jacobian))
         collected.append((*inside, weights, weight_slopes, measure * size))
-    return Table(*(np.concatenate(arrays) for arrays in zip(*collected, strict=True)))
+    return FunctionTable(*(np.concatenate(arrays) for arrays in zip(*collected, strict=True)))
 
 
-def shapes(name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def shape_functions(name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Quadratic shape functions (q, n) at points (q, d), and their slopes (q, n, d)."""
     element = ELEMENTS[name]
-    powers = np.array(element.powers)
+    powers = np.array(element.exponents)
     at_nodes, _ = _monomials(np.array(element.nodes) / 2, powers)
     values, slopes = _monomials(points, powers)
     inverse = np.linalg.inv(at_nodes)
     return values @ inverse, np.einsum("qmd,mn->qnd", slopes, inverse)
 
 
-def gauss(simplex: bool, dimension: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+def gauss_rule(simplex: bool, dimension: int, n_points: int) -> tuple[np.ndarray, np.ndarray]:
     """Points (q, d) and weights (q,) of a Gauss rule; on simplices a collapsed one.
 
     Exact for polynomials of degree 2 count - 1 on tensor products, 2 count - d on simplices.
     """
-    t, w = np.polynomial.legendre.leggauss(count)
+    t, w = np.polynomial.legendre.leggauss(n_points)
     t, w = (t + 1) / 2, w / 2
     points = np.array(list(product(t, repeat=dimension)))
     weights = np.array([np.prod(ws) for ws in product(w, repeat=dimension)])
@@ -157,7 +161,7 @@ def _monomials(points: np.ndarray, powers: np.ndarray) -> tuple[np.ndarray, np.n
     return factors.prod(axis=2), slopes
 
 
-def _corner_functions(simplex: bool, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _vertex_functions(simplex: bool, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Functions (q, k) that are linear on a simplex, bilinear on a square; slopes (q, k, d)."""
     if simplex:
         slopes = np.vstack([-np.ones(x.shape[1]), np.eye(x.shape[1])])

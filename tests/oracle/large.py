@@ -18,10 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracle.elements import tabulated
+from tests.oracle.elements import tabulate_at_points
 
 
-class Rubber:
+class NeoHookeanBody:
     """A neo-Hookean body of T6 triangles (c, 6) with straight sides, in Basix's order.
 
     `lame` is over the shear modulus, and `rule` one of the reference triangle, or with
@@ -30,14 +30,14 @@ class Rubber:
 
     def __init__(self, nodes, cells, linear_weights, lame, rule) -> None:
         self.nodes, self.cells, self.lame = nodes, cells, lame
-        at = tabulated("T6", linear_weights, *rule)
+        at = tabulate_at_points("T6", linear_weights, *rule)
         jacobian = np.einsum("cna,qnb->qcab", nodes[cells], at.slopes)
         inverse = np.linalg.inv(jacobian)
         self.gradients = np.einsum("qnb,qcba->qcna", at.slopes, inverse)
         self.weight_gradients = np.einsum("qnb,qcba->qcna", at.weight_slopes, inverse)
         self.volume = at.measure[:, None] * np.abs(np.linalg.det(jacobian))
 
-    def forces(self, u: np.ndarray) -> np.ndarray:
+    def nodal_forces(self, u: np.ndarray) -> np.ndarray:
         """Nodal forces (n, 2) that hold displacements (n, 2)."""
         F = np.eye(2) + np.einsum("cna,qcnb->qcab", u[self.cells], self.gradients)
         a, b, c, d = F[..., 0, 0], F[..., 0, 1], F[..., 1, 0], F[..., 1, 1]
@@ -50,11 +50,11 @@ class Rubber:
         return total
 
 
-def cross(a, b):
+def cross_product(a, b):
     return a[0] * b[1] - a[1] * b[0]
 
 
-def law_lines(r_n, r_t, g, v, mu):
+def law_violations(r_n, r_t, g, v, mu):
     """What violates the law at nodes with forces r, gaps g and slips v, by name."""
     return {
         "penetration": -g,
@@ -66,7 +66,7 @@ def law_lines(r_n, r_t, g, v, mu):
 
 
 @dataclass(frozen=True)
-class Circle:
+class RigidCircle:
     """A rigid circle outside of a body, at its initial place."""
 
     centre: tuple[float, float]
@@ -75,33 +75,40 @@ class Circle:
 
 
 @dataclass(frozen=True)
-class Contact:
+class CircleContact:
     """A body, numbers of the nodes that may meet the circle, and the mask (n, 2) of supports."""
 
-    body: Rubber
-    circle: Circle
-    touching: np.ndarray
-    held: np.ndarray
+    body: NeoHookeanBody
+    circle: RigidCircle
+    contact_nodes: np.ndarray
+    prescribed_mask: np.ndarray
 
     def violations(self, history) -> dict[str, float]:
         """Of each condition in the last increment; of forces and lengths over history's largest.
 
         A history has displacements (n, 2) and translation (2,), from the undeformed body on.
         """
-        force = max(np.abs(self.body.forces(u)).max() for u, _ in history)
+        force = max(np.abs(self.body.nodal_forces(u)).max() for u, _ in history)
         length = max(max(np.abs(u).max(), np.abs(U).max()) for u, U in history)
         force = force or 1.0  # the circle has not yet met the body
         u, circle = history[-1][0], self.circle
         before, away = (  # from the circle's centre
-            (self.body.nodes + u)[self.touching] - U - np.array(circle.centre)
+            (self.body.nodes + u)[self.contact_nodes] - U - np.array(circle.centre)
             for u, U in history[-2:]
         )
         distance = np.linalg.norm(away, axis=1)
-        n, forces = away / distance[:, None], self.body.forces(u) / force
-        angle = np.arctan(cross(before.T, away.T) / np.sum(before * away, axis=1))  # below 90 deg.
+        n, forces = away / distance[:, None], self.body.nodal_forces(u) / force
+        angle = np.arctan(
+            cross_product(before.T, away.T) / np.sum(before * away, axis=1)
+        )  # below 90 deg.
         gap, slip = (distance - circle.radius) / length, circle.radius * angle / length
-        r, free = forces[self.touching], ~self.held
-        free[self.touching] = False
-        lines = {"supports": np.abs(u[self.held]) / length, "equilibrium": np.abs(forces[free])}
-        lines |= law_lines(np.sum(n * r, axis=1), cross(n.T, r.T), gap, slip, circle.friction)
+        r, free = forces[self.contact_nodes], ~self.prescribed_mask
+        free[self.contact_nodes] = False
+        lines = {
+            "supports": np.abs(u[self.prescribed_mask]) / length,
+            "equilibrium": np.abs(forces[free]),
+        }
+        lines |= law_violations(
+            np.sum(n * r, axis=1), cross_product(n.T, r.T), gap, slip, circle.friction
+        )
         return {name: float(max(0.0, line.max())) for name, line in lines.items()}

@@ -11,27 +11,27 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from tests.oracle.assembly import Body
-from tests.oracle.eigen import condensed
+from tests.oracle.eigen import guyan_reduction
 
 NORMAL_UP, NORMAL_DOWN = (0.0, 1.0), (0.0, -1.0)
-Numbers = dict[str, np.ndarray]
+ValuesByName = dict[str, np.ndarray]
 TOLERANCE = 1e-8
 # The 8-node quadrilateral of two triangles condenses a node that carries no load: the oracle keeps
 # it and gets the same. In vibration condensing changes the answer
-STATIC = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
+STATIC_ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 
 
 @dataclass(frozen=True)
-class Problem:
+class StudyComparison:
     """Numbers of the study, and the same by the oracle."""
 
-    theirs: Numbers
-    ours: Callable[[bool], Numbers]
+    study_values: ValuesByName
+    compute_oracle_values: Callable[[bool], ValuesByName]
     scales: dict[str, float] = field(default_factory=dict)
 
     def differences(self, linear_weights: bool) -> dict[str, float]:
-        ours, found = self.ours(linear_weights), {}
-        for name, theirs in self.theirs.items():
+        ours, found = self.compute_oracle_values(linear_weights), {}
+        for name, theirs in self.study_values.items():
             scale = self.scales.get(name, np.abs(theirs).max())
             assert 0 < scale < np.inf, name
             found[name] = float(np.abs(theirs - ours[name]).max() / scale)
@@ -50,26 +50,26 @@ def assert_differs(problem):
     assert max(differences.values()) > 1e3 * TOLERANCE, differences
 
 
-def assert_found(problem, element):
+def assert_agrees_with_these_weights_alone(problem, element):
     """Both: weights of another kind would be noticed."""
     assert_agrees(problem, element)
     if element == "pw-T6":
         assert_differs(problem)
 
 
-def on(axis, value):
+def rows_on_plane(axis, value):
     return lambda x: np.isclose(x[:, axis], value)
 
 
-def within(limit):
+def rows_within(limit):
     return lambda x: np.abs(x[:, 0]) < limit + 1e-9
 
 
-def both(*conditions):
+def all_of(*conditions):
     return lambda x: np.all([condition(x) for condition in conditions], axis=0)
 
 
-def either(*conditions):
+def any_of(*conditions):
     return lambda x: np.any([condition(x) for condition in conditions], axis=0)
 
 
@@ -88,39 +88,43 @@ def oracle_body(result, element, linear, state, E, nu, **more):
     return Body(curves["nodes"], curves["cells"], kind, linear, state, E, nu, **more)
 
 
-def plane(normal, level=0.0):
+def plane_functions(normal, level=0.0):
     """Gap and normal of a horizontal plane, for a `Pair`."""
     return (lambda x: (x[:, 1] - level) * normal[1], lambda x: np.tile(normal, (len(x), 1)))
 
 
-def parabola(apex, radius):
+def parabola_functions(apex, radius):
     """A punch that presses downwards."""
-    return (lambda x: x[:, 0] ** 2 / (2 * radius) - (x[:, 1] - apex)), plane(NORMAL_DOWN)[1]
+    return (lambda x: x[:, 0] ** 2 / (2 * radius) - (x[:, 1] - apex)), plane_functions(NORMAL_DOWN)[
+        1
+    ]
 
 
-def nothing_held(body):
+def no_prescribed_displacements(body):
     return np.zeros(body.nodes.shape, dtype=bool)
 
 
-def contact_problem(result, solved, normal, tangent=(-1.0, 0.0), displacement=True, **further):
+def compare_contact_line(
+    result, solve_by_oracle, normal, tangent=(-1.0, 0.0), with_displacement=True, **further
+):
     """Forces along one contact line and their sums; displacements and more, where stored."""
-    names = ["force_n", "force_t"] + ["displacement"] * displacement
+    names = ["force_n", "force_t"] + ["displacement"] * with_displacement
     theirs = {name: result.curves[name] for name in names}
     theirs |= {name: result.scalars[name] for name in ("force_normal", "force_tangential")}
     theirs |= {name: number for name, (number, _) in further.items()}
 
     def ours(linear):
-        state = solved(linear)
+        state = solve_by_oracle(linear)
         force_n, force_t = state.forces[0] @ normal, state.forces[0] @ tangent
         found = {"force_n": force_n, "force_t": force_t, "displacement": state.displacement}
         found |= {"force_normal": force_n.sum(), "force_tangential": force_t.sum()}
         return found | {name: of(state) for name, (_, of) in further.items()}
 
     scales = {"force_t": theirs["force_n"].max(), "force_tangential": theirs["force_normal"]}
-    return Problem(theirs, ours, scales)
+    return StudyComparison(theirs, ours, scales)
 
 
-def displacement(K, f, held):
+def solve_displacement(K, f, held):
     kept = np.flatnonzero(~held.ravel())
     u = np.zeros(len(f))
     u[kept] = splu(K[kept][:, kept].tocsc()).solve(f[kept])
@@ -131,13 +135,13 @@ def symmetric_part(A):
     return (A + A.T) / 2
 
 
-def without_inner_nodes(body, element, held):
+def condense_inner_nodes(body, element, prescribed_mask):
     """Stiffness, mass and mask of held displacements after Guyan's reduction, if there is one."""
     K, M, inner = body.stiffness(), body.mass(), _inner_nodes(body, element)
     if not len(inner):
-        return K, M, held
+        return K, M, prescribed_mask
     kept = np.setdiff1d(np.arange(len(body.nodes)), inner)
-    return *map(csc_matrix, condensed(K, M, inner)), held[kept]
+    return *map(csc_matrix, guyan_reduction(K, M, inner)), prescribed_mask[kept]
 
 
 def _inner_nodes(body, element):

@@ -19,13 +19,13 @@ from scipy.spatial import cKDTree
 
 from pw_elements.contact import ContactPair, NoEquilibrium
 from pw_elements.contact.model import MatchingNodes
-from tests.contact.residuals import _contact_nodes, _supports
-from tests.oracle.search import Increment
+from tests.contact.residuals import contact_nodes_and_friction, prescribed_displacements
+from tests.oracle.search import LinearIncrement
 
 Array = npt.NDArray[np.float64]
 
 
-def flaws(problem, increment: int, error: NoEquilibrium) -> dict[str, float]:
+def measure_proof_defects(problem, increment: int, error: NoEquilibrium) -> dict[str, float]:
     """What the proof lacks, each as a small number if it lacks nothing; in serial.
 
     Strain forces, motion of supports and overstepping of cones over what velocities of that size
@@ -35,7 +35,7 @@ def flaws(problem, increment: int, error: NoEquilibrium) -> dict[str, float]:
     dim = space.mesh.geometry.dim
     x = space.tabulate_dof_coordinates()[:, :dim]
     v = node_velocities(space, error)
-    held, _ = _supports(problem.conditions, len(x), dim)
+    held, _ = prescribed_displacements(problem.conditions, len(x), dim)
     size = np.linalg.norm(v, axis=1).max()
     surfaces = error.velocity.surface
     size = max(size, np.abs(surfaces).max())
@@ -61,14 +61,15 @@ def flaws(problem, increment: int, error: NoEquilibrium) -> dict[str, float]:
             parts += np.abs(np.where(free, forces, 0.0)) @ np.abs(surfaces[k])
         found["supports"] = max(found["supports"], np.abs(surfaces[k][~free]).max(initial=0.0))
         found["cones"] = max(
-            found["cones"], _overstepped(pair, space, place, free, v, surfaces[k], held) / size
+            found["cones"],
+            _largest_cone_violation(pair, space, place, free, v, surfaces[k], held) / size,
         )
-        if free.any() and _moved_by(pair, space, v, surfaces[k]) > 1e-9 * size:
-            found["turning"] = max(found["turning"], _turned(pair, x, place, free))
+        if free.any() and _largest_relative_velocity(pair, space, v, surfaces[k]) > 1e-9 * size:
+            found["turning"] = max(found["turning"], _largest_normal_change(pair, x, place, free))
     return {name: float(value) for name, value in found.items()} | {"work": float(work / parts)}
 
 
-def sound(found: dict[str, float]) -> bool:
+def is_valid_proof(found: dict[str, float]) -> bool:
     """Whether what `flaws` finds leaves the proof as it is.
 
     Contact forces would have to be a thousand times the loads to undo it by round-off.
@@ -102,21 +103,25 @@ def node_velocities(space, error: NoEquilibrium) -> Array:
     return v
 
 
-def _relative(pair: ContactPair, space, nodes: npt.NDArray, v: Array, surface: Array) -> Array:
+def _relative_velocities(
+    pair: ContactPair, space, nodes: npt.NDArray, v: Array, surface: Array
+) -> Array:
     relative = v[nodes] - surface
     if isinstance(pair.surface, MatchingNodes):
-        other, _ = _contact_nodes(ContactPair(pair.surface.nodes, pair.surface.shape), space)
+        other, _ = contact_nodes_and_friction(
+            ContactPair(pair.surface.nodes, pair.surface.shape), space
+        )
         x = space.tabulate_dof_coordinates()[:, : v.shape[1]]
         offset = 0.0 if pair.surface.offset is None else np.asarray(pair.surface.offset)
         relative = relative - v[other[cKDTree(x[other]).query(x[nodes] + offset)[1]]]
     return relative
 
 
-def _shape(pair: ContactPair):
+def _rigid_shape(pair: ContactPair):
     return pair.surface.shape if isinstance(pair.surface, MatchingNodes) else pair.surface
 
 
-def _overstepped(
+def _largest_cone_violation(
     pair: ContactPair,
     space,
     place: Array,
@@ -126,34 +131,36 @@ def _overstepped(
     held: npt.NDArray[np.bool_],
 ) -> float:
     """Largest mu |v_t| - v_n over the length of (1, mu)."""
-    nodes, mu = _contact_nodes(pair, space)
+    nodes, mu = contact_nodes_and_friction(pair, space)
     x = space.tabulate_dof_coordinates()[nodes, : v.shape[1]] - place
     # which nodes a surface faces that is free to move, is not known
-    faced = np.isfinite(_shape(pair).gap(x)) | free.any()
-    normal = _shape(pair).normal(x)[faced]
+    faced = np.isfinite(_rigid_shape(pair).gap(x)) | free.any()
+    normal = _rigid_shape(pair).normal(x)[faced]
     nodes, mu = nodes[faced], mu[faced]
-    relative = np.where(held[nodes], 0.0, _relative(pair, space, nodes, v, surface))
+    relative = np.where(held[nodes], 0.0, _relative_velocities(pair, space, nodes, v, surface))
     parting = np.sum(relative * normal, axis=1)
     sliding = np.where(held[nodes], 0.0, relative - parting[:, None] * normal)
     short = mu * np.linalg.norm(sliding, axis=1) - parting
     return float((short / np.sqrt(1 + mu**2)).max(initial=0.0))
 
 
-def _moved_by(pair: ContactPair, space, v: Array, surface: Array) -> float:
-    nodes, _ = _contact_nodes(pair, space)
-    return float(np.abs(_relative(pair, space, nodes, v, surface)).max())
+def _largest_relative_velocity(pair: ContactPair, space, v: Array, surface: Array) -> float:
+    nodes, _ = contact_nodes_and_friction(pair, space)
+    return float(np.abs(_relative_velocities(pair, space, nodes, v, surface)).max())
 
 
-def _turned(pair: ContactPair, x: Array, place: Array, free: npt.NDArray[np.bool_]) -> float:
+def _largest_normal_change(
+    pair: ContactPair, x: Array, place: Array, free: npt.NDArray[np.bool_]
+) -> float:
     """Largest change of a normal as the surface moves freely by up to the body's size."""
-    shape, rng = _shape(pair), np.random.default_rng(0)
+    shape, rng = _rigid_shape(pair), np.random.default_rng(0)
     extent = np.ptp(x, axis=0).max()
     here = shape.normal(x - place)
     moves = np.where(free, rng.uniform(-1, 1, (20, len(place))), 0.0) * extent
     return max(float(np.abs(shape.normal(x - place - move) - here).max()) for move in moves)
 
 
-def linear_increment(problem, states) -> Increment:
+def linear_increment(problem, states) -> LinearIncrement:
     """The increment after some states, of a problem in the plane, by the whole K; in serial.
 
     Surfaces that are free to move have to be flat.
@@ -163,11 +170,11 @@ def linear_increment(problem, states) -> Increment:
     x = space.tabulate_dof_coordinates()[:, :dim]
     K = problem.K[:, :]
     f = problem.loads[number].array_r
-    held, values = _supports(problem.conditions, len(x), dim)
+    held, values = prescribed_displacements(problem.conditions, len(x), dim)
     where = [
         (k, int(n), mu)
         for k, pair in enumerate(problem.pairs)
-        for n, mu in zip(*_contact_nodes(pair, space), strict=True)
+        for n, mu in zip(*contact_nodes_and_friction(pair, space), strict=True)
         if not held[n].all()
     ]
     nodes, pair_of = np.array([n for _, n, _ in where]), np.array([k for k, _, _ in where])
@@ -220,7 +227,7 @@ def linear_increment(problem, states) -> Increment:
     towards = np.einsum("na,nab->nb", normal, relative)
     towards[:, -1] += np.where(faced, gap, 0.0) + np.sum(normal * place[pair_of], axis=1)
     relative[..., -1] -= before[nodes] - was[pair_of]
-    return Increment(
+    return LinearIncrement(
         np.einsum("na,nab->nb", normal, r),
         np.einsum("na,nab->nb", tangent, r),
         towards,

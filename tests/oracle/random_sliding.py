@@ -33,30 +33,30 @@ from pw_elements.contact import (
     Sphere,
 )
 from pw_elements.contact.model import ContactState
-from tests.contact.cases import at, at_large_strains, neo_hookean
-from tests.contact.sliding import die, sliding
-from tests.oracle.large import Rubber
-from tests.oracle.sliding import Sliding
-from tests.oracle.tools import Moment, Pressed, Tool
+from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
+from tests.contact.sliding import iterate_along_path, make_die_on_block
+from tests.oracle.large import NeoHookeanBody
+from tests.oracle.sliding import SlidingContact
+from tests.oracle.tools import RigidTool, ToolContact, ToolState
 
-KINDS = {"circle": 0.25, "roller": 0.15, "plane": 0.25, "held": 0.15, "bodies": 0.2}
-DEGREE = 4
-RULE = basix.make_quadrature(basix.CellType.triangle, DEGREE)
+KIND_PROBABILITIES = {"circle": 0.25, "roller": 0.15, "plane": 0.25, "held": 0.15, "bodies": 0.2}
+QUADRATURE_DEGREE = 4
+TRIANGLE_RULE = basix.make_quadrature(basix.CellType.triangle, QUADRATURE_DEGREE)
 
 
 @dataclass(frozen=True)
-class Step:
+class SketchStep:
     """The end of one increment, from the initial place on."""
 
     across: float
     down: float | None  # translation, or None under a force
     force: float = 0.0  # upwards, of the tool on the body
     angle: float = 0.0
-    moved: float = 0.0  # what supports prescribe across
+    support_displacement: float = 0.0  # what supports prescribe across
 
 
 @dataclass(frozen=True)
-class Sketch:
+class SlidingSketch:
     """A problem in numbers; lengths over half the block's width, stresses over the shear modulus.
 
     Those of two bodies have steps and options of `die` alone.
@@ -65,7 +65,7 @@ class Sketch:
     seed: int
     kind: str
     friction: float
-    steps: tuple[Step, ...]
+    steps: tuple[SketchStep, ...]
     linear_weights: bool = True
     nu: float = 0.3
     height: float = 1.0
@@ -76,16 +76,16 @@ class Sketch:
     offset: float = 0.0
     gap: float = 0.0
     pivot: tuple[float, float] = (0.0, 0.0)
-    held: str = "base"  # or with it the "sides", or the "ends" of the top
-    options: dict = field(default_factory=dict)
+    support_kind: str = "base"  # or with it the "sides", or the "ends" of the top
+    die_options: dict = field(default_factory=dict)
 
 
-def sketch(seed: int) -> Sketch:
+def draw_sketch(seed: int) -> SlidingSketch:
     rng = np.random.default_rng([47, seed])
-    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    kind = str(rng.choice(list(KIND_PROBABILITIES), p=list(KIND_PROBABILITIES.values())))
     friction = 0.0 if rng.random() < 0.12 else float(rng.uniform(0.02, 1.0))
     if kind == "bodies":
-        return _bodies(seed, rng, friction)
+        return _draw_two_bodies(seed, rng, friction)
     height = float(rng.uniform(0.4, 1.0))
     cells = rng.integers((4, 2), (10, 4))
     divisions = (int(cells[0]), int(cells[1]) if kind in ("plane", "held") else int(cells[1]) + 1)
@@ -121,8 +121,8 @@ def sketch(seed: int) -> Sketch:
         ]
         way = np.array([across, -down]) + lift
         vertical = None if by_force else float(way[1])
-        steps.append(Step(float(way[0]), vertical, -2.0 * down * by_force, angle, moved))
-    return Sketch(
+        steps.append(SketchStep(float(way[0]), vertical, -2.0 * down * by_force, angle, moved))
+    return SlidingSketch(
         seed,
         kind,
         friction,
@@ -137,18 +137,18 @@ def sketch(seed: int) -> Sketch:
         offset=offset,
         gap=gap,
         pivot=pivot,
-        held=str(rng.choice(["sides", "ends"])) if kind == "held" else "base",
+        support_kind=str(rng.choice(["sides", "ends"])) if kind == "held" else "base",
     )
 
 
-def _bodies(seed: int, rng: np.random.Generator, friction: float) -> Sketch:
+def _draw_two_bodies(seed: int, rng: np.random.Generator, friction: float) -> SlidingSketch:
     across, steps = 0.0, []
     for k in range(rng.integers(2, 5)):
         if k == 0 or rng.random() < 0.4:
             down = float(rng.uniform(0.02, 0.15))
         if k > 0 or rng.random() < 0.3:
             across += float(rng.uniform(-0.4, 0.4))
-        steps.append(Step(across, -down))
+        steps.append(SketchStep(across, -down))
     options = {
         "upper_is_slave": bool(rng.random() < 0.5),
         "curvature": 0.0 if rng.random() < 0.3 else float(rng.uniform(0.3, 1.8)),
@@ -156,38 +156,40 @@ def _bodies(seed: int, rng: np.random.Generator, friction: float) -> Sketch:
         "divisions": ((int(rng.integers(6, 13)), 3), (int(rng.integers(4, 9)), 3)),
         "turned": float(rng.choice([0.0, rng.uniform(-60, 60)])),
     }
-    return Sketch(seed, "bodies", friction, tuple(steps), options=options)
+    return SlidingSketch(seed, "bodies", friction, tuple(steps), die_options=options)
 
 
-class RigidProblem:
+class RigidToolProblem:
     """A block and a tool: the library's history, and its violations of the law by `tools`."""
 
-    def __init__(self, sketch: Sketch) -> None:
+    def __init__(self, sketch: SlidingSketch) -> None:
         self.sketch = sketch
 
     @cached_property
     def solution(self) -> tuple[list[ContactState], ContactFailed | None]:
         """States of the library, the undeformed one first, and the error that ends them."""
-        plan, mesh = self.sketch, self._mesh()
+        plan, mesh = self.sketch, self._make_mesh()
         spaces = (Spaces.petrov_galerkin if plan.linear_weights else Spaces.galerkin)(mesh)
         lame = fem.Constant(mesh, 2 * plan.nu / (1 - 2 * plan.nu))
-        u, residual = at_large_strains(spaces, lambda F: neo_hookean(F, lame=lame), DEGREE)
+        u, residual = finite_strain_residual(
+            spaces, lambda F: neo_hookean_stress(F, lame=lame), QUADRATURE_DEGREE
+        )
         self.nodes = spaces.trial.tabulate_dof_coordinates()[:, :2]
         self.cells = spaces.trial.dofmap.list
-        self.held = self._supports()
-        self.touching = np.flatnonzero(np.isclose(self.nodes[:, 1], 0.0))
+        self.prescribed_mask = self._make_prescribed_mask()
+        self.contact_nodes = np.flatnonzero(np.isclose(self.nodes[:, 1], 0.0))
         moved = fem.Constant(mesh, 0.0)
         conditions = []
         for axis, value in enumerate((moved, fem.Constant(mesh, 0.0))):
             space = spaces.trial.sub(axis)
-            dofs = (2 * np.flatnonzero(self.held[:, axis]) + axis).astype(np.int32)
+            dofs = (2 * np.flatnonzero(self.prescribed_mask[:, axis]) + axis).astype(np.int32)
             conditions.append(fem.dirichletbc(value, dofs, space))
-        pair = ContactPair(at(1, 0.0), self._surface(), plan.friction, pivot=plan.pivot)
+        pair = ContactPair(on_plane(1, 0.0), self._make_surface(), plan.friction, pivot=plan.pivot)
         problem = ContactProblem.of_residual(residual, u, conditions, pair)
         states, before = [problem.undeformed], 0.0
         for step in plan.steps:
 
-            def load(share: float, ends=(before, step.moved)) -> None:
+            def load(share: float, ends=(before, step.support_displacement)) -> None:
                 moved.value = (1 - share) * ends[0] + share * ends[1]
 
             motion = Motion((step.across, step.down), (0.0, step.force), step.angle)
@@ -195,46 +197,50 @@ class RigidProblem:
                 states.append(problem.step(states[-1], load, motion))
             except ContactFailed as error:
                 return states, error
-            before = step.moved
+            before = step.support_displacement
         return states, None
 
     def violations(self) -> list[dict[str, float]]:
         """Of every accepted state and substate."""
         states, _ = self.solution
         plan, results, before = self.sketch, [], 0.0
-        body = Rubber(
-            self.nodes, self.cells, plan.linear_weights, 2 * plan.nu / (1 - 2 * plan.nu), RULE
+        body = NeoHookeanBody(
+            self.nodes,
+            self.cells,
+            plan.linear_weights,
+            2 * plan.nu / (1 - 2 * plan.nu),
+            TRIANGLE_RULE,
         )
         pressed, history = (
-            Pressed(body, self.tool, self.touching, self.held),
-            [self.moment(states[0])],
+            ToolContact(body, self.tool, self.contact_nodes, self.prescribed_mask),
+            [self.tool_state(states[0])],
         )
         for step, start, end in zip(plan.steps, states, states[1:], strict=False):
             for share, part in (*end.substates, (1.0, end)):
-                history.append(self.moment(part))
+                history.append(self.tool_state(part))
                 prescribed = np.zeros_like(self.nodes)
-                prescribed[:, 0] = (1 - share) * before + share * step.moved
+                prescribed[:, 0] = (1 - share) * before + share * step.support_displacement
                 found = pressed.violations(history, prescribed)
                 results.append(found | {"drive": self._drive_error(body, start, part, share, step)})
-            before = step.moved
+            before = step.support_displacement
         return results
 
     @property
-    def tool(self) -> Tool:
+    def tool(self) -> RigidTool:
         plan = self.sketch
         normal = np.array([np.sin(plan.tilt), -np.cos(plan.tilt)])
         if plan.radius:
             centre = np.array([plan.offset, plan.radius + plan.gap])
-            return Tool(centre, normal, plan.friction, plan.radius, np.array(plan.pivot))
+            return RigidTool(centre, normal, plan.friction, plan.radius, np.array(plan.pivot))
         # through the corner that comes first, or the gap above it
         corner = np.array([-np.sign(plan.tilt), plan.gap])
-        return Tool(corner, normal, plan.friction, pivot=np.array(plan.pivot))
+        return RigidTool(corner, normal, plan.friction, pivot=np.array(plan.pivot))
 
-    def _surface(self) -> Plane | Sphere:
+    def _make_surface(self) -> Plane | Sphere:
         tool = self.tool
         return Sphere(tool.point, tool.radius) if tool.radius else Plane(tool.point, tool.normal)
 
-    def _mesh(self) -> meshes.Mesh:
+    def _make_mesh(self) -> meshes.Mesh:
         plan = self.sketch
         low, high = np.array([-1.0, -plan.height]), np.array([1.0, 0.0])
         mesh = meshes.create_rectangle(
@@ -247,23 +253,23 @@ class RigidProblem:
             x[:, axis] += np.where(inside, plan.jiggle * cell * rng.uniform(-1, 1, len(x)), 0.0)
         return mesh
 
-    def _supports(self) -> np.ndarray:
+    def _make_prescribed_mask(self) -> np.ndarray:
         """Mask (n, 2) of what is prescribed."""
         x, y = self.nodes.T
         held = np.tile(np.isclose(y, -self.sketch.height)[:, None], (1, 2))
         sides = np.isclose(np.abs(x), 1.0)
-        if self.sketch.held == "sides":
+        if self.sketch.support_kind == "sides":
             held[:, 0] |= sides
-        elif self.sketch.held == "ends":
+        elif self.sketch.support_kind == "ends":
             held[:, 0] |= (np.abs(x) > 0.6) & np.isclose(y, 0.0)
         return held
 
-    def moment(self, state: ContactState) -> Moment:
+    def tool_state(self, state: ContactState) -> ToolState:
         (pair,) = state.pairs
         force = np.zeros_like(self.nodes)
         force[pair.node] = pair.force_vector
         u = state.displacement.array_r.reshape(-1, 2).copy()
-        return Moment(u, pair.translation, float(pair.rotation), force)
+        return ToolState(u, pair.translation, float(pair.rotation), force)
 
     def _drive_error(self, body, start, part, share, step) -> float:
         """How far translation, angle and force are from the way to the end of the increment."""
@@ -280,24 +286,26 @@ class RigidProblem:
         if step.down is not None:
             errors.append(away(pair.translation[1], was.translation[1], step.down) / size)
         else:
-            r = body.forces(part.displacement.array_r.reshape(-1, 2))
-            total = r[self.touching, 1].sum()
+            r = body.nodal_forces(part.displacement.array_r.reshape(-1, 2))
+            total = r[self.contact_nodes, 1].sum()
             errors.append(away(total, was.force[1], step.force) / np.abs(r).max())
         return float(max(errors))
 
 
-class BodiesProblem:
+class TwoBodyProblem:
     """Two bodies: the library's history, and its violations of the law by `sliding`."""
 
-    def __init__(self, sketch: Sketch) -> None:
+    def __init__(self, sketch: SlidingSketch) -> None:
         self.sketch = sketch
 
     @cached_property
     def solution(self) -> tuple[list[ContactState], ContactFailed | None]:
-        self.bodies = die(friction=self.sketch.friction, **self.sketch.options)
+        self.bodies = make_die_on_block(friction=self.sketch.friction, **self.sketch.die_options)
         states = [self.bodies.problem.undeformed]
         try:
-            for state in sliding(self.bodies, [(s.across, s.down) for s in self.sketch.steps]):
+            for state in iterate_along_path(
+                self.bodies, [(s.across, s.down) for s in self.sketch.steps]
+            ):
                 states.append(state)
         except ContactFailed as error:
             return states, error
@@ -305,25 +313,25 @@ class BodiesProblem:
 
     def violations(self) -> list[dict[str, float]]:
         states, _ = self.solution
-        problem = self._outside()
+        problem = self._oracle_contact()
         every = [part for s in states for part in (*(at for _, at in s.substates), s)]
         history = [part.displacement.array_r.reshape(-1, 2).copy() for part in every]
         return [problem.violations(history[:k]) for k in range(2, len(history) + 1)]
 
-    def _outside(self) -> Sliding:
+    def _oracle_contact(self) -> SlidingContact:
         bodies = self.bodies
         nodes = bodies.space.tabulate_dof_coordinates()[:, :2]
-        body = Rubber(nodes, bodies.space.dofmap.list, True, 1.5, RULE)
+        body = NeoHookeanBody(nodes, bodies.space.dofmap.list, True, 1.5, TRIANGLE_RULE)
         (pair,) = bodies.problem.undeformed.pairs
         sides = [side[np.argsort(nodes[side, 0])] for side in (pair.node, pair.opposite)]
         below = int(nodes[sides[1], 1].mean() < nodes[sides[0], 1].mean())
         sides[below] = sides[below][::-1]  # its outside is above
         held = np.zeros_like(nodes, dtype=bool)
-        for condition in bodies.held:
+        for condition in bodies.conditions:
             held.ravel()[condition.dof_indices()[0]] = True
-        return Sliding(body, *sides, held, bodies.pair.law.mu)
+        return SlidingContact(body, *sides, held, bodies.pair.law.mu)
 
 
-def problem(seed: int) -> RigidProblem | BodiesProblem:
-    plan = sketch(seed)
-    return BodiesProblem(plan) if plan.kind == "bodies" else RigidProblem(plan)
+def make_problem(seed: int) -> RigidToolProblem | TwoBodyProblem:
+    plan = draw_sketch(seed)
+    return TwoBodyProblem(plan) if plan.kind == "bodies" else RigidToolProblem(plan)

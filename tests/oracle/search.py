@@ -20,20 +20,23 @@ import numpy as np
 from scipy.optimize import linprog
 
 # Sets of statuses that a branch may allow, and into which two of them each is divided
-ANY, OPENED, CLOSED, NOT_FORWARDS, FORWARDS, STICKING, BACKWARDS = range(7)
-DIVIDED = {
-    ANY: (OPENED, CLOSED),
+ANY, OPEN_ONLY, CLOSED, NOT_FORWARDS, FORWARDS, STICKING, BACKWARDS = range(7)
+SUBSETS = {
+    ANY: (OPEN_ONLY, CLOSED),
     CLOSED: (NOT_FORWARDS, FORWARDS),
     NOT_FORWARDS: (STICKING, BACKWARDS),
 }
-CLOSES, NONE = 1e-7, 1e-9  # violation over the largest force that closes a branch, and that is none
-CANDIDATES, NEWTON_STEPS, ATTEMPTS = 3, 8, 200
-MOST = 2_500_000  # linear programs times nodes squared: some ten seconds
-TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+INFEASIBLE_VIOLATION, ZERO_VIOLATION = (
+    1e-7,
+    1e-9,
+)  # violation over the largest force that closes a branch, and that is none
+BRANCHING_CANDIDATES, MAX_NEWTON_STEPS, MAX_NEWTON_STARTS = 3, 8, 200
+MAX_SEARCH_WORK = 2_500_000  # linear programs times nodes squared: some ten seconds
+LINPROG_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
 
 @dataclass(frozen=True)
-class Increment:
+class LinearIncrement:
     """What the law of n nodes speaks of, as linear functions of (z; 1), each (n, k + 1).
 
     Args:
@@ -57,50 +60,56 @@ class Increment:
     stiffness: float
 
 
-def search(increment: Increment, most: float = MOST) -> np.ndarray | None:
+def search_statuses(
+    increment: LinearIncrement, max_work: float = MAX_SEARCH_WORK
+) -> np.ndarray | None:
     """A state z (k,), if one is found by so many linear programs times nodes squared at most."""
-    conditions = _Conditions(increment)
-    most = most / max(1, len(conditions.faced)) ** 2
+    conditions = _BranchConditions(increment)
+    max_work = max_work / max(1, len(conditions.faced)) ** 2
     root = np.zeros(len(conditions.faced), dtype=np.int8)
-    first = conditions.least(root)
+    first = conditions.minimise_violation(root)
     waiting = [] if first is None else [(root, first)]
     programs, attempts = 1, 0
-    while waiting and programs <= most:
+    while waiting and programs <= max_work:
         codes, z = waiting.pop()
-        if attempts < ATTEMPTS:
+        if attempts < MAX_NEWTON_STARTS:
             attempts += 1
-            state = _newton(increment, z)
+            state = _solve_by_newton(increment, z)
             if state is not None:
                 return state
         options = []
-        for k in conditions.worst(codes, z):
-            tried = [(part, conditions.least(part)) for part in _parts(codes, k)]
+        for k in conditions.nodes_to_split(codes, z):
+            tried = [
+                (part, conditions.minimise_violation(part)) for part in _split_at_node(codes, k)
+            ]
             programs += len(tried)
             left = [(part, least) for part, least in tried if least is not None]
             if len(left) < len(tried):
                 options = left
                 break
             options = options or left
-        waiting += sorted(options, key=lambda option: -conditions.wrong(*option).sum())
+        waiting += sorted(
+            options, key=lambda option: -conditions.law_violation_per_node(*option).sum()
+        )
     return None
 
 
-def _parts(codes: np.ndarray, node: int) -> Iterator[np.ndarray]:
-    for code in DIVIDED[int(codes[node])]:
+def _split_at_node(codes: np.ndarray, node: int) -> Iterator[np.ndarray]:
+    for code in SUBSETS[int(codes[node])]:
         part = codes.copy()
         part[node] = code
         yield part
 
 
-def _newton(increment: Increment, z: np.ndarray) -> np.ndarray | None:
+def _solve_by_newton(increment: LinearIncrement, z: np.ndarray) -> np.ndarray | None:
     """A state by Newton's method on the equations of the statuses that z tells, or None."""
     rows = (increment.normal, increment.shear, increment.gap, increment.slip)
     c, mu, faced = increment.stiffness, increment.mu, increment.faced
     rough = faced & (mu > 0) & np.any(increment.shear != 0, axis=1)
-    for _ in range(NEWTON_STEPS):
+    for _ in range(MAX_NEWTON_STEPS):
         r_n, r_t, gap, slip = (part @ np.append(z, 1.0) for part in rows)
         pressed, rubbed = r_n - c * gap, r_t - c * slip
-        if _obeys(increment, z, rough):
+        if _satisfies_law(increment, z, rough):
             return z
         closed = faced & (pressed > 0)
         sticks = rough & closed & (np.abs(rubbed) <= mu * pressed)
@@ -115,10 +124,10 @@ def _newton(increment: Increment, z: np.ndarray) -> np.ndarray | None:
             ]
         )
         z = np.linalg.lstsq(equations[:, :-1], -equations[:, -1], rcond=1e-12)[0]
-    return z if _obeys(increment, z, rough) else None
+    return z if _satisfies_law(increment, z, rough) else None
 
 
-def _obeys(increment: Increment, z: np.ndarray, rough: np.ndarray) -> bool:
+def _satisfies_law(increment: LinearIncrement, z: np.ndarray, rough: np.ndarray) -> bool:
     """Whether z violates no line of the law by more than 1e-9 of the largest force."""
     every = np.append(z, 1.0)
     r_n, r_t, gap, slip, lack = (
@@ -140,26 +149,26 @@ def _obeys(increment: Increment, z: np.ndarray, rough: np.ndarray) -> bool:
         np.where(faced, 0.0, np.abs(r_n)),
         np.abs(r_t) - cone,
         np.where(rough, least, 0.0),
-        np.where(rough & (c * np.abs(slip) > NONE * size), r_t * np.sign(slip), 0.0),
+        np.where(rough & (c * np.abs(slip) > ZERO_VIOLATION * size), r_t * np.sign(slip), 0.0),
         np.abs(lack),
     ]
-    return all(line.max(initial=0.0) <= NONE * size for line in lines)
+    return all(line.max(initial=0.0) <= ZERO_VIOLATION * size for line in lines)
 
 
-class _Conditions:
+class _BranchConditions:
     """Conditions >= 0, <= 0 or both, linear in z: r_n, g, mu r_n + r_t, mu r_n - r_t, v, others.
 
     Lengths are stated as forces, by the nodes' stiffness, and forces over the largest one.
     """
 
-    def __init__(self, increment: Increment) -> None:
+    def __init__(self, increment: LinearIncrement) -> None:
         self.faced = np.flatnonzero(increment.faced)
         self._increment, faced = increment, self.faced
         slides = np.any(increment.shear != 0, axis=1)
         mu = increment.mu[faced]
         self._rough = slides[faced] & (mu > 0)
         # what is zero in any case: forces where nothing faces a node, smooth shear, balances
-        self._away = ~increment.faced
+        self._unfaced = ~increment.faced
         self._smooth = slides & ~(increment.faced & (increment.mu > 0))
         normal, shear = increment.normal[faced], increment.shear[faced]
         rows = [
@@ -168,22 +177,22 @@ class _Conditions:
             mu[:, None] * normal + shear,
             mu[:, None] * normal - shear,
             increment.stiffness * increment.slip[faced],
-            increment.normal[self._away],
+            increment.normal[self._unfaced],
             increment.shear[self._smooth],
             increment.balance,
         ]
         every = np.concatenate(rows)
-        self._weight = np.ones(len(every))
-        self._weight[2 * len(faced) : 4 * len(faced)] = np.tile(np.sqrt(1 + mu**2), 2)
+        self._row_norm = np.ones(len(every))
+        self._row_norm[2 * len(faced) : 4 * len(faced)] = np.tile(np.sqrt(1 + mu**2), 2)
         self.force = np.abs(every[:, -1]).max(initial=0.0) or 1.0
         self._length = self.force / increment.stiffness
         self._slope = every[:, :-1] / increment.stiffness
         self._value = every[:, -1] / self.force
-        self._rescale()
+        self._scale_by_largest_normal_force()
 
-    def _rescale(self) -> None:
+    def _scale_by_largest_normal_force(self) -> None:
         """Takes the largest sum of normal forces for the scale, where there is one."""
-        least, _ = self._limits(np.zeros(len(self.faced), dtype=np.int8))
+        least, _ = self._lower_and_upper_masks(np.zeros(len(self.faced), dtype=np.int8))
         total = self._slope[: len(self.faced)].sum(axis=0)
         best = linprog(
             -total,
@@ -194,55 +203,57 @@ class _Conditions:
         )
         if best.success:
             most = total @ best.x + self._value[: len(self.faced)].sum()
-            share = float(np.clip(most, CLOSES, 1.0))
+            share = float(np.clip(most, INFEASIBLE_VIOLATION, 1.0))
             self.force, self._length = share * self.force, share * self._length
             self._value = self._value / share
 
-    def _limits(self, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _lower_and_upper_masks(self, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which conditions are >= 0, and which are <= 0."""
         nodes, rough = len(codes), self._rough
         least = np.ones((5, nodes), dtype=bool)
         least[2:4] = rough
         least[4] = rough & np.isin(codes, (FORWARDS, STICKING))
         most = np.zeros((5, nodes), dtype=bool)
-        most[0] = codes == OPENED
+        most[0] = codes == OPEN_ONLY
         most[1] = codes >= CLOSED
-        most[2] = rough & np.isin(codes, (OPENED, FORWARDS))
-        most[3] = rough & np.isin(codes, (OPENED, BACKWARDS))
+        most[2] = rough & np.isin(codes, (OPEN_ONLY, FORWARDS))
+        most[3] = rough & np.isin(codes, (OPEN_ONLY, BACKWARDS))
         most[4] = rough & np.isin(codes, (NOT_FORWARDS, STICKING, BACKWARDS))
         always = np.ones(len(self._value) - 5 * nodes, dtype=bool)
         return np.append(least.ravel(), always), np.append(most.ravel(), always)
 
-    def least(self, codes: np.ndarray) -> np.ndarray | None:
+    def minimise_violation(self, codes: np.ndarray) -> np.ndarray | None:
         """The z at which the conditions of a branch are violated least; None closes the branch."""
-        least, most = self._limits(codes)
+        least, most = self._lower_and_upper_masks(codes)
         sign = np.repeat((1.0, -1.0), (least.sum(), most.sum()))
         row = np.concatenate([np.flatnonzero(least), np.flatnonzero(most)])
         n = self._slope.shape[1]
         best = linprog(
             np.append(np.zeros(n), 1.0),
-            A_ub=np.column_stack([-sign[:, None] * self._slope[row], -self._weight[row]]),
+            A_ub=np.column_stack([-sign[:, None] * self._slope[row], -self._row_norm[row]]),
             b_ub=sign * self._value[row],
             bounds=[(None, None)] * n + [(0.0, None)],
             method="highs-ds",
-            options=TOLERANCES,
+            options=LINPROG_TOLERANCES,
         )
         # HiGHS gives up at times
-        return self._length * best.x[:n] if best.success and best.fun <= CLOSES else None
+        return (
+            self._length * best.x[:n] if best.success and best.fun <= INFEASIBLE_VIOLATION else None
+        )
 
-    def wrong(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
+    def law_violation_per_node(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
         """What each node's law is violated by, beyond the conditions of a branch; (n,)."""
         values = self._slope @ (z / self._length) + self._value
         r_n, gap, ahead, behind, slip = values[: 5 * len(codes)].reshape(5, -1)
         r_n, gap, ahead, behind = (np.maximum(0.0, part) for part in (r_n, gap, ahead, behind))
-        rubs = self._rough & (codes != OPENED) & (r_n > gap)
+        rubs = self._rough & (codes != OPEN_ONLY) & (r_n > gap)
         forwards = np.minimum(np.maximum(0.0, slip), ahead) * (codes != FORWARDS)
         backwards = np.minimum(np.maximum(0.0, -slip), behind) * (codes != BACKWARDS)
         return np.where(codes == ANY, np.minimum(r_n, gap), 0.0) + rubs * (forwards + backwards)
 
-    def worst(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
+    def nodes_to_split(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
         """The nodes at which the law is violated most, and whose statuses can be divided."""
-        wrong = np.where(np.isin(codes, list(DIVIDED)), self.wrong(codes, z), 0.0)
+        wrong = np.where(np.isin(codes, list(SUBSETS)), self.law_violation_per_node(codes, z), 0.0)
         wrong[~self._rough & (codes != ANY)] = 0.0
-        ranked = np.argsort(-wrong, kind="stable")[:CANDIDATES]
-        return ranked[wrong[ranked] > NONE]
+        ranked = np.argsort(-wrong, kind="stable")[:BRANCHING_CANDIDATES]
+        return ranked[wrong[ranked] > ZERO_VIOLATION]

@@ -25,12 +25,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracle.large import Rubber, cross, law_lines
+from tests.oracle.large import NeoHookeanBody, cross_product, law_violations
 
-PLACES, WEIGHTS = np.polynomial.legendre.leggauss(3)
+GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
-def inwards(x):
+def inward_normals(x):
     """Unit normals (n, 2) of a polyline (n, 2) whose outside is on the right."""
     chord = np.empty_like(x)
     chord[1:-1] = x[2:] - x[:-2]
@@ -38,7 +38,7 @@ def inwards(x):
     return np.stack([-chord[:, 1], chord[:, 0]], axis=1) / np.linalg.norm(chord, axis=1)[:, None]
 
 
-def seen(a, b, n_a, n_b, c, d):
+def visible_interval(a, b, n_a, n_b, c, d):
     """The part of s in [0, 1] from which a facet with ends c and d is seen; None if there is none.
 
     At a master's node p, (x(s) - p) x n(s) passes through zero from below: where it falls, p is
@@ -48,9 +48,9 @@ def seen(a, b, n_a, n_b, c, d):
     for k, p, side in ((0, d, 1), (1, c, -1)):
         f = np.polynomial.Polynomial(
             [
-                cross(a - p, n_a),
-                cross(b - a, n_a) + cross(a - p, n_b - n_a),
-                cross(b - a, n_b - n_a),
+                cross_product(a - p, n_a),
+                cross_product(b - a, n_a) + cross_product(a - p, n_b - n_a),
+                cross_product(b - a, n_b - n_a),
             ]
         )
         real = [root.real for root in f.roots() if abs(root.imag) < 1e-12]
@@ -64,9 +64,9 @@ def seen(a, b, n_a, n_b, c, d):
     return part if part[0] < part[1] else None
 
 
-def meeting(slave, master):
+def integrate_mortar(slave, master):
     """P (m, k), S (m, m + k), normals (m, 2) and areas (m,) of polylines (m, 2) and (k, 2)."""
-    m, k, n = len(slave), len(master), inwards(slave)
+    m, k, n = len(slave), len(master), inward_normals(slave)
     D, S, facets = np.zeros(m), np.zeros((m, m + k)), []
     middles = (master[1:] + master[:-1]) / 2
     longest = np.linalg.norm(np.diff(master, axis=0), axis=1).max()
@@ -76,17 +76,17 @@ def meeting(slave, master):
         reach = away.min() + (np.linalg.norm(b - a) + longest) / 2
         for j in np.flatnonzero(away <= reach):
             c, d = master[j], master[j + 1]
-            outside = -inwards(master[j : j + 2])[0]
+            outside = -inward_normals(master[j : j + 2])[0]
             if np.dot(n[i] + n[i + 1], outside) / 2 < 0.01:
                 continue
-            part = seen(a, b, n[i], n[i + 1], c, d)
+            part = visible_interval(a, b, n[i], n[i + 1], c, d)
             if part is None:
                 continue
             low, high = part
-            for t, weight in zip(PLACES, WEIGHTS, strict=True):
+            for t, weight in zip(GAUSS_POINTS, GAUSS_WEIGHTS, strict=True):
                 s = (low + high) / 2 + (high - low) / 2 * t
                 x, along = (1 - s) * a + s * b, (1 - s) * n[i] + s * n[i + 1]
-                share = cross(x - c, along) / cross(d - c, along)
+                share = cross_product(x - c, along) / cross_product(d - c, along)
                 dx = weight * (high - low) / 2 * np.linalg.norm(b - a)
                 w = np.array([1 - s, s])
                 W += dx * np.outer(w, w)
@@ -103,29 +103,29 @@ def meeting(slave, master):
 
 
 @dataclass(frozen=True)
-class Sliding:
+class SlidingContact:
     """Both bodies, their sides' nodes in order, the mask (n, 2) of supports, and mu."""
 
-    bodies: Rubber
+    bodies: NeoHookeanBody
     slave: np.ndarray
     master: np.ndarray
-    held: np.ndarray
+    prescribed_mask: np.ndarray
     friction: float
 
     def violations(self, history):
         """Of each condition at the end of displacements (n, 2); over the largest in them."""
         before, u = history[-2:]
-        force = max(np.abs(self.bodies.forces(u)).max() for u in history)
+        force = max(np.abs(self.bodies.nodal_forces(u)).max() for u in history)
         force = force if force > 1e-12 else 1.0  # the bodies have not yet met
         length = max(np.abs(u).max() for u in history)
-        slave, master = (self._place(u, side) for side in (self.slave, self.master))
-        P, S, n, area = meeting(slave, master)
-        forces, x = self.bodies.forces(u), np.concatenate([slave, master])
+        slave, master = (self._current_positions(u, side) for side in (self.slave, self.master))
+        P, S, n, area = integrate_mortar(slave, master)
+        forces, x = self.bodies.nodal_forces(u), np.concatenate([slave, master])
         r = forces[self.slave]
         forces[self.master] += P.T @ r
         t, apart = np.stack([-n[:, 1], n[:, 0]], axis=1), S @ x
-        sides = [self._place(before, side) for side in (self.slave, self.master)]
-        _, S_0, n_0, area_0 = meeting(*sides)
+        sides = [self._current_positions(before, side) for side in (self.slave, self.master)]
+        _, S_0, n_0, area_0 = integrate_mortar(*sides)
         t_0 = np.stack([-n_0[:, 1], n_0[:, 0]], axis=1)
         paired_then = np.sum(t * (S_0 @ x - apart), axis=1)
         paired_now = np.sum(t * apart - t_0 * (S @ np.concatenate(sides)), axis=1)
@@ -134,9 +134,9 @@ class Sliding:
         faced = area > 0
         forces[self.slave[faced]] = 0.0
         parts = (part[faced] for part in (r_n / force, r_t / force, g / length, v))
-        lines = {"equilibrium": np.abs(forces[~self.held]) / force}
-        lines |= law_lines(*parts, self.friction)
+        lines = {"equilibrium": np.abs(forces[~self.prescribed_mask]) / force}
+        lines |= law_violations(*parts, self.friction)
         return {name: float(max(0.0, line.max())) for name, line in lines.items()}
 
-    def _place(self, u, side):
+    def _current_positions(self, u, side):
         return (self.bodies.nodes + u)[side]

@@ -13,8 +13,8 @@ from dolfinx import mesh as meshes
 
 from pw_elements import Spaces, prescribe
 from pw_elements.contact import ContactFailed, ContactPair, ContactProblem, Motion, Sphere
-from tests.contact.cases import at, at_large_strains, neo_hookean
-from tests.oracle.large import Circle, Contact, Rubber
+from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
+from tests.oracle.large import CircleContact, NeoHookeanBody, RigidCircle
 
 TOLERANCE = 1e-8
 DEGREE = 4
@@ -53,7 +53,7 @@ class Problem:
             x[:, axis] += np.where(inside, step, 0.0)
         self.linear_weights, self.lame = linear_weights, 2 * nu / (1 - 2 * nu)
         self.way = [step if len(step) == 3 else (*step, 0.0) for step in way]
-        self.circle = Circle((offset, radius + gap), radius, friction)
+        self.circle = RigidCircle((offset, radius + gap), radius, friction)
 
     @cached_property
     def accepted(self):
@@ -61,11 +61,11 @@ class Problem:
         spaces = (Spaces.petrov_galerkin if self.linear_weights else Spaces.galerkin)(self.mesh)
         lame = fem.Constant(self.mesh, self.lame)
 
-        stress = lambda F: neo_hookean(F, lame=lame)  # noqa: E731
-        u, residual = at_large_strains(spaces, stress, DEGREE)
-        held = [prescribe(spaces.trial, k, at(1, -1.0)) for k in range(2)]
+        stress = lambda F: neo_hookean_stress(F, lame=lame)  # noqa: E731
+        u, residual = finite_strain_residual(spaces, stress, DEGREE)
+        held = [prescribe(spaces.trial, k, on_plane(1, -1.0)) for k in range(2)]
         surface = Sphere(self.circle.centre, self.circle.radius)
-        pair = ContactPair(at(1, 0.0), surface, self.circle.friction)
+        pair = ContactPair(on_plane(1, 0.0), surface, self.circle.friction)
         problem = ContactProblem.of_residual(residual, u, held, pair)
         self.nodes = spaces.trial.tabulate_dof_coordinates()[:, :2]
         self.cells = spaces.trial.dofmap.list
@@ -81,10 +81,10 @@ class Problem:
     def by_oracle(self, linear_weights=None):
         """The same contact by the oracle, once the library has stated its nodes."""
         linear = self.linear_weights if linear_weights is None else linear_weights
-        body = Rubber(self.nodes, self.cells, linear, self.lame, RULE)
+        body = NeoHookeanBody(self.nodes, self.cells, linear, self.lame, RULE)
         touching = np.flatnonzero(np.isclose(self.nodes[:, 1], 0.0))
         held = np.tile(np.isclose(self.nodes[:, 1:], -1.0), (1, 2))
-        return Contact(body, self.circle, touching, held)
+        return CircleContact(body, self.circle, touching, held)
 
     @classmethod
     def random(cls, seed):
@@ -156,12 +156,12 @@ def worst(every):
 def drive_error(contact, start, part, share, motion):
     """How far translation and force are from the way to those at the end of the increment."""
     (u, U), (across, down, force) = of(part), motion
-    r = contact.body.forces(u)
+    r = contact.body.nodal_forces(u)
     (_, was), size = of(start), np.abs(U).max()
     away = [abs(U[0] - was[0] - share * (across - was[0])) / size]
     if down is None:
         pushed = start.pairs[0].force[1]
-        away.append(abs(r[contact.touching, 1].sum() - pushed - share * (force - pushed)))
+        away.append(abs(r[contact.contact_nodes, 1].sum() - pushed - share * (force - pushed)))
         away[1] /= np.abs(r).max()
     else:
         away.append(abs(U[1] - was[1] - share * (down - was[1])) / size)
@@ -169,7 +169,7 @@ def drive_error(contact, start, part, share, motion):
 
 
 def held(u, contact):
-    u[contact.held] += 1e-6
+    u[contact.prescribed_mask] += 1e-6
 
 
 def inside(u, contact):

@@ -13,11 +13,18 @@ import pytest
 from pw_elements import prescribe
 from pw_elements.contact import OPEN, SLIP, STICK, ContactFailed, ContactPair, Motion, Plane, Sphere
 from pw_elements.meshes import triangles
-from tests.contact.cases import Elastic, at
-from tests.contact.residuals import Stated, Step, _contact_nodes, residuals, walked, worst
-from tests.oracle.proofs import flaws, linear_increment, sound
-from tests.oracle.random_contact import PATHS, problem, sketch
-from tests.oracle.search import search
+from tests.contact.cases import ElasticBody, on_plane
+from tests.contact.residuals import (
+    ProblemData,
+    StepMotion,
+    contact_nodes_and_friction,
+    largest_residual,
+    measure_residuals,
+    split_into_substeps,
+)
+from tests.oracle.proofs import is_valid_proof, linear_increment, measure_proof_defects
+from tests.oracle.random_contact import LOAD_PATHS, draw_sketch, make_problem
+from tests.oracle.search import search_statuses
 
 SUITE, NIGHTLY = 60, 1600
 # Stated before. Largest seen in seeds 0 to 1 599: 7.7e-10, but for 6.5e-9 in seed 637. The
@@ -33,7 +40,7 @@ def outcome(seed):
     Other errors than refusals are not caught. The library's own residuals agree where round-off is
     small, and where there is nothing but round-off; they leave mu in its cone.
     """
-    stated, wrong, kind = problem(seed), [], "solved"
+    stated, wrong, kind = make_problem(seed), [], "solved"
     begun = process_time()
     try:
         states = stated.solve()
@@ -42,14 +49,16 @@ def outcome(seed):
     except ContactFailed as error:
         seconds, states, kind = process_time() - begun, list(error.states), type(error).__name__
         if kind == "NoEquilibrium":
-            proof = flaws(stated, len(states), error)
-            wrong += [] if sound(proof) else [proof]
+            proof = measure_proof_defects(stated, len(states), error)
+            wrong += [] if is_valid_proof(proof) else [proof]
         elif _is_searchable(stated):
             increment = linear_increment(stated, states)
             one = kind != "FreeBody" or _is_determined(increment)
-            wrong += ["a search finds a state"] * bool(one and search(increment) is not None)
-    found = residuals(*walked(stated, states))
-    wrong += [found] * (not worst(found) < TOLERANCE)
+            wrong += ["a search finds a state"] * bool(
+                one and search_statuses(increment) is not None
+            )
+    found = measure_residuals(*split_into_substeps(stated, states))
+    wrong += [found] * (not largest_residual(found) < TOLERANCE)
     mu = max(pair.mu for pair in stated.sketch.pairs)
     own = [state.residuals.largest() for state in states]
     for pressed, one in zip(_pressed(stated, states), own, strict=True):
@@ -59,9 +68,9 @@ def outcome(seed):
 
 def _is_searchable(stated):
     """Whether gaps are linear in all motions, in the plane, and contact nodes are few."""
-    nodes = sum(len(_contact_nodes(pair, stated.space)[0]) for pair in stated.pairs)
+    nodes = sum(len(contact_nodes_and_friction(pair, stated.space)[0]) for pair in stated.pairs)
     linear = all(
-        pair.kind == "plane" or (pair.drive != "pushed" and pair.along != "free")
+        pair.kind == "plane" or (pair.normal_drive != "pushed" and pair.tangential_drive != "free")
         for pair in stated.sketch.pairs
     )
     return linear and nodes <= 60 and stated.space.mesh.geometry.dim == 2
@@ -114,19 +123,19 @@ OF_PROBLEMS = {
     "state": {"plane stress", "plane strain", "axisymmetric", "solid"},
     "element": {"galerkin", "petrov_galerkin", "serendipity", "composite"},
     "support": {"clamped", "roller", "cantilever", "symmetry", "contact alone"},
-    "path": set(PATHS),
+    "path": set(LOAD_PATHS),
 }
 OF_PAIRS = {
     "kind": {"plane", "sphere", "parabola", "flat punch", "polyline", "signed distance"},
     "friction": {"constant", "graded", "half smooth"},
-    "drive": {"rest", "moved", "pushed"},
-    "along": {"held", "moved", "free"},
+    "normal_drive": {"rest", "moved", "pushed"},
+    "tangential_drive": {"held", "moved", "free"},
 }
 
 
 def test_what_occurs():
     """Force drives 40 % at least."""
-    sketches = [sketch(seed) for seed in range(SUITE)]
+    sketches = [draw_sketch(seed) for seed in range(SUITE)]
     pairs = [pair for plan in sketches for pair in plan.pairs]
     assert np.mean([plan.driven_by_force for plan in sketches]) >= 0.4
     for of, fields in ((sketches, OF_PROBLEMS), (pairs, OF_PAIRS)):
@@ -139,7 +148,9 @@ def test_what_occurs():
     assert {0.0} < {pair.mu for pair in pairs}
     assert 10 < max(pair.mu for pair in pairs) <= 30
     # curved surfaces under a force, whose normals turn with their place
-    curved = [p for p in pairs if p.kind in ("sphere", "signed distance") and p.drive == "pushed"]
+    curved = [
+        p for p in pairs if p.kind in ("sphere", "signed distance") and p.normal_drive == "pushed"
+    ]
     assert len(curved) > 2
 
 
@@ -149,19 +160,19 @@ def test_what_occurs():
 @cache
 def dragged():
     """A ball pressed on a clamped block, then dragged: nodes are open, stick and slip."""
-    body = Elastic(triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (10, 4)), E=50.0)
+    body = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (10, 4)), E=50.0)
     pushes = [Motion((None, None), (share * 0.3, -1.0)) for share in (0.0, 0.6)]
     top = lambda x: np.isclose(x[1], 1.0) & (x[0] < 2 - 1e-9)  # noqa: E731
     ball = ContactPair(top, Sphere((1.0, 9.0), 8.0), 0.3, pushes)
     side = lambda x: np.isclose(x[0], 2.0) & (x[1] > 1e-9)  # noqa: E731
     wall = ContactPair(side, Plane((2.01, 0.0), (-1.0, 0.0)), 0.3)
-    foot, loads = [(i, at(1, 0.0)) for i in (0, 1)], [body.nothing] * 2
+    foot, loads = [(i, on_plane(1, 0.0)) for i in (0, 1)], [body.zero_load] * 2
     conditions = [prescribe(body.space, *one) for one in foot]
-    stated = Stated(body.K, body.space, loads, conditions, [ball, wall])
-    states = body.contact(stated.pairs, body.held(*foot), loads)
+    stated = ProblemData(body.K, body.space, loads, conditions, [ball, wall])
+    states = body.solve_contact(stated.pairs, body.make_supports(*foot), loads)
     assert set(states[-1].pairs[0].status) == {OPEN, STICK, SLIP}
-    steps = [Step.of(state) for state in states]
-    assert worst(residuals(stated, steps)) < 1e-10
+    steps = [StepMotion.from_state(state) for state in states]
+    assert largest_residual(measure_residuals(stated, steps)) < 1e-10
     return stated, steps
 
 
@@ -213,10 +224,10 @@ VIOLATIONS = {
 @pytest.mark.parametrize("condition", VIOLATIONS)
 def test_violation_is_found(condition):
     stated, steps = VIOLATIONS[condition]()
-    assert residuals(stated, steps)[-1][condition] > 1e-5
+    assert measure_residuals(stated, steps)[-1][condition] > 1e-5
 
 
 def test_nothing_else_is_asked_of_another_friction():
-    (result,) = residuals(*with_ball(friction=0.15))[1:]
+    (result,) = measure_residuals(*with_ball(friction=0.15))[1:]
     others = {name: value for name, value in result.items() if name not in ("cone", "direction")}
     assert max(others.values()) < 1e-10

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import NotFound
-from tests.contact.sliding import kernel_differences, positions_along
-from tests.oracle.large import Rubber
-from tests.oracle.random_sliding import RULE, RigidProblem, problem, sketch
-from tests.oracle.tools import Pressed
+from tests.contact.sliding import kernel_check_differences, mortar_positions_in_states
+from tests.oracle.large import NeoHookeanBody
+from tests.oracle.random_sliding import TRIANGLE_RULE, RigidToolProblem, draw_sketch, make_problem
+from tests.oracle.tools import ToolContact
 
 # Stated before any value was seen: of the largest force, and of all problems
 TOLERANCE = 1e-8
@@ -22,7 +22,7 @@ FRICTION_OF_SEED_3 = 0.145091570812217
 
 def flaws(seed):
     """What of an accepted state is off by more than the tolerance, by name; and the refusal."""
-    stated = problem(seed)
+    stated = make_problem(seed)
     _, error = stated.solution
     worst = {}
     for found in stated.violations():
@@ -46,7 +46,7 @@ def test_law_holds_in_all_accepted_states_and_few_problems_are_undecided(request
         found, error = flaws(seed)
         if found:
             wrong[seed] = found
-            kinds.update((sketch(seed).kind, name) for name in found)
+            kinds.update((draw_sketch(seed).kind, name) for name in found)
         if type(error) is NotFound:
             undecided.append(seed)
     assert not wrong, (kinds, wrong)
@@ -54,25 +54,25 @@ def test_law_holds_in_all_accepted_states_and_few_problems_are_undecided(request
 
 
 def test_problems_are_of_all_kinds_and_do_not_change_with_numpy():
-    kinds = Counter(sketch(seed).kind for seed in SEEDS)
+    kinds = Counter(draw_sketch(seed).kind for seed in SEEDS)
     assert {kind: kinds[kind] for kind in sorted(kinds)} == KINDS
-    assert sketch(3).friction == pytest.approx(FRICTION_OF_SEED_3, abs=0)
+    assert draw_sketch(3).friction == pytest.approx(FRICTION_OF_SEED_3, abs=0)
 
 
-BODIES = [seed for seed in SEEDS if sketch(seed).kind == "bodies"][:15]
+BODIES = [seed for seed in SEEDS if draw_sketch(seed).kind == "bodies"][:15]
 
 
 @pytest.mark.random
 @pytest.mark.parametrize("seed", BODIES)
 def test_checks_of_two_bodies_measure_what_the_iteration_does(seed):
     """By formulas and code of their own; sides of states that do not follow each other, too."""
-    stated = problem(seed)
+    stated = make_problem(seed)
     states, _ = stated.solution
-    mortar, positions = positions_along(stated.bodies, states)
+    mortar, positions = mortar_positions_in_states(stated.bodies, states)
     assert len(positions) > 1
     for k, end in enumerate(positions):
         for start in positions[:k] or [end]:
-            assert max(kernel_differences(mortar, start, end).values()) < 1e-10
+            assert max(kernel_check_differences(mortar, start, end).values()) < 1e-10
 
 
 def laws(stated):
@@ -83,15 +83,15 @@ def laws(stated):
     ]
     plan = stated.sketch
     lame = 2 * plan.nu / (1 - 2 * plan.nu)
-    body = Rubber(stated.nodes, stated.cells, plan.linear_weights, lame, RULE)
-    pressed = Pressed(body, stated.tool, stated.touching, stated.held)
-    return pressed, [stated.moment(part) for part in parts]
+    body = NeoHookeanBody(stated.nodes, stated.cells, plan.linear_weights, lame, TRIANGLE_RULE)
+    pressed = ToolContact(body, stated.tool, stated.contact_nodes, stated.prescribed_mask)
+    return pressed, [stated.tool_state(part) for part in parts]
 
 
 @pytest.fixture(scope="module", params=[7, 2], ids=["circle", "plane"])
 def rubbed(request):
     """A problem with slipping nodes: what presses, and its history."""
-    stated = problem(request.param)
+    stated = make_problem(request.param)
     assert stated.solution[1] is None
     return laws(stated)
 
@@ -127,14 +127,14 @@ def test_problems_whose_active_sets_cycle_are_solved(seed):
 @pytest.mark.parametrize("seed", [3, 7, 12, 71])
 def test_unloading_leaves_nothing_wrong_beside_the_forces_that_are_left(seed):
     """Measured against the forces of the last two states, not against those of the history."""
-    plan = sketch(seed)
+    plan = draw_sketch(seed)
     last = plan.steps[-1]
     stages = tuple(replace(last, down=share * last.down) for share in (0.5, 0.1, 0.01, 0.0, -0.01))
-    stated = RigidProblem(replace(plan, steps=(*plan.steps, *stages)))
+    stated = RigidToolProblem(replace(plan, steps=(*plan.steps, *stages)))
     states, error = stated.solution
     assert error is None
     pressed, history = laws(stated)
-    largest = [np.abs(pressed.body.forces(one.displacement)).max() for one in history]
+    largest = [np.abs(pressed.body.nodal_forces(one.displacement)).max() for one in history]
     judged, nothing = 0, np.zeros_like(pressed.body.nodes)
     for k in range(len(history) - len(stages), len(history)):
         if largest[k] > 1e-9 * max(largest):  # else there is round-off alone

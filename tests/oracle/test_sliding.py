@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import ContactFailed
-from tests.contact.sliding import die, sliding
-from tests.oracle.large import Rubber
-from tests.oracle.sliding import Sliding
+from tests.contact.sliding import iterate_along_path, make_die_on_block
+from tests.oracle.large import NeoHookeanBody
+from tests.oracle.sliding import SlidingContact
 from tests.oracle.test_large import RULE, TOLERANCE, assert_law, parts, worst
 
 
@@ -22,7 +22,7 @@ def random_die(seed):
         if k > 0 or rng.random() < 0.3:
             across += rng.uniform(-0.3, 0.3)
         path.append((across, -down))
-    bodies = die(
+    bodies = make_die_on_block(
         friction=0.0 if rng.random() < 0.15 else rng.uniform(0.02, 0.6),
         upper_is_slave=bool(rng.random() < 0.5),
         curvature=rng.uniform(0.5, 1.8),
@@ -35,15 +35,15 @@ def random_die(seed):
 def outside(bodies):
     """The same two bodies in NumPy."""
     nodes = bodies.space.tabulate_dof_coordinates()[:, :2]
-    body = Rubber(nodes, bodies.space.dofmap.list, True, 1.5, RULE)
+    body = NeoHookeanBody(nodes, bodies.space.dofmap.list, True, 1.5, RULE)
     (pair,) = bodies.problem.undeformed.pairs
     sides = [side[np.argsort(nodes[side, 0])] for side in (pair.node, pair.opposite)]
     below = int(nodes[sides[1], 1].mean() < nodes[sides[0], 1].mean())
     sides[below] = sides[below][::-1]  # its outside is above
     held = np.zeros_like(nodes, dtype=bool)
-    for condition in bodies.held:
+    for condition in bodies.conditions:
         held.ravel()[condition.dof_indices()[0]] = True
-    return Sliding(body, *sides, held, bodies.pair.law.mu)
+    return SlidingContact(body, *sides, held, bodies.pair.law.mu)
 
 
 def displacements(states):
@@ -56,7 +56,7 @@ def solved(seed):
     bodies, path = random_die(seed)
     states, error = [bodies.problem.undeformed], None
     try:
-        for state in sliding(bodies, path):
+        for state in iterate_along_path(bodies, path):
             states.append(state)
     except ContactFailed as failed:
         error = failed
@@ -84,11 +84,11 @@ def test_outside_arithmetic_sees_what_is_wrong(name, size):
     assert max(problem.violations(history).values()) < TOLERANCE
     u = history[-1].copy()
     if name == "equilibrium":
-        inside = ~problem.held.any(axis=1)
+        inside = ~problem.prescribed_mask.any(axis=1)
         inside[np.concatenate([problem.slave, problem.master])] = False
         u[np.flatnonzero(inside)[0]] += size
     elif name == "cone":
-        problem = Sliding(*list(vars(problem).values())[:4], problem.friction * (1 - size))
+        problem = SlidingContact(*list(vars(problem).values())[:4], problem.friction * (1 - size))
     else:  # the slave's body moves away or into the other
         upper = problem.bodies.nodes[problem.slave, 1].mean() > 0.005
         moved = (problem.bodies.nodes[:, 1] > 0.005) == upper

@@ -11,14 +11,19 @@ import pytest
 from pw_elements import prescribe
 from pw_elements.contact import ContactPair, Motion, NoEquilibrium, NotFound, NotUnique, Plane
 from pw_elements.meshes import triangles
-from tests.contact.cases import GALERKIN, PW, Elastic, at
-from tests.contact.residuals import Step, _supports, residuals, worst
+from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
+from tests.contact.residuals import (
+    StepMotion,
+    largest_residual,
+    measure_residuals,
+    prescribed_displacements,
+)
 from tests.oracle.proofs import linear_increment
-from tests.oracle.random_contact import problem
-from tests.oracle.search import search
+from tests.oracle.random_contact import make_problem
+from tests.oracle.search import search_statuses
 
 
-class Pressed(Elastic):
+class Pressed(ElasticBody):
     """A block with five nodes under a plate that a force presses and pushes."""
 
     def __init__(self, seed):
@@ -32,9 +37,9 @@ class Pressed(Elastic):
         pushed = Motion((None, None), (float(rng.uniform(-1, 1)) * mu, -1.0))
         friction = lambda x: mu * (x[0] > smooth)  # noqa: E731
         self.nodes = np.flatnonzero(np.isclose(self.x[:, 1], top))
-        self.pairs = [ContactPair(at(1, top), plate, friction, [pushed])]
-        self.foot, self.loads = self.clamped(at(1, 0.0)), [self.nothing]
-        self.conditions = [prescribe(self.space, axis, at(1, 0.0)) for axis in (0, 1)]
+        self.pairs = [ContactPair(on_plane(1, top), plate, friction, [pushed])]
+        self.foot, self.loads = self.clamp(on_plane(1, 0.0)), [self.zero_load]
+        self.conditions = [prescribe(self.space, axis, on_plane(1, 0.0)) for axis in (0, 1)]
 
     def equilibria(self):
         """All motions z, of nodes and plate, that obey the law: each set of statuses is tried."""
@@ -64,13 +69,13 @@ def test_library_and_search_find_a_state_where_trying_all_statuses_does_and_nowh
     for seed in range(8):
         stated = Pressed(seed)
         known = stated.equilibria()
-        assert (search(linear_increment(stated, [])) is not None) == bool(known), seed
+        assert (search_statuses(linear_increment(stated, [])) is not None) == bool(known), seed
         solved.append(bool(known))
         if not known:
             with pytest.raises((NoEquilibrium, NotFound)):
-                stated.contact(stated.pairs, stated.foot)
+                stated.solve_contact(stated.pairs, stated.foot)
             continue
-        (state,) = stated.contact(stated.pairs, stated.foot)
+        (state,) = stated.solve_contact(stated.pairs, stated.foot)
         moved = state.displacement.array_r.reshape(-1, 2)[stated.nodes].ravel()
         found = np.append(moved, state.pairs[0].translation)
         assert min(np.abs(found - z).max() for z in known) < 1e-8 * np.abs(found).max(), seed
@@ -80,11 +85,11 @@ def test_library_and_search_find_a_state_where_trying_all_statuses_does_and_nowh
 @pytest.mark.parametrize("seed", [103, 762])
 def test_loose_bodies_are_told(seed):
     """The state attached has no forces, nor has one that is moved off whatever just touches."""
-    stated = problem(seed)
+    stated = make_problem(seed)
     with pytest.raises(NotUnique, match="the body is loose") as caught:
         stated.solve()
     error = caught.value
-    steps = [Step.of(state) for state in (*error.states, error.state)]
+    steps = [StepMotion.from_state(state) for state in (*error.states, error.state)]
     rng = np.random.default_rng(seed)
     x = stated.space.tabulate_dof_coordinates()[:, : steps[-1].displacement.shape[1]]
     gaps = np.concatenate([pair.gap for pair in error.state.pairs])
@@ -93,11 +98,11 @@ def test_loose_bodies_are_told(seed):
     turn = rng.normal(size=(x.shape[1], x.shape[1]))
     rigid = rng.normal(size=x.shape[1]) + (x - x.mean(axis=0)) @ (turn - turn.T) / np.ptp(x)
     moved = 0.1 * least / np.abs(rigid).max() * rigid
-    moved[_supports(stated.conditions, *x.shape)[0]] = 0.0
+    moved[prescribed_displacements(stated.conditions, *x.shape)[0]] = 0.0
 
     def wrong(way):
         there = replace(steps[-1], displacement=steps[-1].displacement + way * moved)
-        return worst(residuals(stated, [*steps[:-1], there])[-1:])
+        return largest_residual(measure_residuals(stated, [*steps[:-1], there])[-1:])
 
     assert wrong(0) < 1e-8
     assert min(wrong(1), wrong(-1)) < 1e-8

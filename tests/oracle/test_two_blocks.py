@@ -5,9 +5,9 @@ import pytest
 
 from pw_elements import Direct, Iterative, Reduction, prescribe
 from pw_elements.contact import ContactProblem, NoEquilibrium, NotFound, NotUnique
-from tests.contact.cases import at
-from tests.contact.two_bodies import Stack
-from tests.oracle.search import Increment, search
+from tests.contact.cases import on_plane
+from tests.contact.two_bodies import StackedBlocks
+from tests.oracle.search import LinearIncrement, search_statuses
 
 SUITE, NIGHTLY = (*range(5), 9), range(60)  # the last of few is refused
 
@@ -23,17 +23,22 @@ class Blocks:
             random.choice(["triangle", "quadrilateral"]),
             random.choice(["upper", "lower"]),
         )
-        stack = Stack(
-            divisions, cell, upper=(random.uniform(0, 0.2), random.uniform(0.7, 1)), ratio=ratio
+        stack = StackedBlocks(
+            divisions,
+            cell,
+            upper_range=(random.uniform(0, 0.2), random.uniform(0.7, 1)),
+            modulus_ratio=ratio,
         )
         mu, press = random.uniform(0.1, 0.7), 1e-3 * min(1.0, ratio)
         push = random.uniform(-0.95, 0.95) * mu * press
-        self.loads = [stack.load((0.0, -press)), stack.load((push, -press))][random.integers(2) :]
-        held = [prescribe(stack.space, i, at(1, 0.0)) for i in (0, 1)]
+        self.loads = [stack.traction_load((0.0, -press)), stack.traction_load((push, -press))][
+            random.integers(2) :
+        ]
+        held = [prescribe(stack.space, i, on_plane(1, 0.0)) for i in (0, 1)]
         self.x = stack.space.tabulate_dof_coordinates()
         supports = Reduction.dirichlet(stack.space, held)
         self.problem = ContactProblem(
-            stack.K, supports, stack.pair(slave, mu), stack.space, **options
+            stack.K, supports, stack.make_pair(slave, mu), stack.space, **options
         )
 
     def solve(self):
@@ -78,7 +83,7 @@ class Blocks:
 
         faced, seen = np.isfinite(gap), along(normal, moved)
         seen[faced, -1] += gap[faced]
-        stated = Increment(
+        stated = LinearIncrement(
             along(normal, force),
             along(tangent, force),
             seen,
@@ -88,7 +93,7 @@ class Blocks:
             faced,
             np.diag(K)[2 * interface.node].mean(),
         )
-        return search(stated) is not None
+        return search_statuses(stated) is not None
 
 
 @pytest.mark.random

@@ -21,11 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracle.large import Rubber, cross, law_lines
+from tests.oracle.large import NeoHookeanBody, cross_product, law_violations
 
 
 @dataclass(frozen=True)
-class Tool:
+class RigidTool:
     """A plane, or a circle where it has a radius, outside of a body, at its initial place."""
 
     point: np.ndarray  # of the plane, or the circle's centre
@@ -36,7 +36,7 @@ class Tool:
 
 
 @dataclass(frozen=True)
-class Moment:
+class ToolState:
     """What the library tells of one moment of a history."""
 
     displacement: np.ndarray  # (n, 2)
@@ -46,56 +46,58 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Pressed:
+class ToolContact:
     """A body under a tool, the nodes that may touch it, the mask (n, 2) of supports."""
 
-    body: Rubber
-    tool: Tool
-    touching: np.ndarray
-    held: np.ndarray
+    body: NeoHookeanBody
+    tool: RigidTool
+    contact_nodes: np.ndarray
+    prescribed_mask: np.ndarray
 
-    def violations(self, history: list[Moment], prescribed: np.ndarray) -> dict[str, float]:
+    def violations(self, history: list[ToolState], prescribed: np.ndarray) -> dict[str, float]:
         """Of each condition in the last increment; of forces and lengths over history's largest.
 
         `prescribed` are the displacements (n, 2) that supports ask for. Conditions at nodes whose
         tangential motion a support prescribes have names of their own.
         """
         now = history[-1]
-        force = max(np.abs(self.body.forces(moment.displacement)).max() for moment in history)
+        force = max(np.abs(self.body.nodal_forces(moment.displacement)).max() for moment in history)
         length = max(
             np.abs(part).max() for one in history for part in (one.displacement, one.translation)
         )
         force = force if force > 1e-12 else 1.0  # the tool has not yet met the body
-        forces = self.body.forces(now.displacement)
-        r, held = forces[self.touching], self.held[self.touching, 0]
-        r[held, 0] = now.force[self.touching[held], 0]
-        free = ~self.held
-        free[self.touching] = False
+        forces = self.body.nodal_forces(now.displacement)
+        r, held = forces[self.contact_nodes], self.prescribed_mask[self.contact_nodes, 0]
+        r[held, 0] = now.force[self.contact_nodes[held], 0]
+        free = ~self.prescribed_mask
+        free[self.contact_nodes] = False
         gap, normal, slip = self._kinematics(*history[-2:])
-        lost = np.abs(now.displacement - prescribed)[self.held]
+        lost = np.abs(now.displacement - prescribed)[self.prescribed_mask]
         found = {
             "supports": lost.max(initial=0.0) / length,
             "equilibrium": np.abs(forces[free]).max(initial=0.0) / force,
         }
-        r_n, r_t = np.sum(normal * r, axis=1) / force, cross(normal.T, r.T) / force
-        lines = law_lines(r_n, r_t, gap / length, slip / length, self.tool.friction)
+        r_n, r_t = np.sum(normal * r, axis=1) / force, cross_product(normal.T, r.T) / force
+        lines = law_violations(r_n, r_t, gap / length, slip / length, self.tool.friction)
         for name, line in lines.items():
             for kind, which in (("", ~held), ("held ", held)):
                 if which.any():
                     found[kind + name] = max(0.0, float(line[which].max()))
         return found
 
-    def _kinematics(self, before: Moment, now: Moment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _kinematics(
+        self, before: ToolState, now: ToolState
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         tool, pivot = self.tool, np.array(self.tool.pivot)
-        places = [(self.body.nodes + one.displacement)[self.touching] for one in (before, now)]
-        turns = [_turn(one.angle) for one in (before, now)]
+        places = [(self.body.nodes + one.displacement)[self.contact_nodes] for one in (before, now)]
+        turns = [_rotation_matrix(one.angle) for one in (before, now)]
         if tool.radius:
             (d_0, d) = (
                 x - (pivot + one.translation + R @ (tool.point - pivot))
                 for x, one, R in zip(places, (before, now), turns, strict=True)
             )
             size = np.linalg.norm(d, axis=1)
-            turned = np.arctan2(cross(d_0.T, d.T), np.sum(d_0 * d, axis=1))
+            turned = np.arctan2(cross_product(d_0.T, d.T), np.sum(d_0 * d, axis=1))
             slip = tool.radius * (turned - (now.angle - before.angle))
             return size - tool.radius, d / size[:, None], slip
         y_0, y = (
@@ -107,6 +109,6 @@ class Pressed:
         return (y - tool.point) @ tool.normal, normal, (y - y_0) @ tangent
 
 
-def _turn(angle: float) -> np.ndarray:
+def _rotation_matrix(angle: float) -> np.ndarray:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]])
