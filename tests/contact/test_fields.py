@@ -54,7 +54,7 @@ def on(space, where):
     return fem.locate_dofs_geometrical(space, where)
 
 
-def ball(comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PW, nu=0.3, n=4):
+def solve_ball_on_block(comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PW, nu=0.3, n=4):
     """A sphere pressed on the top of a block and pushed sideways: body and states."""
     mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (n, n, 2), cell)
     body = ElasticBody(mesh, method, "solid", nu=nu)
@@ -65,7 +65,7 @@ def ball(comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PW, nu=0.3, n=4):
 
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
 def test_fields_and_pictures_in_space(cell, tmp_path):
-    body, (*_, state) = ball(cell=cell, n=6)
+    body, (*_, state) = solve_ball_on_block(cell=cell, n=6)
     (pair,), fields = state.pairs, ContactFields.of(state, body.body)
     force = fields.force.x.array.reshape(-1, 3)
     assert force.sum(axis=0) == pytest.approx(pair.force, rel=1e-9)
@@ -198,10 +198,10 @@ def test_the_indicator_in_space(cell, bounds):
 
 
 def test_no_indicator_without_a_stress():
-    body, (*_, state) = ball()
+    body, (*_, state) = solve_ball_on_block()
     with pytest.raises(ValueError, match="one that is not hybrid"):
         ContactFields.of(state, body.space).indicator()
-    body, (*_, state) = ball(method=GALERKIN)
+    body, (*_, state) = solve_ball_on_block(method=GALERKIN)
     with pytest.raises(ValueError, match="nodes of this element have no weight"):
         ContactFields.of(state, body.body).indicator()
 

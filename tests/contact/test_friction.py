@@ -19,14 +19,14 @@ def on_floor(law, *options):
     return ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)), law, *options)
 
 
-class Falling:
+class SaturatingFriction:
     """mu r_n / (1 + r_n / h), with h a force at each node."""
 
     def __init__(self, mu, half):
-        self.mu, self.half = mu, half
+        self.mu, self.half_force = mu, half
 
     def at(self, x):
-        return self.half(x) if callable(self.half) else self.half
+        return self.half_force(x) if callable(self.half_force) else self.half_force
 
     def limit(self, half, force):
         share = half / (half + force)
@@ -46,7 +46,7 @@ class Capped:
         return np.minimum(self.mu * force, most), np.where(self.mu * force < most, self.mu, 0.0)
 
 
-class Adhesive(Falling):
+class Adhesive(SaturatingFriction):
     """It holds without any pressure, which no law here may."""
 
     def limit(self, half, force):
@@ -54,7 +54,7 @@ class Adhesive(Falling):
         return limit + 1.0, slope
 
 
-class Stiffening(Falling):
+class Stiffening(SaturatingFriction):
     """Its coefficient is 0.1 without pressure and four times that under much of it."""
 
     def limit(self, half, force):
@@ -81,7 +81,7 @@ def test_an_even_stress_has_the_friction_of_its_pressure(solver, p):
         body.traction_load((0.0, -p), on_plane(1, 2.0)) + sides,
         body.make_supports((0, on_plane(1, 2.0))),
     )
-    floor = on_floor(Falling(mu, half), Motion((0.1, 0.0)))
+    floor = on_floor(SaturatingFriction(mu, half), Motion((0.1, 0.0)))
     (state,) = body.solve_contact(floor, held, load, solver=solver)
     (pair,) = state.pairs
     assert (pair.status == SLIP).all()
@@ -91,7 +91,7 @@ def test_an_even_stress_has_the_friction_of_its_pressure(solver, p):
     assert pair.friction == pytest.approx(tau / p, rel=1e-8)
 
 
-def assert_law(pair, law, half):
+def assert_friction_law(pair, limit_of, half):
     """Each node's force and slip, by arithmetic of their own."""
     most = pair.force_normal.max()
     assert pair.force_normal.min() > -1e-9 * most
@@ -99,14 +99,14 @@ def assert_law(pair, law, half):
     for force, pressed, slip in zip(
         pair.force_tangential, pair.force_normal, pair.slip, strict=True
     ):
-        limit = law(max(pressed, 0.0), half)
+        limit = limit_of(max(pressed, 0.0), half)
         size, length = np.linalg.norm(force), np.linalg.norm(slip)
         assert size < limit + 1e-8 * most
         assert np.linalg.norm(force * length + limit * slip) < 1e-8 * most * max(length, 1e-6)
 
 
 LAWS = {
-    "falling": (Falling(0.8, 4.0), 4.0, lambda r, h: 0.8 * r / (1 + r / h)),
+    "falling": (SaturatingFriction(0.8, 4.0), 4.0, lambda r, h: 0.8 * r / (1 + r / h)),
     "capped": (Capped(0.6, 3.0), 3.0, lambda r, h: min(0.6 * r, h)),
 }
 
@@ -123,7 +123,7 @@ def test_a_law_holds_at_each_node_of_a_block_that_is_pulled(name, block, solver)
     for pull in (0.0, 4.0, 7.0, 9.0):
         load = 0.05 * block.pressure_load + block.traction_load((pull, 0.0), on_plane(0, 4.0))
         state = problem.step(state, load)
-        assert_law(state.pairs[0], exact, half)
+        assert_friction_law(state.pairs[0], exact, half)
         slipping = max(slipping, int(np.sum(state.pairs[0].status == SLIP)))
     assert slipping > 3
     resumed = problem.step(state, load)  # starts where it has ended
@@ -132,16 +132,21 @@ def test_a_law_holds_at_each_node_of_a_block_that_is_pulled(name, block, solver)
 
 def test_a_law_holds_in_space_where_slip_turns():
     solid = SolidBlock()
-    floor = ContactPair(on_plane(2, 0.0), FLOOR, Falling(0.4, 1.5))
+    floor = ContactPair(on_plane(2, 0.0), FLOOR, SaturatingFriction(0.4, 1.5))
     (state,) = solid.solve_contact(floor, loads=solid.press_and_push_load())
-    assert_law(state.pairs[0], lambda r, h: 0.4 * r / (1 + r / h), 1.5)
+    assert_friction_law(state.pairs[0], lambda r, h: 0.4 * r / (1 + r / h), 1.5)
     assert state.iterations <= 12  # Newton's method converges fast there, too
 
 
 def test_coulomb_is_what_a_number_means():
     one, *others = (
         BLOCK.solve_contact(on_floor(friction), loads=BLOCK.pull_loads(90.0, 2))[-1]
-        for friction in (0.3, Coulomb(0.3), lambda x: 0.3 + 0 * x[0], Falling(0.3, 1e300))
+        for friction in (
+            0.3,
+            Coulomb(0.3),
+            lambda x: 0.3 + 0 * x[0],
+            SaturatingFriction(0.3, 1e300),
+        )
     )
     for state in others:
         assert np.array_equal(state.pairs[0].status, one.pairs[0].status)
@@ -195,7 +200,7 @@ def test_coulombs_limit_is_what_all_nodes_are_asked_for(monkeypatch):
     assert forces[1] == pytest.approx(0.15, rel=1e-9)
 
 
-class WrongSlope(Falling):
+class WrongSlope(SaturatingFriction):
     """Its slope is an eighth too large."""
 
     def limit(self, half, force):
@@ -255,13 +260,18 @@ def test_more_than_a_law_can_hold_is_proved_to_be_too_much():
     """Its steepest cone, 0.3, does not hold a pull of 0.4 of the pressure either."""
     load = BLOCK.pressure_load + BLOCK.traction_load((0.4 * 200 * 4 / 2, 0.0), on_plane(0, 4.0))
     with pytest.raises(NoEquilibrium, match="slides"):
-        BLOCK.solve_contact(on_floor(Falling(0.3, 1e3)), loads=load)
+        BLOCK.solve_contact(on_floor(SaturatingFriction(0.3, 1e3)), loads=load)
 
 
 @pytest.mark.parametrize(
     "law",
     [
-        *(Falling(-0.3, 1.0), Falling(np.nan, 1.0), Falling(0.3, lambda x: x), Falling),
+        *(
+            SaturatingFriction(-0.3, 1.0),
+            SaturatingFriction(np.nan, 1.0),
+            SaturatingFriction(0.3, lambda x: x),
+            SaturatingFriction,
+        ),
         *(Stiffening(0.3, 1e-8), Stiffening(0.3, 1e9)),
         *(Adhesive(0.3, 1.0), Coulomb(-0.1), Coulomb("0.3")),
     ],

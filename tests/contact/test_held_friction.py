@@ -28,8 +28,8 @@ from tests.contact.residuals import (
     measure_residuals,
     split_into_substeps,
 )
-from tests.contact.test_large import Rubber
-from tests.contact.test_large import walked as steps
+from tests.contact.test_large import RubberUnderCircle
+from tests.contact.test_large import step_through as steps
 from tests.contact.test_matching import Blocks
 from tests.contact.two_bodies import StackedBlocks, split_facets_by_side
 from tests.parallel import same_numbers
@@ -223,9 +223,11 @@ def test_bodies_that_supports_drag_over_each_other_are_refused(dragged):
 
 class TestLargeSliding:
     def test_a_plate_has_all_its_friction(self):
-        rubber = Rubber(n=3, friction=MU)
+        rubber = RubberUnderCircle(n=3, friction=MU)
         sides = [prescribe(rubber.space, 0, on_plane(0, x), 0.0) for x in (-1.0, 1.0)]
-        plate = rubber.touching(held=rubber.held + sides, surface=Plane((0.0, 0.0), (0.0, -1.0)))
+        plate = rubber.problem_with(
+            conditions=rubber.conditions + sides, surface=Plane((0.0, 0.0), (0.0, -1.0))
+        )
         way = [Motion((0.0, -0.1)), Motion((0.3, -0.1)), Motion((0.25, -0.1))]
         states = steps(plate, [*way, Motion((None, -0.1), force=(0.02, 0.0))])
         for before, state in pairwise(states[:3]):
@@ -238,10 +240,12 @@ class TestLargeSliding:
 
     def test_a_plate_that_turns_rubs_on_nodes_that_a_support_holds(self):
         """At an angle the support bears a part of the normal force, too."""
-        rubber = Rubber(n=3, friction=MU)
+        rubber = RubberUnderCircle(n=3, friction=MU)
         top = prescribe(rubber.space, 0, on_plane(1, 0.0), 0.0)
-        plate = rubber.touching(
-            held=[*rubber.held, top], surface=Plane((0.0, 0.0), (0.0, -1.0)), pivot=(0.0, 0.0)
+        plate = rubber.problem_with(
+            conditions=[*rubber.conditions, top],
+            surface=Plane((0.0, 0.0), (0.0, -1.0)),
+            pivot=(0.0, 0.0),
         )
         way = [Motion((0.0, -0.1)), Motion((0.1, -0.1), rotation=0.05)]
         _, state = steps(plate, way)
@@ -261,9 +265,11 @@ class TestLargeSliding:
         forces = []
         for left in (-1.0, 0.0):
             mesh = quadrilaterals(MPI.COMM_SELF, (left, -1.0), (1.0, 0.0), (4 - int(4 * left), 4))
-            rubber = Rubber(mesh=mesh, friction=MU)
-            held = rubber.held + [prescribe(rubber.space, 0, on_plane(0, 0.0), 0.0)] * (left == 0)
-            problem = rubber.touching(held=held)
+            rubber = RubberUnderCircle(mesh=mesh, friction=MU)
+            held = rubber.conditions + [prescribe(rubber.space, 0, on_plane(0, 0.0), 0.0)] * (
+                left == 0
+            )
+            problem = rubber.problem_with(conditions=held)
             *_, state = steps(problem, [Motion((0.0, -0.05)), Motion((0.0, -0.1))])
             pair = state.pairs[0]
             forces.append(pair.force_vector[pair.position[:, 0] > -1e-9])

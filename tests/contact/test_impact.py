@@ -26,7 +26,7 @@ from study.matrices import dense
 from study.verification import v12_impact
 from study.verification.c_mesh_families import on_strip
 from tests.contact.cases import GALERKIN, ElasticBody, on_plane
-from tests.contact.test_friction import Falling
+from tests.contact.test_friction import SaturatingFriction
 
 FLOOR = Plane((0.0, 0.0), (0.0, 1.0))
 
@@ -152,7 +152,11 @@ def test_law_holds_at_random_points(name):
     motion, shift = rng.normal(size=(2, n, 3))
     gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
     gap[:50], half = np.inf, rng.uniform(1, 99, n)
-    cone = Cone([Coulomb(0.0)], [mu]) if name == "Coulomb's" else Cone([Falling(0.9, None)], [half])
+    cone = (
+        Cone([Coulomb(0.0)], [mu])
+        if name == "Coulomb's"
+        else Cone([SaturatingFriction(0.9, None)], [half])
+    )
     held = np.zeros((n, 3), bool)
     found = nodal_contact(motion, gap, normal, shift, held, held, mass, cone, step)
     after = motion + step**2 * found.force / mass[:, None]

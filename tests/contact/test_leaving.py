@@ -21,7 +21,7 @@ from tests.contact.sliding import (
     mesh_of_two_rectangles,
     slide_along_path,
 )
-from tests.contact.test_large import Rubber, walked
+from tests.contact.test_large import RubberUnderCircle, step_through
 
 PRESSED = (0.0, -0.12)
 LOWERED = Plane((0.0, 0.0), (0.0, -1.0))
@@ -46,14 +46,14 @@ def test_a_body_slides_off_in_one_step(upper_is_slave, turned):
 
 @pytest.mark.parametrize("moved", ["tool", "supports"])
 def test_a_tool_slides_off_in_one_step(moved):
-    rubber, ends = Rubber(), [(0.0, 0.2), (8.0, 0.2)]
+    rubber, ends = RubberUnderCircle(), [(0.0, 0.2), (8.0, 0.2)]
     state = rubber.problem.undeformed
     systems = []
     for k, end in enumerate(ends):
         before = ends[k - 1] if k else (0.0, 0.0)
 
         def load(share, before=before, end=end):
-            for value, low, high in zip(rubber.base, before, end, strict=True):
+            for value, low, high in zip(rubber.base_displacement, before, end, strict=True):
                 value.value = (1 - share) * low + share * high
 
         if moved == "tool":
@@ -68,8 +68,8 @@ def test_a_tool_slides_off_in_one_step(moved):
 
 
 def test_a_step_is_made_the_ordinary_way_if_the_end_is_not_found_at_once(monkeypatch):
-    rubber = Rubber()
-    (pressed,) = walked(rubber.problem, [Motion((0.0, -0.2))])
+    rubber = RubberUnderCircle()
+    (pressed,) = step_through(rubber.problem, [Motion((0.0, -0.2))])
     stepping, at_once = rubber.problem._finite, []
     solve = stepping._solve_part
 
@@ -99,9 +99,9 @@ def lifts_clear(problem, ends, unknowns):
 
 def test_what_goes_through_a_body_does_not_leave_it():
     """A circle beside the block; it is deepest when its centre is in the block's left side."""
-    rubber = Rubber()
+    rubber = RubberUnderCircle()
     circle, side = Sphere((-1.6, 0.0), 0.6), on_plane(0, -1.0)
-    problem = rubber.touching(surface=circle, nodes=lambda x: side(x) & (x[1] > -0.7))
+    problem = rubber.problem_with(surface=circle, nodes=lambda x: side(x) & (x[1] > -0.7))
     undeformed = problem.undeformed.unknowns
     assert lifts_clear(problem, [(0.3, 0.0), (-4.0, 0.0)], undeformed)
     assert lifts_clear(problem, [(0.3, 0.0), (0.3, 4.0)], undeformed)
@@ -117,8 +117,8 @@ def test_what_goes_through_a_body_does_not_leave_it():
 def test_a_tool_leaves_room_for_the_body(surface, depth):
     """Without any linear system."""
     solved = []
-    rubber = Rubber(callback=solved.append)
-    problem = rubber.touching(surface=surface, options={"callback": solved.append})
+    rubber = RubberUnderCircle(callback=solved.append)
+    problem = rubber.problem_with(surface=surface, options={"callback": solved.append})
     with pytest.raises(SurfacePassed, match=r"up to the supports at .* no room is left"):
         problem.step(problem.undeformed, motions=Motion((0.0, -depth)))
     assert not solved

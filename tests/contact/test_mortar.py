@@ -29,7 +29,7 @@ from pw_elements.contact import (
 from pw_elements.contact.interface import gathered_trace
 from pw_elements.spaces import SubSpace
 from tests.contact.cases import ElasticBody, on_plane
-from tests.contact.test_friction import assert_law
+from tests.contact.test_friction import assert_friction_law
 from tests.contact.two_bodies import (
     PLANE_CELLS,
     PRESSURE,
@@ -177,7 +177,7 @@ def test_forces_and_moments_balance_and_fields_have_them(cell, slave, element, n
     assert state.residuals.largest() < 1e-9
     assert balance(stack, state, stack.zero_load) < 1e-12
     fields, (pair,) = ContactFields.of(state, stack.body), state.pairs
-    assert_law(pair, lambda r, _: 0.2 * r, None)
+    assert_friction_law(pair, lambda r, _: 0.2 * r, None)
     force = values(fields.force, slice(None))
     face = stack.side_nodes("upper") | stack.side_nodes("lower")
     left = left_over(stack, state, stack.zero_load)

@@ -35,10 +35,10 @@ from tests.contact.histories import (
     state_fields,
 )
 from tests.contact.sliding import DIE_PATH, make_die_on_block, slide_along_path
-from tests.contact.test_fields import ball
+from tests.contact.test_fields import solve_ball_on_block
 from tests.contact.test_matching import Blocks
-from tests.contact.test_refusals import messages
-from tests.contact.test_sensitivity import Rubber
+from tests.contact.test_refusals import refusal_messages
+from tests.contact.test_sensitivity import RandomRubber
 from tests.contact.two_bodies import StackedBlocks
 from tests.library import vtx
 from tests.oracle.random_contact import make_problem as random_problem
@@ -56,8 +56,8 @@ def mortar(comm, cell, divisions):
 def matching(comm):
     """Two blocks, the upper one held by the lower alone; their nodes coincide."""
     blocks = Blocks(divisions=(12, 6), comm=comm)
-    loads = [blocks.load((pull, -3.0)) for pull in (0.0, 0.4)]
-    states = blocks.solve_contact(blocks.pair(0.3), blocks.clamp(on_plane(1, 0.0)), loads)
+    loads = [blocks.traction_load((pull, -3.0)) for pull in (0.0, 0.4)]
+    states = blocks.solve_contact(blocks.make_pair(0.3), blocks.clamp(on_plane(1, 0.0)), loads)
     left = reactions(blocks.K, states[-1].displacement, loads[-1]).array_r
     force = ContactFields.of(states[-1], blocks.space).force.x.array[: len(left)]
     wrong = np.abs(left - force).reshape(-1, 2)[~np.isclose(blocks.x[: len(left) // 2, 1], 0.0)]
@@ -80,11 +80,11 @@ def by_seed(comm, seed):
 
 CASES = {
     "block": block,
-    "drag": ball,
+    "drag": solve_ball_on_block,
     "mortar": partial(mortar, cell="tetrahedron", divisions=(3, 2)),
     "flat mortar": partial(mortar, cell="triangle", divisions=(5, 4)),
     "matching": matching,
-    "rubber": partial(ball, method=Spaces.hybrid, nu=0.5),
+    "rubber": partial(solve_ball_on_block, method=Spaces.hybrid, nu=0.5),
     **{f"seed {seed}": partial(by_seed, seed=seed) for seed in (158, 316)},
 }
 
@@ -180,30 +180,34 @@ def test_processes_do_not_wait_for_one_that_failed_while_writing(tmp_path):
 def whole_and_resumed(name, problems, motions, folder, more=()):
     """Ends of a way, and of another problem that goes on before the last part, by a file or not."""
     (problem, again), path = problems, folder / f"{name}.npz"
-    *_, before, end = large.walked(problem, motions)
+    *_, before, end = large.step_through(problem, motions)
     if not path.exists():
         problem.save(before, path)
     ends = {f"{name} whole": end}
     for way, start in (("resumed", again.load(path)), ("taken up", before)):
-        (ends[f"{name} {way}"],) = large.walked(again, motions[-1:], start)
-    return large.numbers(ends, more)
+        (ends[f"{name} {way}"],) = large.step_through(again, motions[-1:], start)
+    return large.collect_pair_fields(ends, more)
 
 
 def at_large_strains(comm, folder):
     """Tools that are pressed, drawn and turned, rubber on rubber, and derivatives."""
     found = {}
     for name, solver in large.SOLVERS.items():
-        both = [large.hardened(comm, solver=solver)[0].problem for _ in range(2)]
-        found |= whole_and_resumed(name, both, large.WAY, folder)
-    roller = turning.roller(mesh=triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))).problem
-    found |= whole_and_resumed("turned", [roller] * 2, turning.WAY, folder, turning.PLACE)
-    found |= large.numbers({"hybrid": large.pressed_and_pushed("hybrid", Iterative(), comm)})
+        both = [large.make_hardening_rubber(comm, solver=solver)[0].problem for _ in range(2)]
+        found |= whole_and_resumed(name, both, large.CIRCLE_MOTIONS, folder)
+    roller = turning.make_roller(mesh=triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))).problem
+    found |= whole_and_resumed(
+        "turned", [roller] * 2, turning.ROLLER_MOTIONS, folder, turning.POSE_FIELDS
+    )
+    found |= large.collect_pair_fields(
+        {"hybrid": large.solve_pressed_and_pushed("hybrid", Iterative(), comm)}
+    )
     (pair,) = slide_along_path(
         make_die_on_block(comm=comm, divisions=((8, 2), (6, 2))), DIE_PATH[:3]
     )[-1].pairs
     for field in ("force_normal", "force_tangential", "slip", "gap", "opposite_force"):
         found[f"die's {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
-    case = Rubber(0, comm=comm)
+    case = RandomRubber(0, comm=comm)
     problem, states = case.solve()
     given = states, case.outputs, list(case.parameters.values()), case.loads
     found["derivatives"] = problem.sensitivity(*given)
@@ -244,7 +248,7 @@ def compared(state):
 
 def everything(comm, before, folder):
     """All that is compared; histories go on from where fewer processes have stopped."""
-    found = {"numbers": numbers(comm, folder), "words": messages(comm), "histories": {}}
+    found = {"numbers": numbers(comm, folder), "words": refusal_messages(comm), "histories": {}}
     found["large"] = at_large_strains(comm, before or folder)
     for name, history in HISTORIES.items():
         problem, steps = history(comm)

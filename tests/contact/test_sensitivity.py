@@ -20,14 +20,14 @@ from pw_elements import (
 from pw_elements.contact import SLIP, ContactPair, ContactProblem, Motion, SignedDistance, Sphere
 from pw_elements.meshes import triangles
 from tests.contact.cases import ElasticBody, finite_strain_residual, neo_hookean_stress, on_plane
-from tests.contact.test_large import Rubber as Touching
-from tests.contact.test_large import hardened
+from tests.contact.test_large import RubberUnderCircle as Touching
+from tests.contact.test_large import make_hardening_rubber
 
 STEP = 1e-5  # of each parameter's value
 NAMES = ("shear", "lame", "base", "load", "friction", "depth", "slide", "push")
 
 
-class Rubber:
+class RandomRubber:
     """A random rubber block under a tool that is moved, then pushed, with all that is given."""
 
     def __init__(self, seed, dim=2, steps=3, most=25, comm=MPI.COMM_SELF):
@@ -206,10 +206,10 @@ def agreement(case, found, states, groups):
 @pytest.mark.parametrize(
     ("make", "groups"),
     [
-        (lambda: Rubber(0), 4),
-        (lambda: Rubber(1), 1),
-        (lambda: Rubber(5, dim=3), 1),
-        (lambda: Rubber(6, most=4, steps=2), 1),
+        (lambda: RandomRubber(0), 4),
+        (lambda: RandomRubber(1), 1),
+        (lambda: RandomRubber(5, dim=3), 1),
+        (lambda: RandomRubber(6, most=4, steps=2), 1),
         (Steel, 2),
     ],
 )
@@ -240,7 +240,7 @@ def test_derivatives_are_of_the_stiffness_as_it_is():
 
 
 def test_what_has_no_derivatives_is_refused_in_words():
-    case = Rubber(0, steps=2)
+    case = RandomRubber(0, steps=2)
     problem, states = case.solve()
     known = states, case.outputs, [case.shear], case.loads
     parameters = [
@@ -258,7 +258,7 @@ def test_what_has_no_derivatives_is_refused_in_words():
     ):
         with pytest.raises(ValueError, match=words):
             problem.sensitivity(*arguments)
-    rubber, _ = hardened()
+    rubber, _ = make_hardening_rubber()
     undeformed = rubber.problem.undeformed
     with pytest.raises(ValueError, match="has a history"):
         rubber.problem.sensitivity([undeformed, undeformed], [("force", 0, 1)], [("friction", 0)])
@@ -272,7 +272,7 @@ def test_what_has_no_derivatives_is_refused_in_words():
 
 
 def test_parameters_that_cannot_act_and_numbers_that_are_none_are_refused():
-    case = Rubber(0, steps=1)
+    case = RandomRubber(0, steps=1)
     problem, states = case.solve()
     outputs, n = case.outputs, len(case.outputs)
     absent = fem.Constant(case.u.function_space.mesh, 2.0)

@@ -211,8 +211,8 @@ def test_full_disk_and_another_writer_leave_the_file_whole(tmp_path, monkeypatch
 def test_nodes_that_coincide_keep_their_displacements(tmp_path):
     """Two blocks that touch have nodes in one place, which a file has to tell apart."""
     blocks = Blocks()
-    problem = blocks.contact_problem(blocks.pair(), blocks.foot)
-    state = problem.step(problem.undeformed, blocks.load((0.0, -3.0)))
+    problem = blocks.contact_problem(blocks.make_pair(), blocks.base_supports)
+    state = problem.step(problem.undeformed, blocks.traction_load((0.0, -3.0)))
     problem.save(state, tmp_path / "state.npz")
     read = problem.load(tmp_path / "state.npz")
     assert np.array_equal(read.displacement.array_r, state.displacement.array_r)

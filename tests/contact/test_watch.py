@@ -110,10 +110,10 @@ def test_states_report_strain_rotation_and_slip():
 def test_matching_nodes_slip_away_from_their_partners():
     """They keep them, so that all slip counts that there ever was."""
     blocks = Blocks()
-    problem = blocks.contact_problem(blocks.pair(0.0), blocks.foot)
+    problem = blocks.contact_problem(blocks.make_pair(0.0), blocks.base_supports)
     state, slips = problem.undeformed, []
     for aside in (0.02, 0.05):
-        state = problem.step(state, blocks.load((0.0, -0.1)), [Motion((aside, 0.0))])
+        state = problem.step(state, blocks.traction_load((0.0, -0.1)), [Motion((aside, 0.0))])
         (pair,) = state.pairs
         relative = np.abs(pair.displacement[:, 0] - aside).max()
         assert state.smallness.slip == pytest.approx(relative * 3)  # edges of 1/3

@@ -45,12 +45,12 @@ from tests.oracle.problem import (
 RULES = {"quadrilaterals": (8, 5), "triangles": (50, 24), "sub-triangles": (30, 16)}
 
 
-def converged(element):
+def raise_quadrature_degree(element):
     """The library's rule for integrands that are no polynomials, of a higher degree."""
     return patch.object(body, "_RATIONAL_DEGREE", rule(element)[0])
 
 
-def points(element):
+def oracle_gauss_count(element):
     """What the oracle's Gauss rule has in each direction instead."""
     return rule(element)[1]
 
@@ -62,11 +62,11 @@ def rule(element):
 
 
 def patch_test(element, mesh="distorted", state="plane strain"):
-    with converged(element):
+    with raise_quadrature_degree(element):
         result = v1_contact_patch.patch(element, mesh, state)
 
     def solved(linear):
-        count = 3 if (mesh, state) == ("distorted", "plane strain") else points(element)
+        count = 3 if (mesh, state) == ("distorted", "plane strain") else oracle_gauss_count(element)
         body = oracle_body(result, element, linear, state, 1000.0, 0.3, n_gauss=count)
         pair = Pair(sorted_nodes(result.curves, rows_on_plane(1, 0.0)), *plane_functions(NORMAL_UP))
         load, held = (
@@ -123,11 +123,11 @@ def partial_slip(element):
 
 def vibrating_rod(element):
     condensed = element == "pw-Q8"
-    with converged(element):
+    with raise_quadrature_degree(element):
         result = v8_vibration.rod(element, "transposed" if condensed else "all nodes", (1, 3))
 
     def ours(linear):
-        count = points(element)
+        count = oracle_gauss_count(element)
         body = oracle_body(result, element, linear, "axisymmetric", 1.0, 0.3, n_gauss=count)
         K, M = body.stiffness(), body.mass()
         if element.startswith("pwsym"):

@@ -25,7 +25,7 @@ from tests.oracle.problem import (
     rows_on_plane,
     sorted_nodes,
 )
-from tests.oracle.test_sections import converged, points
+from tests.oracle.test_sections import oracle_gauss_count, raise_quadrature_degree
 
 # The first of the study's columns, its radii and heights from the base, in a coarser mesh
 RADII, HEIGHTS = (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)
@@ -34,7 +34,7 @@ COARSE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (4, 3, 3, 2))
 
 def stepped_column(element):
     """Pressed down by 1 mm on its three supports; its vibration when it stands on its base."""
-    with patch.dict(s7_5_column.PROFILES, coarse=COARSE), converged(element):
+    with patch.dict(s7_5_column.PROFILES, coarse=COARSE), raise_quadrature_degree(element):
         result = s7_5_column.stepped_column(element, section="coarse")
     level = np.concatenate([[0.0], np.cumsum(HEIGHTS)])
     faces = [
@@ -43,7 +43,7 @@ def stepped_column(element):
         (RADII[1], RADII[2], level[2], NORMAL_UP, 2e-4),
         (0.0, RADII[3], level[4], NORMAL_DOWN, 0.0),
     ]
-    count = points(element)
+    count = oracle_gauss_count(element)
 
     def ours(linear):
         body = oracle_body(
