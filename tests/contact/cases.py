@@ -1,4 +1,4 @@
-"""Bodies and contact problems that several tests solve."""
+"""Elastic bodies and contact problems that several tests solve."""
 
 from functools import cached_property
 
@@ -29,27 +29,33 @@ PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendipity
 
 
 def on_plane(axis, value):
+    """Return a marker of the points (dim, n) with x[axis] = value."""
     return lambda x: np.isclose(x[axis], value)
 
 
 def neo_hookean_stress(F, shear=1.0, lame=1.5):
-    """First Piola stress."""
-    inverse = ufl.inv(F).T
-    return shear * (F - inverse) + lame * ufl.ln(ufl.det(F)) * inverse
+    """Return the first Piola stress of a compressible neo-Hookean material."""
+    inverse_transpose = ufl.inv(F).T
+    return shear * (F - inverse_transpose) + lame * ufl.ln(ufl.det(F)) * inverse_transpose
 
 
 def finite_strain_residual(spaces, stress=neo_hookean_stress, degree=4, compressibility=0.0):
-    """Unknowns, and the residual of a body without loads; how much a hybrid one's volume gives."""
+    """Return the unknown function and the residual form of a finite-strain body without loads.
+
+    A hybrid space has the unknowns u and p, with J - 1 + `compressibility` p = 0.
+    """
     w, weights, hybrid = fem.Function(spaces.trial), ufl.TestFunction(spaces.test), spaces.is_hybrid
     (u, p), (v, q) = (ufl.split(f) if hybrid else (f, 0.0) for f in (w, weights))
     F = ufl.Identity(len(u)) + ufl.grad(u)
-    J, inverse = ufl.det(F), ufl.inv(F).T
-    density = ufl.inner(F - (1 + p * J) * inverse if hybrid else stress(F), ufl.grad(v))
+    J, inverse_transpose = ufl.det(F), ufl.inv(F).T
+    density = ufl.inner(F - (1 + p * J) * inverse_transpose if hybrid else stress(F), ufl.grad(v))
     density -= q * (J - 1 + compressibility * p) if hybrid else 0
     return w, density * ufl.dx(metadata={"quadrature_degree": degree})
 
 
 class ElasticBody:
+    """A linear elastic body on a mesh: its stiffness, loads, supports and contact problems."""
+
     def __init__(
         self, mesh, method=PW, state="plane strain", E=1000.0, nu=0.3, thickness=1.0, material=None
     ):
@@ -64,7 +70,7 @@ class ElasticBody:
 
     @cached_property
     def x(self):
-        """Positions (n, dim) of nodes, ghosts' too."""
+        """Return the positions (n, dim) of the nodes, ghosts included."""
         return self.displacements.tabulate_dof_coordinates()[:, : self.dim]
 
     @cached_property
@@ -79,23 +85,29 @@ class ElasticBody:
         return assemble_vector(self.body.body_load(force))
 
     def initial_stress_matrix(self, load, supports, form="G"):
-        """Initial stress matrix of the stress under a load."""
-        moved = as_function(self.space, solve(self.K, load, supports))
-        return assemble_matrix(self.body.initial_stress(self.body.stress(moved), form))
+        """Assemble the initial stress matrix of the stress under a load."""
+        displacement = as_function(self.space, solve(self.K, load, supports))
+        return assemble_matrix(self.body.initial_stress(self.body.stress(displacement), form))
 
     def traction_load(self, traction, where):
         surface = boundary_measure(self.mesh, where)
         return assemble_vector(self.body.surface_load(np.asarray(traction), surface))
 
     def make_supports(self, *conditions):
-        """Supports: component, marker and, where it is not zero, value of each."""
+        """Return the reduction by (component, marker[, value]) conditions; the value is 0 by
+        default.
+        """
         return Reduction.dirichlet(self.space, [prescribe(self.space, *c) for c in conditions])
 
     def clamp(self, where, value=0.0):
+        """Prescribe all displacement components where the marker holds."""
         return self.make_supports(*((i, where, value) for i in range(self.dim)))
 
     def solve_contact(self, pairs, supports=None, loads=None, **options):
-        """States; without loads one for each motion of the (first) pair."""
+        """Return the states of all increments.
+
+        Without loads there is one increment for each motion of the (first) pair.
+        """
         supports = self.make_supports() if supports is None else supports
         if loads is None:
             motions = (pairs if isinstance(pairs, ContactPair) else pairs[0]).motions
@@ -108,7 +120,7 @@ class ElasticBody:
 
 
 class BlockOnFloor(ElasticBody):
-    """Block 4 x 2 on a rough plane, pressed by 200 and then pulled at its right side."""
+    """Block 4 x 2 on a rough plane, pressed by a traction of 200, then pulled at its right side."""
 
     def __init__(self, n, method=PW, comm=MPI.COMM_SELF):
         mesh = triangles(comm, (0.0, 0.0), (4.0, 2.0), (n, n // 2))
@@ -117,17 +129,21 @@ class BlockOnFloor(ElasticBody):
         self.pressure_load = self.traction_load((0.0, -200.0), on_plane(1, 2.0))
 
     def pull_loads(self, traction, increments=10):
-        """Load vectors: pressure, then traction in steps."""
+        """Return the load vectors: pressure alone, then with the traction in equal increments."""
         pull = self.traction_load((traction, 0.0), on_plane(0, 4.0))
-        shares = [k / increments for k in range(1, increments + 1)]
-        return [self.pressure_load, *(self.pressure_load + share * pull for share in shares)]
+        load_factors = [k / increments for k in range(1, increments + 1)]
+        return [
+            self.pressure_load,
+            *(self.pressure_load + load_factor * pull for load_factor in load_factors),
+        ]
 
     def floor_pair(self, mu, frictionless_end=0.2):
-        edge = frictionless_end - 1e-9
+        """Return the contact pair of the base; the ends of the base are frictionless."""
+        end = frictionless_end - 1e-9
         return ContactPair(
             on_plane(1, 0.0),
             Plane((0, 0), (0, 1)),
-            lambda x: np.where((x[0] > edge) & (x[0] < 4 - edge), mu, 0.0),
+            lambda x: np.where((x[0] > end) & (x[0] < 4 - end), mu, 0.0),
         )
 
     def solve(self, mu, traction, increments=10, **pair):
@@ -136,16 +152,16 @@ class BlockOnFloor(ElasticBody):
 
 
 class PunchedBlock(ElasticBody):
-    """Parabolic punch of radius 8 on a block 8 x 4 with a fixed base, section 7.3."""
+    """Block 8 x 4 with a fixed base under a parabolic punch of radius 8 (section 7.3)."""
 
     def __init__(
         self, divisions=(19, 4), method=PW, build=triangles, grade=1.5, comm=MPI.COMM_SELF
     ):
-        def graded(x):
+        def scale_and_grade(x):
             s = x[:, 0]
             return np.column_stack([4 * (s + (grade - 1) * s**3) / grade, 4 * x[:, 1], x[:, 2]])
 
-        mesh = mapped(build(comm, (-1.0, 0.0), (1.0, 1.0), divisions), graded)
+        mesh = mapped(build(comm, (-1.0, 0.0), (1.0, 1.0), divisions), scale_and_grade)
         super().__init__(mesh, method, "plane stress", nu=0.25)
         self.base_supports = self.clamp(on_plane(1, 0.0))
 
@@ -157,7 +173,7 @@ class PunchedBlock(ElasticBody):
 
 
 class GrecoPlate(ElasticBody):
-    """GRECO/Raous plate (code_aster SSNV128): friction 1, zones that are open, slip and stick."""
+    """GRECO/Raous plate (code_aster SSNV128): friction 1; nodes are open, stick and slip."""
 
     def __init__(self, n, method=PW):
         mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (0.04, 0.04), (n, n))

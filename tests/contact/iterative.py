@@ -1,4 +1,4 @@
-"""Contact problems in space for which factors and iterations have to agree."""
+"""Contact problems in space for which direct and iterative solvers have to agree."""
 
 from mpi4py import MPI
 
@@ -25,61 +25,61 @@ class SolidBlock(ElasticBody):
         self.no_supports = self.make_supports()
 
     def case_arguments(self, case):
-        """K, loads, supports and pairs of one of `CASES`, as `solve_contact` takes them."""
+        """Return the arguments of `solve_contact` for one of `SOLID_CASES`."""
         loads, supports, pairs = SOLID_CASES[case](self)
         return self.K, loads, supports, pairs, self.space
 
     def base_supports(self, displacement=0.0):
-        """Supports of the bottom, which they move in all directions."""
+        """Return supports that move the base by 1, 2 and 3 times a displacement along the axes."""
         return self.make_supports(
             *((i, on_plane(2, 0.0), displacement * (i + 1)) for i in range(3))
         )
 
     def press_and_push_load(self):
-        """Pressure on the top and a push at the side."""
+        """Assemble the load of a pressure on the top and of a traction at one side."""
         return self.traction_load((0.0, 0.0, -100.0), on_plane(2, 1.0)) + self.traction_load(
             (20.0, 10.0, 0.0), on_plane(0, 0.0)
         )
 
 
 def nearly_sliding_arguments(solid, push_ratio=0.588):
-    """K, loads, supports and pairs of a block that is pressed on a floor, pushed, pushed by less.
+    """Return the arguments of a block that is pressed on a floor, pushed, and pushed less.
 
-    The last nodes that stick let a singular tangent come near, on which GMRES gives up. The push
-    is over the pressure; the floor's friction bears 0.6.
+    When the last nodes stick, the tangent becomes nearly singular and GMRES stagnates. `push_ratio`
+    is the push over the pressure, friction carries 0.6.
     """
-    pressed, side = (
+    pressure_load, side_load = (
         solid.traction_load((0.0, 0.0, -1.0), on_plane(2, 1.0)),
         solid.traction_load((1.0, 0, 0), on_plane(0, 0.0)),
     )
-    loads = [pressed + share * side for share in (0.0, push_ratio, 0.3)]
+    loads = [pressure_load + ratio * side_load for ratio in (0.0, push_ratio, 0.3)]
     return solid.K, loads, solid.no_supports, ContactPair(on_plane(2, 0.0), FLOOR, 0.3), solid.space
 
 
 def _rough_floor_case(solid):
-    """Held by contact alone."""
+    """Return a block that contact alone holds."""
     return solid.press_and_push_load(), solid.no_supports, ContactPair(on_plane(2, 0.0), FLOOR, 0.3)
 
 
 def _corner_case(solid):
-    """Three planes, each edge's nodes with one of them."""
+    """Return a block in a corner of three planes; the nodes of each edge belong to one of them."""
 
-    def below(x):
+    def on_floor(x):
         return np.isclose(x[2], 0) & (x[0] > 1e-9) & (x[1] > 1e-9)
 
-    def left(x):
+    def on_left_wall(x):
         return np.isclose(x[0], 0) & (x[1] > 1e-9)
 
     pairs = [
-        ContactPair(below, FLOOR, 0.2),
-        ContactPair(left, Plane((0, 0, 0), (1, 0, 0)), 0.2),
+        ContactPair(on_floor, FLOOR, 0.2),
+        ContactPair(on_left_wall, Plane((0, 0, 0), (1, 0, 0)), 0.2),
         ContactPair(on_plane(1, 0.0), Plane((0, 0, 0), (0, 1, 0)), 0.0),
     ]
     return assemble_vector(solid.body.body_load((-3.0, -2.0, -10.0))), solid.no_supports, pairs
 
 
 def _tilted_plane_case(solid):
-    """A plane that no axis is normal to, pushed in; the bottom is moved by its supports."""
+    """Return a block under a tilted plane that is pushed in; supports move the base."""
     normal = np.array([0.1, 0.05, -1.0]) / np.linalg.norm([0.1, 0.05, -1.0])
     plane = Plane((0, 0, 1), tuple(normal))
     pair = ContactPair(on_plane(2, 1.0), plane, 0.4, [Motion((0.01, 0.0, -0.08))])
@@ -87,21 +87,24 @@ def _tilted_plane_case(solid):
 
 
 def _moved_sphere_case(solid):
-    """Indented by its motion, then dragged."""
+    """Return a block under a sphere that is moved down, then along."""
     motions = [Motion((0, 0, -0.05)), Motion((0.02, 0.01, -0.05))]
     pair = ContactPair(on_plane(2, 1.0), Sphere((1, 0.5, 2), 1.0), 0.3, motions)
     return [solid.zero_load] * 2, solid.base_supports(0.001), pair
 
 
 def _pushed_sphere_case(solid):
-    """Free to move in one direction, then in three: gap and normal are linearised anew."""
+    """Return a block under a sphere that forces move in one direction, then in three.
+
+    Gap and normal are linearised repeatedly.
+    """
     motions = [Motion((0, 0, None), (0, 0, -5.0)), Motion((None, None, None), (1.0, 0.3, -5.0))]
     pair = ContactPair(on_plane(2, 1.0), Sphere((1, 0.5, 2), 1.0), 0.3, motions)
     return [solid.zero_load] * 2, solid.base_supports(), pair
 
 
 def _pushed_plate_case(solid):
-    """A rough plate, pressed and then pushed."""
+    """Return a block under a rough plate that forces press, then push along."""
     motions = [Motion((None, 0, None), (0, 0, -20.0)), Motion((None, 0, None), (3.0, 0, -20.0))]
     pair = ContactPair(on_plane(2, 1.0), Plane((0, 0, 1), (0, 0, -1)), 0.3, motions)
     return [solid.zero_load] * 2, solid.base_supports(), pair
@@ -118,7 +121,7 @@ SOLID_CASES = {
 
 
 def upper_on_lower_arguments(stack: StackedBlocks, slave, surface=None):
-    """The upper block rests on the lower one alone, pressed and pushed."""
+    """Return an upper block that only contact with the lower one holds, pressed and pushed."""
     pair = stack.make_pair(slave, 0.2)
     if surface is not None:
         pair = ContactPair(pair.nodes, surface, pair.friction)
@@ -132,13 +135,13 @@ def upper_on_lower_arguments(stack: StackedBlocks, slave, surface=None):
 
 
 def _both_on_floor_arguments(stack, slave):
-    """As before, and the lower one rests on a rigid plane alone."""
+    """Return the same two blocks, the lower one on a rigid floor without supports."""
     K, load, _, pair, space = upper_on_lower_arguments(stack, slave)
     return K, load, stack.make_supports(), [ContactPair(on_plane(2, 0.0), FLOOR, 0.3), pair], space
 
 
 def _frictionless_arguments(stack, slave):
-    """Without friction, guided on top."""
+    """Return two blocks without friction, the upper one guided at its sides."""
     guided = [(i, on_plane(2, end)) for i in range(2) for end in (0.0, 2.0)]
     supports = stack.make_supports(*guided, (2, on_plane(2, 0.0)))
     return (
@@ -151,7 +154,7 @@ def _frictionless_arguments(stack, slave):
 
 
 def _pushed_pair_arguments(stack, slave):
-    """Both clamped, a force between them presses and pushes."""
+    """Return two clamped blocks between which a force presses and pushes."""
     sign = 1 if slave == "upper" else -1
     motion = Motion((None, 0.0, None), (1e-4, 0.0, sign * 1e-3))
     supports = stack.moved_top_supports((0.0, 0.0, 0.0))
