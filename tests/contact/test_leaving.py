@@ -31,7 +31,7 @@ LOWERED = Plane((0.0, 0.0), (0.0, -1.0))
 @pytest.mark.parametrize("turned", [0.0, 50.0])
 def test_a_body_slides_off_in_one_step(upper_is_slave, turned):
     """It ends where its supports have carried it, with the systems of any other step at most."""
-    bodies = make_die_on_block(friction=0.8, upper_is_slave=upper_is_slave, turned=turned)
+    bodies = make_die_on_block(friction=0.8, upper_is_slave=upper_is_slave, rotation_degrees=turned)
     pressed, left = slide_along_path(bodies, [PRESSED, (4.0, -0.12)])
     assert left.iterations <= pressed.iterations
     assert not left.substates

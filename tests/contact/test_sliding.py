@@ -351,7 +351,7 @@ def test_both_sides_may_be_the_slave(whole):
 def test_a_turned_problem_has_turned_forces(whole):
     (mine,), (theirs,) = (
         whole[1][2].pairs,
-        slide_along_path(make_die_on_block(turned=90.0), DIE_PATH[:3])[-1].pairs,
+        slide_along_path(make_die_on_block(rotation_degrees=90.0), DIE_PATH[:3])[-1].pairs,
     )
     size = np.abs(mine.force_vector).max()
     assert np.abs(np.sort(mine.force_normal) - np.sort(theirs.force_normal)).max() < 1e-9 * size
