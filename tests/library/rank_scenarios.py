@@ -58,10 +58,10 @@ from pw_elements.contact import (
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved_mesh, move_nodes, triangles
-from tests.contact.cases import Block, at
+from tests.contact.cases import BlockOnFloor, on_plane
 
 COMM = MPI.COMM_WORLD
-FOOT, TOP, FLOOR, STILL = at(1, 0.0), at(1, 2.0), Plane((0, 0), (0, 1)), Motion((0, 0))
+FOOT, TOP, FLOOR, STILL = on_plane(1, 0.0), on_plane(1, 2.0), Plane((0, 0), (0, 1)), Motion((0, 0))
 NAN, INF = float("nan"), float("inf")
 
 
@@ -69,12 +69,12 @@ class RankProblem:
     """A block on a floor, and the process that differs: the last one with nodes on the floor."""
 
     def __init__(self):
-        self.block = Block(8, comm=COMM)
+        self.block = BlockOnFloor(8, comm=COMM)
         self.U, self.K, self.mesh = self.block.space, self.block.K, self.block.mesh
         self.spaces, self.load, self.free = (
             self.block.body.spaces,
-            self.block.pressure,
-            self.block.free,
+            self.block.pressure_load,
+            self.block.no_supports,
         )
         owned = self.block.x[: self.U.dofmap.index_map.size_local]
         mine = COMM.rank if np.isclose(owned[:, 1], 0.0).any() else -1
@@ -490,5 +490,5 @@ def constant_load(w, value):
         load.value = value * share
 
     return w.residual(
-        load=act, conditions=[prescribe(w.U, 0, lambda x: at(0, 0.0)(x) & (x[1] > 1), load)]
+        load=act, conditions=[prescribe(w.U, 0, lambda x: on_plane(0, 0.0)(x) & (x[1] > 1), load)]
     )

@@ -63,7 +63,7 @@ from pw_elements.contact.model import MatchingNodes
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from pw_elements.spaces import macro_element
-from tests.contact.cases import at
+from tests.contact.cases import on_plane
 from tests.library.faces import calls
 
 COMM = MPI.COMM_SELF
@@ -74,7 +74,7 @@ FLOOR, STILL, UP, NODE = Plane((0, 0), (0, 1)), Motion((0, 0)), (0.0, 1.0), np.a
 TOUCHING = DeformableSurface([0], coincident=True)
 LOW, HIGH = (0.0, 0.0), (1.0, 1.0)
 ACROSS = triangles(COMM, (-1.0, 0.0), HIGH, (2, 1))  # the axis
-left, right = at(0, 0.0), at(0, 2.0)
+left, right = on_plane(0, 0.0), on_plane(0, 2.0)
 
 
 def everywhere(x):
@@ -82,7 +82,7 @@ def everywhere(x):
 
 
 def below(x):
-    return at(1, 0.0)(x) & (x[0] > 0.9)
+    return on_plane(1, 0.0)(x) & (x[0] > 0.9)
 
 
 def nowhere(x):
@@ -287,7 +287,7 @@ class World:
         return ufl.inner(elsewhere, self.v) * ufl.dx(domain=self.mesh)
 
     def two_loads(self):
-        below, beside = (boundary_measure(self.mesh, at(axis, 0.0)) for axis in (1, 0))
+        below, beside = (boundary_measure(self.mesh, on_plane(axis, 0.0)) for axis in (1, 0))
         return self.body.surface_load(UP, below) + self.body.surface_load((1.0, 0), beside)
 
 

@@ -16,7 +16,7 @@ from pw_elements.contact.iteration import LinearIncrement
 from pw_elements.contact.nodes import UndeformedKinematics
 from pw_elements.contact.steps import stepping
 from study.core.sources import closure, imported, source
-from tests.contact.cases import GALERKIN, PW, Block
+from tests.contact.cases import GALERKIN, PW, BlockOnFloor
 
 ROOT = Path(__file__).parents[2]
 LIBRARY = ROOT / "pw_elements"
@@ -211,8 +211,10 @@ def test_an_iteration_enters_few_modules(monkeypatch, method, solver, most):
     monkeypatch.setattr(LinearIncrement, "solve", watched)
     monkeypatch.setattr(UndeformedKinematics, "linearise", placed)
     monkeypatch.setattr(stepping, "solve_increment", iterated)
-    block = Block(8, method)
-    states = block.contact(block.pair(0.3), block.free, block.pulled(10.0, 1), solver=solver)
+    block = BlockOnFloor(8, method)
+    states = block.solve_contact(
+        block.floor_pair(0.3), block.no_supports, block.pull_loads(10.0, 1), solver=solver
+    )
     assert max(state.iterations for state in states) > 1
     assert 0 < len(entered) <= most, sorted(entered)
 
