@@ -233,7 +233,7 @@ def test_states_of_another_body_or_of_other_nodes_are_refused():
     for function in (ContactFields.of, plot):
         with pytest.raises(TypeError, match="solve_contact gives a list of states"):
             function([state], block.body)
-        with pytest.raises(TypeError, match=r"body is of the type Block: "):
+        with pytest.raises(TypeError, match=r"body is of the type BlockOnFloor: "):
             function(state, block)
         with pytest.raises(ValueError, match=r"contact pair 0: its nodes at \(2\.5, 0\) belong"):
             function(half_state, block.body)
