@@ -32,7 +32,7 @@ from tests.contact.test_large import RubberUnderCircle
 from tests.contact.test_large import step_through as steps
 from tests.contact.test_matching import Blocks
 from tests.contact.two_bodies import StackedBlocks, split_facets_by_side
-from tests.parallel import same_numbers
+from tests.parallel import assert_same_on_processes
 
 MU = 0.3
 SOLVERS = pytest.mark.parametrize("solver", [Direct(), Iterative()], ids=["factors", "krylov"])
@@ -293,7 +293,7 @@ def on_processes(comm):
 
 
 def test_several_processes_find_the_same():
-    same_numbers(on_processes, processes=(2,), rel=1e-9)
+    assert_same_on_processes(on_processes, processes=(2,), rel=1e-9)
 
 
 def test_derivatives_are_refused_where_friction_acts_on_supports():

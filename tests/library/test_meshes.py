@@ -13,7 +13,7 @@ from dolfinx.mesh import compute_midpoints
 from pw_elements import assemble_scalar, boundary_measure
 from pw_elements._compat import cell_nodes
 from pw_elements.meshes import from_file, from_gmsh
-from tests.parallel import same_numbers
+from tests.parallel import assert_same_on_processes
 
 COMM = MPI.COMM_SELF
 
@@ -274,7 +274,7 @@ def sizes_of_the_ball(comm, ball):
 
 
 def test_two_processes_read_the_same_mesh(ball):
-    same_numbers(sizes_of_the_ball, ball, processes=[2])
+    assert_same_on_processes(sizes_of_the_ball, ball, processes=[2])
 
 
 CELLS = SQUARE[: SQUARE.index("*Nset")]
