@@ -71,7 +71,7 @@ def test_fields_and_pictures_in_space(cell, tmp_path):
     force = fields.force.x.array.reshape(-1, 3)
     assert force.sum(axis=0) == pytest.approx(pair.force, rel=1e-9)
     assert force[:, 2].sum() == pytest.approx(-80.0, rel=1e-9)
-    # sub-cells of the face are 1/6 wide, and its rim is not in contact: the area of each node is 1/36
+    # sub-cells of the face are 1/6 wide and its rim is not in contact: each node has the area 1/36
     top = nodes_where(body.space, on_plane(2, 1.0))
     outwards = body.x[top] - (np.array([0.0, 0.0, 3.0]) + pair.translation)
     normal = outwards / np.linalg.norm(outwards, axis=1)[:, None]

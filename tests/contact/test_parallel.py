@@ -36,7 +36,7 @@ from tests.contact.histories import (
 )
 from tests.contact.sliding import DIE_PATH, make_die_on_block, slide_along_path
 from tests.contact.test_fields import solve_ball_on_block
-from tests.contact.test_matching import Blocks
+from tests.contact.test_matching import MatchingBlocks
 from tests.contact.test_refusals import refusal_messages
 from tests.contact.test_sensitivity import RandomRubber
 from tests.contact.two_bodies import StackedBlocks
@@ -55,7 +55,7 @@ def mortar(comm, cell, divisions):
 
 def matching(comm):
     """Two blocks, the upper one held by the lower alone; their nodes coincide."""
-    blocks = Blocks(divisions=(12, 6), comm=comm)
+    blocks = MatchingBlocks(divisions=(12, 6), comm=comm)
     loads = [blocks.traction_load((pull, -3.0)) for pull in (0.0, 0.4)]
     states = blocks.solve_contact(blocks.make_pair(0.3), blocks.clamp(on_plane(1, 0.0)), loads)
     left = reactions(blocks.K, states[-1].displacement, loads[-1]).array_r

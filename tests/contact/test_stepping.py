@@ -23,7 +23,7 @@ from tests.contact.histories import (
     solve_history,
     state_fields,
 )
-from tests.contact.test_matching import Blocks
+from tests.contact.test_matching import MatchingBlocks
 
 # Two ways to one state: their systems are solved to 1e-13 of the load by factors of another matrix,
 # and forces of two bodies come out some ten times worse
@@ -210,7 +210,7 @@ def test_full_disk_and_another_writer_leave_the_file_whole(tmp_path, monkeypatch
 
 def test_nodes_that_coincide_keep_their_displacements(tmp_path):
     """Two blocks that touch have nodes in one place, which a file has to tell apart."""
-    blocks = Blocks()
+    blocks = MatchingBlocks()
     problem = blocks.contact_problem(blocks.make_pair(), blocks.base_supports)
     state = problem.step(problem.undeformed, blocks.traction_load((0.0, -3.0)))
     problem.save(state, tmp_path / "state.npz")

@@ -27,7 +27,7 @@ from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from study.elements import composite, serendipity
 from tests.contact.cases import BlockOnFloor, ElasticBody, PunchedBlock, on_plane
 from tests.contact.polyline import Polyline
-from tests.contact.test_matching import Blocks
+from tests.contact.test_matching import MatchingBlocks
 
 BLOCK = BlockOnFloor(16)  # 4 x 2, on a clamped base in these tests
 FOOT = BLOCK.clamp(on_plane(1, 0.0))
@@ -109,7 +109,7 @@ def test_states_report_strain_rotation_and_slip():
 
 def test_matching_nodes_slip_away_from_their_partners():
     """They keep them, so that all slip counts that there ever was."""
-    blocks = Blocks()
+    blocks = MatchingBlocks()
     problem = blocks.contact_problem(blocks.make_pair(0.0), blocks.base_supports)
     state, slips = problem.undeformed, []
     for aside in (0.02, 0.05):
