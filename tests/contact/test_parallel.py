@@ -54,7 +54,7 @@ def solve_mortar(comm, cell, divisions):
 
 
 def solve_matching(comm):
-    """Return two blocks with matching nodes, the upper one held by contact alone, and the states."""
+    """Return two blocks with matching nodes, the upper one held by contact, and the states."""
     blocks = MatchingBlocks(divisions=(12, 6), comm=comm)
     loads = [blocks.traction_load((pull, -3.0)) for pull in (0.0, 0.4)]
     states = blocks.solve_contact(blocks.make_pair(0.3), blocks.clamp(on_plane(1, 0.0)), loads)
@@ -126,9 +126,7 @@ def collect_numbers(comm, folder):
 
 
 def write_errors(comm, folder):
-    """Return the errors of writing where rank 0 alone is obstructed, and the files of a later
-    success.
-    """
+    """Return the errors of writing where rank 0 alone is obstructed, and the final file names."""
     body, states = solve_block(comm)
     path, messages = folder / "block.bp", []
     if comm.rank == 0:
@@ -189,8 +187,9 @@ def test_processes_do_not_wait_for_one_that_failed_while_writing(tmp_path):
 
 
 def solve_and_resume(name, problems, motions, folder, further_fields=()):
-    """Return the fields at the end of the motions, and of other problems resumed before the last
-    one.
+    """Return the fields at the end of the motions, also of resumed problems.
+
+    Another problem takes up the state before the last motion, from a file or directly.
     """
     (problem, second_problem), path = problems, folder / f"{name}.npz"
     *_, previous, end_state = large.step_through(problem, motions)
@@ -341,12 +340,12 @@ def assert_same_histories(name, serial_result, several_results, folder):
 
 def assert_one_process_logs(rank_0_result, *other_results):
     """Assert that rank 0 alone logs, and that callbacks are called where they should be."""
-    (is_called_nowhere, lines), other_lines = (
+    (callback_is_right, lines), other_lines = (
         rank_0_result,
         [rank_lines for _, rank_lines in other_results],
     )
-    assert is_called_nowhere
-    assert all(is_called_there for is_called_there, _ in other_results)
+    assert callback_is_right
+    assert all(other_callback_is_right for other_callback_is_right, _ in other_results)
     assert len(lines) > 2
     assert all(line.startswith(("increment 0: ", "LU by ")) for line in lines)
     assert not any(

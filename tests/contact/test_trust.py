@@ -97,7 +97,7 @@ def test_residuals_of_two_bodies_that_stick_are_round_off(caplog):
 
 @pytest.fixture(scope="module")
 def converged_increment():
-    """Return an increment with open, sticking and slipping nodes and a free surface; its solution."""
+    """Return an increment, its solution and its start state; nodes are open, stick and slip."""
     punch = PunchedBlock()
     problem = punch.contact_problem(punch.punch_pair(0.6), punch.base_supports)
     stepping, motion = problem._stepping, Motion((0.02, None), (0, -217.3))
