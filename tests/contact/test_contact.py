@@ -7,7 +7,7 @@ import pytest
 from dolfinx.mesh import CellType, create_box
 
 from pw_elements.contact import SLIP, STICK, ContactPair, Motion, Plane, SignedDistance, Sphere
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
 
 PRESSURE = 3.0
@@ -34,7 +34,7 @@ def distort_unit_square(x):
     ],
 )
 def test_contact_patch_has_the_exact_nodal_forces(build, method, state, force_shares):
-    mesh = mapped(build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), distort_unit_square)
+    mesh = move_nodes(build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), distort_unit_square)
     body = ElasticBody(mesh, method, state, 10.0)
     load, (end, middle) = body.traction_load((0.0, -PRESSURE), on_plane(1, 1.0)), force_shares
     pair = ContactPair(on_plane(1, 0.0), FLOOR)

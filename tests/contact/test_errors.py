@@ -24,7 +24,7 @@ from pw_elements.contact import (
     Sphere,
 )
 from pw_elements.elasticity import nodal_load
-from pw_elements.meshes import mapped, triangles
+from pw_elements.meshes import move_nodes, triangles
 from tests.contact.cases import BlockOnFloor, ElasticBody, GrecoPlate, on_plane
 
 BLOCK, FLOOR, BELOW = BlockOnFloor(4), Plane((0, 0), (0, 1)), on_plane(1, 0.0)
@@ -269,7 +269,7 @@ class Groove:
 
     def __init__(self, mu=0.1):
         mesh = triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2))
-        mapped(mesh, lambda x: np.column_stack([x[:, 0] * (1 + x[:, 1]) / 2, x[:, 1]]))
+        move_nodes(mesh, lambda x: np.column_stack([x[:, 0] * (1 + x[:, 1]) / 2, x[:, 1]]))
         self.body = ElasticBody(mesh, E=1e4)
         side_markers = [
             lambda x, sign=sign: np.isclose(x[0], sign * (1 + x[1]) / 2) for sign in (-1, 1)

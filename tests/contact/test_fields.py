@@ -34,8 +34,8 @@ from pw_elements.contact import (
     plot,
     write,
 )
-from pw_elements.files import MARK
-from pw_elements.meshes import mapped, triangles
+from pw_elements.files import MARK_NAME
+from pw_elements.meshes import move_nodes, triangles
 from study.elements import composite
 from study.verification.half_space import Elastic as HalfPlane
 from study.verification.half_space import HertzLine, HertzSphere
@@ -71,7 +71,7 @@ def test_fields_and_pictures_in_space(cell, tmp_path):
     force = fields.force.x.array.reshape(-1, 3)
     assert force.sum(axis=0) == pytest.approx(pair.force, rel=1e-9)
     assert force[:, 2].sum() == pytest.approx(-80.0, rel=1e-9)
-    # sub-cells of the face are 1/6 wide and its rim is not in contact: each node has the area 1/36
+    # sub-cells of the face are 1/6 wide its rim is not in contact: each node has the area 1/36
     top = nodes_where(body.space, on_plane(2, 1.0))
     outwards = body.x[top] - (np.array([0.0, 0.0, 3.0]) + pair.translation)
     normal = outwards / np.linalg.norm(outwards, axis=1)[:, None]
@@ -215,7 +215,7 @@ def test_states_of_another_body_or_of_other_nodes_are_refused():
     block, finer_block = BlockOnFloor(4), BlockOnFloor(6)
     (state,) = block.solve(0.3, 60.0, increments=0)
     skewed_spaces = PW(
-        mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), skew_columns)
+        move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), skew_columns)
     )
     half_pair = ContactPair(lambda x: on_plane(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
     (half_state,) = block.solve_contact(
@@ -233,7 +233,7 @@ def test_states_of_another_body_or_of_other_nodes_are_refused():
     for function in (ContactFields.of, plot):
         with pytest.raises(TypeError, match="solve_contact gives a list of states"):
             function([state], block.body)
-        with pytest.raises(TypeError, match=r"body is of the type Block: "):
+        with pytest.raises(TypeError, match=r"body is of the type BlockOnFloor: "):
             function(state, block)
         with pytest.raises(ValueError, match=r"contact pair 0: its nodes at \(2\.5, 0\) belong"):
             function(half_state, block.body)
@@ -315,7 +315,7 @@ def test_a_users_folder_that_resembles_a_series_is_not_overwritten(tmp_path):
     copy, path = tmp_path / "copy.bp", tmp_path / "block.bp"
     write(path, states[:1], block.body)
     shutil.copytree(path, copy)
-    (copy / MARK).unlink()  # as if another program had written it
+    (copy / MARK_NAME).unlink()  # as if another program had written it
     contents = {file: file.read_bytes() for file in copy.iterdir()}
     with pytest.raises(FileExistsError, match="does not say that it is a time series"):
         write(copy, states, block.body)

@@ -178,7 +178,7 @@ def test_enclosed_incompressible_bodies_are_refused(friction):
 class ScipyGmres:
     """SciPy's GMRES, which knows neither multigrid levels nor contact."""
 
-    matrix_free, orientations, report = True, (), SolverReport("GMRES by SciPy", 0)
+    matrix_free, determinant_signs, report = True, (), SolverReport("GMRES by SciPy", 0)
 
     def prepare(self, *_, **__):
         return self

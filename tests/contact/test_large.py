@@ -340,8 +340,8 @@ def test_an_increment_beyond_the_critical_load_is_halved():
 def test_multigrid_levels_are_rebuilt_only_when_it_pays(monkeypatch):
     """Most tangents reuse the levels of an earlier one, at the price of few more iterations."""
     mesh, rebuilt = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 8)), []
-    renew = Multigrid.renew
-    monkeypatch.setattr(Multigrid, "renew", lambda levels: (rebuilt.append(levels), renew(levels)))
+    renew = Multigrid.refresh
+    monkeypatch.setattr(Multigrid, "refresh", lambda levels: (rebuilt.append(levels), renew(levels)))
 
     def count_work():
         rebuilt.clear()
@@ -380,10 +380,10 @@ def test_surface_areas_include_the_stretch():
     rubber = RubberUnderCircle()
     (pair,) = step_through(rubber.problem, CIRCLE_MOTIONS)[-1].pairs
     scalars = Spaces.petrov_galerkin(rubber.space.mesh, 0)
-    surface = SurfaceNodes.scalar(scalars, on_top, SurfaceNodes.stretch(rubber.u))
+    surface = SurfaceNodes.from_scalar_spaces(scalars, on_top, SurfaceNodes.stretch(rubber.u))
     x = pair.position + pair.displacement
     current_length = np.linalg.norm(np.diff(x, axis=0), axis=1).sum()
-    assert surface.own_area.sum() == pytest.approx(current_length, rel=0.02)
+    assert surface.weight_area.sum() == pytest.approx(current_length, rel=0.02)
 
 
 @pytest.mark.parametrize("kind", ["plane strain", "axisymmetric", "solid", "hybrid"])

@@ -49,7 +49,7 @@ def nodal_values(function, nodes):
 def unbalanced_forces(stack, state, load):
     """Return the forces (n, dim) that contact and supports have to carry."""
     field = SubSpace.displacements(stack.space)
-    return field.part(reactions(stack.K, state.unknowns, load)).array.reshape(-1, stack.dim)
+    return field.extract(reactions(stack.K, state.unknowns, load)).array.reshape(-1, stack.dim)
 
 
 def imbalance(stack, state, load):
@@ -245,7 +245,7 @@ def test_elements_without_piecewise_linear_weights_are_refused(cell):
     if cell == "triangle":
         StackedBlocks((3, 2), cell, element="composite").solve_uniaxial()
         stack = StackedBlocks((3, 2), element="galerkin")
-        sibling = Sibling.of(stack.space)
+        sibling = Sibling.from_space(stack.space)
         stack.K = sibling.matrix(stack.K)
         supports = sibling.dirichlet([prescribe(stack.space, i, on_plane(1, 0.0)) for i in (0, 1)])
         with raises_error:

@@ -13,7 +13,7 @@ from dolfinx.mesh import CellType, create_box, create_rectangle
 
 from pw_elements import Reduction, assemble_vector, boundary_measure, prescribe
 from pw_elements.contact import SLIP, ContactFields, ContactPair, DeformableSurface, NotFound, Plane
-from pw_elements.meshes import curved, quadrilaterals, triangles
+from pw_elements.meshes import curved_mesh, quadrilaterals, triangles
 from study.verification.c_mesh_families import meshed
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 from tests.contact.residuals import (
@@ -31,11 +31,11 @@ def _make_tube(low, high, n, cell):
     divisions = (max(2, round(1.5 * n * (high - low))), 2 * n, max(1, n // 3))
     if cell in PLANE_CELLS:
         corners = [(low, 0.0), (high, 1.0)]
-        return curved(
+        return curved_mesh(
             create_rectangle(MPI.COMM_SELF, corners, divisions[:2], CellType[cell]), _roll_strip
         )
     corners = [(low, 0, 0), (high, 1.0, 0.5)]
-    return curved(create_box(MPI.COMM_SELF, corners, divisions, CellType[cell]), _roll_strip)
+    return curved_mesh(create_box(MPI.COMM_SELF, corners, divisions, CellType[cell]), _roll_strip)
 
 
 def _roll_strip(x):
@@ -196,7 +196,7 @@ def press_fit_error(state, edges, interference, depth=FIT_DEPTH, slave="inner"):
     def ring(inner_radius, outer_radius, n):
         ends = [(inner_radius, 0.0), (outer_radius, 1.0 if is_plane else 0.5)]
         strip = create_rectangle(MPI.COMM_SELF, ends, (n // 2, n) if is_plane else (n, n // 2))
-        return curved(strip, _roll_strip) if is_plane else strip
+        return curved_mesh(strip, _roll_strip) if is_plane else strip
 
     def radius(x):
         return np.hypot(x[0], x[1]) if is_plane else x[0]

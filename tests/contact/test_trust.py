@@ -26,7 +26,7 @@ from pw_elements.contact.model import Residuals
 from pw_elements.contact.steps.stepping import IncrementTarget, Stepping
 from pw_elements.meshes import triangles
 from pw_elements.solvers import SolverReport
-from pw_elements.spaces import Assembled
+from pw_elements.spaces import AssemblyRecord
 from tests.contact.cases import BlockOnFloor, ElasticBody, PunchedBlock, on_plane
 from tests.contact.two_bodies import StackedBlocks
 from tests.oracle.random_contact import make_problem
@@ -48,7 +48,7 @@ def test_a_user_assembled_stiffness_does_not_say_whether_it_is_axisymmetric():
     stack = StackedBlocks((3, 2), state="axisymmetric")
     no_supports, pair = stack.make_supports(), stack.make_pair()
     with pytest.raises(ValueError, match="give DeformableSurface"):
-        ContactProblem(Assembled().mark(stack.K.copy()), no_supports, pair, stack.space)
+        ContactProblem(AssemblyRecord().attach(stack.K.copy()), no_supports, pair, stack.space)
     pair = ContactPair(pair.nodes, DeformableSurface(pair.surface.where, revolved=False))
     with pytest.raises(ValueError, match="the stiffness is one in axisymmetric"):
         stack.contact_problem(pair)

@@ -23,7 +23,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import Smallness
 from pw_elements.contact.steps.smallness import Gradients
-from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from study.elements import composite, serendipity
 from tests.contact.cases import BlockOnFloor, ElasticBody, PunchedBlock, on_plane
 from tests.contact.polyline import Polyline
@@ -59,13 +59,13 @@ def make_cube(cell):
 
 
 SPACES = {
-    "triangles": lambda: Spaces.galerkin(mapped(make_plane_mesh(triangles), bend)),
-    "curved triangles": lambda: Spaces.petrov_galerkin(curved(make_plane_mesh(triangles), bend)),
-    "quadrilaterals": lambda: Spaces.petrov_galerkin(mapped(make_plane_mesh(quadrilaterals), bend)),
+    "triangles": lambda: Spaces.galerkin(move_nodes(make_plane_mesh(triangles), bend)),
+    "curved triangles": lambda: Spaces.petrov_galerkin(curved_mesh(make_plane_mesh(triangles), bend)),
+    "quadrilaterals": lambda: Spaces.petrov_galerkin(move_nodes(make_plane_mesh(quadrilaterals), bend)),
     "8 nodes": lambda: serendipity(make_plane_mesh(quadrilaterals)),
-    "composite": lambda: composite(mapped(make_plane_mesh(triangles), bend)),
-    "tetrahedra": lambda: Spaces.petrov_galerkin(mapped(make_cube(CellType.tetrahedron), bend)),
-    "hexahedra": lambda: Spaces.galerkin(mapped(make_cube(CellType.hexahedron), bend)),
+    "composite": lambda: composite(move_nodes(make_plane_mesh(triangles), bend)),
+    "tetrahedra": lambda: Spaces.petrov_galerkin(move_nodes(make_cube(CellType.tetrahedron), bend)),
+    "hexahedra": lambda: Spaces.galerkin(move_nodes(make_cube(CellType.hexahedron), bend)),
 }
 
 

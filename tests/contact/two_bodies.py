@@ -17,7 +17,7 @@ from pw_elements import Material, Spaces
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
 from pw_elements.elasticity import facet_nodes
-from pw_elements.spaces import exterior_facets
+from pw_elements.spaces import locate_exterior_facets
 from study.elements import composite, taylor_hood
 from tests.contact.cases import ElasticBody, on_plane
 
@@ -41,7 +41,7 @@ def split_facets_by_side(elastic, marker, is_beyond):
 
     `is_beyond` takes midpoints (n, dim) of cells.
     """
-    facets = exterior_facets(elastic.mesh, marker)
+    facets = locate_exterior_facets(elastic.mesh, marker)
     is_beyond_cell = is_beyond(elastic.x[elastic.displacements.dofmap.list].mean(axis=1))
     cells = elastic.mesh.topology.connectivity(elastic.dim - 1, elastic.dim)
     is_beyond_facet = np.array([is_beyond_cell[cells.links(f)[0]] for f in facets], dtype=bool)

@@ -105,15 +105,15 @@ def test_one_factorisation_serves_after_small_changes():
     A[7] = -A[7]
     A[8, 3] += 5.0
     changed(matrix, [7, 8], A[[7, 8]])
-    corrected = factors.solve_changed(right, np.array([7, 8]))
+    corrected = factors.solve_with_changed_rows(right, np.array([7, 8]))
     assert A @ corrected.array_r == pytest.approx(right.array_r, abs=1e-10)
     assert factors.report.factorisations == 1
     assert 0 < factors.report.krylov_iterations <= 3
-    assert factors.orientations == (sign, int(np.sign(np.linalg.det(A)))) == (1, -1)
-    assert factors.solve_changed(right, np.arange(N)) is None
+    assert factors.determinant_signs == (sign, int(np.sign(np.linalg.det(A)))) == (1, -1)
+    assert factors.solve_with_changed_rows(right, np.arange(N)) is None
     assert A @ factors.solve(right).array_r == pytest.approx(right.array_r, abs=1e-11)
     assert factors.report.factorisations == 2
-    assert set(factors.orientations) == {-1, 1}  # a row has changed its sign
+    assert set(factors.determinant_signs) == {-1, 1}  # a row has changed its sign
 
 
 def test_more_changes_than_said_are_not_passed_off_as_a_solution():
@@ -122,7 +122,7 @@ def test_more_changes_than_said_are_not_passed_off_as_a_solution():
     factors = Direct().prepare(matrix)
     factors.solve(right)
     changed(matrix, range(N), random_matrix(6))
-    assert factors.solve_changed(right, np.array([7])) is None
+    assert factors.solve_with_changed_rows(right, np.array([7])) is None
 
 
 @pytest.mark.parametrize("package", ["mumps", "superlu_dist", "petsc"])

@@ -33,7 +33,7 @@ from pw_elements.algebra import symmetric_part
 from pw_elements.contact import ContactPair, Plane, Sphere, solve_contact, solve_impact
 from pw_elements.contact.system import krylov
 from pw_elements.elasticity import StressState, nodal_load
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from pw_elements.solvers import iterative
 from study.discretisation import discretise, mass_left
 from study.verification.t_identity import distorted
@@ -80,7 +80,7 @@ def beam(comm, method):
         "reactions": forces_along(U, reactions(K, a, f), on_plane(0, 0.0)).force,
         "stiffness norm": K.norm(),
         "mass norm": M.norm(),
-        "rigid": free.rigid,
+        "rigid": free.n_rigid,
         "free frequencies": free.eigenvalues[3:],
         "symmetrised": buckling(*parts, supports, 1, symmetrised=True).factors,
         **{f"buckling {form}": buckling(K, S, supports, 2).factors for form, S in stresses.items()},
@@ -93,7 +93,7 @@ def beam(comm, method):
 
 def identity(comm):
     """The transfer of the standard element's forces gives the new one's; and a layered block."""
-    mesh = mapped(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
+    mesh = move_nodes(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
     galerkin, pw = (ElasticBody(mesh, method, "plane stress") for method in (GALERKIN, PW))
     shared = force_transfer(galerkin.space).matMult(galerkin.K)
     assert (shared - pw.K).norm() < 1e-14 * pw.K.norm()
@@ -105,7 +105,7 @@ def identity(comm):
 def element(comm, name):
     def build(cell):
         make = quadrilaterals if cell == "quadrilateral" else triangles
-        return mapped(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), distorted)
+        return move_nodes(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), distorted)
 
     body = discretise(name, build, Material(1.0, 0.3), StressState.PLANE_STRESS)
     U, K = body.space, body.K
@@ -145,13 +145,13 @@ def rubber(comm):
         "reactions": problem.reactions().norm(),
         "tractions": nodal_flux(spaces, problem.reactions(), on_plane(2, 0.0)).flux,
         "volume": assemble_scalar(ufl.det(ufl.Identity(3) + ufl.grad(u)) * ufl.dx),
-        "iterations": [len(part.corrections) for part in problem.increments],
+        "iterations": [len(part.relative_corrections) for part in problem.increments],
     }
 
 
 def hybrid(comm, state):
     square = triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6))
-    mesh = box(comm) if state == "solid" else mapped(square, distorted)
+    mesh = box(comm) if state == "solid" else move_nodes(square, distorted)
     body = ElasticBody(mesh, Spaces.hybrid, state, 2e9, 0.5)
     f = body.body_force_load([3e6] * body.dim)
     f.axpy(1.0, nodal_load(body.space, on_plane(0, 0.0), [2e6] * body.dim))
@@ -162,7 +162,7 @@ def hybrid(comm, state):
 def impact(comm):
     body = ElasticBody(box(comm, (2, 1, 1), (6, 3, 3)), GALERKIN, "solid", 10.0)
     U = body.space
-    sibling = Sibling.of(U)
+    sibling = Sibling.from_space(U)
     K, M = sibling.matrix(body.K), lumped_mass(sibling.matrix(body.M), U)
     weight = sibling.load(body.body_force_load((0.0, 0.0, -0.5)))
     thrown = K.createVecRight()

@@ -27,7 +27,7 @@ class Block(ElasticBody):
         x = mesh.geometry.x
         x[:, 0] += 0.05 * np.sin(4 * x[:, 0]) * np.cos(3 * x[:, 1])
         super().__init__(mesh, method, "plane strain" if cell in CELLS[:2] else "solid", 10.0)
-        self.sibling = Sibling.of(self.space)
+        self.sibling = Sibling.from_space(self.space)
 
     def own(self, *conditions):
         """Supports: component, marker and, where it is not zero, value of each."""
@@ -109,7 +109,10 @@ def test_what_does_not_belong_together_is_refused():
         (lambda: solve_contact(own, f, block.own(), floor, U), "belongs to the symmetric sibling"),
         (lambda: sibling.matrix(own), "belongs to the sibling already"),
         (lambda: new.sibling.matrix(new.K), "other weight functions"),
-        (lambda: Sibling.of(Q8(Block("quadrilateral").mesh).trial), "quadratic Lagrange spaces"),
+        (
+            lambda: Sibling.from_space(Q8(Block("quadrilateral").mesh).trial),
+            "quadratic Lagrange spaces",
+        ),
         (lambda: block.own((0, lambda x: np.isclose(x.T, middle).all(axis=1))), "whole edges"),
     ):
         with pytest.raises(ValueError, match=words):

@@ -39,7 +39,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import ContactState, Surface
 from pw_elements.elasticity import StressState, nodal_load
-from pw_elements.meshes import PATTERNS, mapped, quadrilaterals, triangles
+from pw_elements.meshes import DIAGONAL_PATTERNS, move_nodes, quadrilaterals, triangles
 from study.elements import composite, serendipity
 from tests.contact.polyline import Polyline
 
@@ -152,7 +152,7 @@ def draw_sketch(seed: int) -> ProblemSketch:
     if fallback_element == "composite" and state == "axisymmetric":
         fallback_element = "galerkin"
     element = _draw_name(rng, {"petrov_galerkin": 0.5, "galerkin": 0.3}, default=fallback_element)
-    pattern = str(rng.choice(PATTERNS))
+    pattern = str(rng.choice(DIAGONAL_PATTERNS))
     min_divisions, max_divisions = {
         "triangle": ((4, 2), (8, 4)) if pattern == "crossed" else ((6, 3), (12, 6)),
         "quadrilateral": ((6, 3), (15, 9)),
@@ -494,7 +494,7 @@ class _ProblemBuilder:
             for axis in range(dim)
             for end in (0, 1)
         }
-        return mapped(mesh, self._map_unit_box), facets
+        return move_nodes(mesh, self._map_unit_box), facets
 
     def _map_unit_box(self, x: Array) -> Array:
         """Map points of the unit box: waves inside, crowned sides, size and position."""

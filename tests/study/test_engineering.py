@@ -36,7 +36,7 @@ def test_readings_know_the_pressure_of_its_forces(element):
     body = block(element).body
     mesh = body.spaces.mesh
     up = mesh.geometry.dim - 1
-    surface = SurfaceNodes.of(body, on_plane(up, 0.0))
+    surface = SurfaceNodes.from_body(body, on_plane(up, 0.0))
     x = ufl.SpatialCoordinate(mesh)
 
     def forces(pressure):
@@ -46,7 +46,7 @@ def test_readings_know_the_pressure_of_its_forces(element):
 
     linear = 1 + 2 * surface.position[:, 0]
     assert reading("projected", surface) @ forces(1 + 2 * x[0]) == pytest.approx(linear)
-    corners = surface.own_area < 1e-9
+    corners = surface.weight_area < 1e-9
     even = forces(1.0 + 0 * x[0])
     if corners.any():
         with pytest.raises(ValueError, match="own weight vanishes"):
@@ -98,7 +98,7 @@ def test_a_worn_punch_ends_in_the_shape_of_an_even_pressure():
 @pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6", "pw-T10"])
 def test_worn_volume_is_force_times_path_and_pressures_end_even(element):
     end = worn(element)
-    assert end.punch.surface.own_area @ end.depth == pytest.approx(wear.PATH * end.punch.force)
+    assert end.punch.surface.weight_area @ end.depth == pytest.approx(wear.PATH * end.punch.force)
     assert end.pressure == pytest.approx(wear.MEAN, rel=0.01)
 
 
