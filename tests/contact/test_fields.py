@@ -39,16 +39,11 @@ from pw_elements.meshes import move_nodes, triangles
 from study.elements import composite
 from study.verification.half_space import Elastic as HalfPlane
 from study.verification.half_space import HertzLine, HertzSphere
-from tests.contact.cases import GALERKIN, PW, BlockOnFloor, ElasticBody, on_plane
+from tests.contact.cases import GALERKIN, PW, BlockOnFloor, ElasticBody, on_plane, skew_columns
 from tests.library import vtx
 
 FIELDS = ["displacement", "contact_force", "gap", "slip", "status"]
 PRESSURES = ["pressure", "tributary_pressure", "traction"]
-
-
-def skew_columns(x):
-    """Return points (n, 3) with unequal spacing along x."""
-    return np.column_stack([x[:, 0] + 0.1 * np.sin(3 * x[:, 0]), x[:, 1:]])
 
 
 def nodes_where(space, where):
@@ -128,8 +123,7 @@ def test_as_function_overwrites_the_values_of_a_function():
 
 
 def solve_hertz(edges, cell=None):
-    """Solve Hertz' contact; return the true error of the pressure, the indicator, h and the half
-    width.
+    """Solve Hertz' contact; return the true error of stresses, the indicator, h and half width.
 
     Without a cell type it is a line contact on triangles, else a quarter of a sphere's contact.
     """

@@ -25,22 +25,19 @@ from pw_elements.meshes import move_nodes, triangles
 from study.matrices import dense
 from study.verification import v12_impact
 from study.verification.c_mesh_families import on_strip
-from tests.contact.cases import GALERKIN, ElasticBody, on_plane
+from tests.contact.cases import GALERKIN, ElasticBody, on_plane, skew_columns
 from tests.contact.test_friction import SaturatingFriction
 
 FLOOR = Plane((0.0, 0.0), (0.0, 1.0))
-
-
-def skew_columns(x):
-    """Return points (n, 3) with unequal spacing along x."""
-    return np.column_stack([x[:, 0] + 0.05 * np.sin(3 * x[:, 0]), x[:, 1:]])
 
 
 class ThrownBlock(ElasticBody):
     """A block 2 x 1 of the symmetric sibling, free to fly."""
 
     def __init__(self, E=50.0, comm=MPI.COMM_SELF):
-        mesh = move_nodes(triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)), skew_columns)
+        mesh = move_nodes(
+            triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)), lambda x: skew_columns(x, 0.05)
+        )
         super().__init__(mesh, GALERKIN, E=E)
         self.sibling = Sibling.from_space(self.space)
         self.standard_stiffness, self.K = self.K, self.sibling.matrix(self.K)

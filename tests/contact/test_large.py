@@ -204,25 +204,25 @@ def test_slip_is_the_arc_length():
 
 
 @pytest.mark.parametrize("stress", [neo_hookean_stress, saint_venant_stress])
-def test_no_cell_is_turned(stress):
-    """Whatever the stress is, which may stay finite there, no accepted state has turned cells."""
+def test_no_accepted_state_has_inverted_cells(stress):
+    """This holds for any stress, also for one that stays finite in inverted cells."""
     rubber = RubberUnderCircle(2, stress=stress)
     guard, states = CellGuard(rubber.u, rubber.residual), [rubber.problem.undeformed]
 
     def press():
         for k in range(1, 8):
-            motion = Motion((0.0, -0.142 * k))  # there is room for the block up to 1
+            motion = Motion((0.0, -0.142 * k))  # the block has space up to 1
             states.append(rubber.problem.step(states[-1], motions=motion))
             assert guard.min_determinant() > 0
 
     with pytest.raises(NotFound, match="halved further") as raised:
         press()
     assert len(states) > 1
-    share, reached = raised.value.reached
-    assert 0 < share < 1
-    assert reached.converged
-    assert reached.pairs[0].translation[1] <= states[-1].pairs[0].translation[1]
-    assert np.array_equal(rubber.u.x.array, reached.unknowns.array_r)
+    fraction, reached_state = raised.value.reached
+    assert 0 < fraction < 1
+    assert reached_state.converged
+    assert reached_state.pairs[0].translation[1] <= states[-1].pairs[0].translation[1]
+    assert np.array_equal(rubber.u.x.array, reached_state.unknowns.array_r)
     assert guard.min_determinant() > 0
 
 
@@ -341,7 +341,9 @@ def test_multigrid_levels_are_rebuilt_only_when_it_pays(monkeypatch):
     """Most tangents reuse the levels of an earlier one, at the price of few more iterations."""
     mesh, rebuilt = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 8)), []
     renew = Multigrid.refresh
-    monkeypatch.setattr(Multigrid, "refresh", lambda levels: (rebuilt.append(levels), renew(levels)))
+    monkeypatch.setattr(
+        Multigrid, "refresh", lambda levels: (rebuilt.append(levels), renew(levels))
+    )
 
     def count_work():
         rebuilt.clear()

@@ -396,9 +396,7 @@ def rigid_points(rng, count, dim):
 
 
 def forces_balance(n, mu, modes, power, directions):
-    """Return whether forces along these generators of the cones balance loads, by linear
-    programming.
-    """
+    """Return whether forces along these generators of the cones balance loads."""
     generators = []
     for normal, friction in zip(n, mu, strict=True):
         t = np.linalg.svd(normal[None])[2][1:]

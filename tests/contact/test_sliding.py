@@ -23,7 +23,7 @@ from pw_elements.contact import (
 from pw_elements.contact.interface import SlidingMortar, Trace
 from pw_elements.contact.steps import finite
 from pw_elements.contact.steps.slip import SlipCheck
-from tests.contact.cases import on_plane
+from tests.contact.cases import on_plane, rotation_matrix
 from tests.contact.sliding import (
     DIE_PATH,
     STORED_INCREMENT,
@@ -53,11 +53,6 @@ def disturbed_sides(revolved):
     mortar, rng = SlidingMortar(slave_side, master_side, revolved), np.random.default_rng(3)
     shift = np.where(np.arange(len(mortar.x)) < mortar.slaves, 0.0, 0.33)[:, None] * [1, 0]
     return mortar, mortar.x + shift + [2.0, 0.0] + rng.normal(size=mortar.x.shape) * 0.004
-
-
-def rotation_matrix(degrees):
-    angle = np.radians(degrees)
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 @pytest.mark.parametrize("revolved", [False, True])
@@ -110,7 +105,7 @@ def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
         x + rng.normal(size=x.shape) * 0.01 + is_slave * rng.uniform(-0.6, 0.6, 2) * [1.0, 0.1]
     )
     if not revolved:
-        start_x = start_x @ rotation_matrix(rng.uniform(0, 360)).T
+        start_x = start_x @ rotation_matrix(np.radians(rng.uniform(0, 360))).T
     for start, end in ((x, start_x), (start_x, x), (x, x)):
         assert max(kernel_check_differences(mortar, start, end).values()) < 1e-12
     assert mortar.meet(x).faced.any()
@@ -120,7 +115,7 @@ def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
 def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
     """Mortar operators are those of the start, so that paired points stay paired."""
     mortar, x = disturbed_sides(False)
-    end = x @ rotation_matrix(degrees).T + [3.0, -2.0]
+    end = x @ rotation_matrix(np.radians(degrees)).T + [3.0, -2.0]
     start, projected = mortar.make_reference(x), mortar.meet(end)
     assert abs(projected.rows - start.rows).max() < 1e-13
     # nor is there slip of nodes that face nothing at the start, wherever they are
@@ -296,9 +291,7 @@ def test_slip_agrees_with_that_of_the_path(die_history, caplog):
 
 
 def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monkeypatch):
-    """It differs for nodes beyond the master's end, where the mean over the covered part is far
-    away.
-    """
+    """It differs at nodes beyond the master's end from the mean over the covered part."""
     make_reference = SlidingMortar.make_reference
 
     def make_reference_by_closest_points(mortar, x):
@@ -378,7 +371,10 @@ def test_a_rotated_problem_has_rotated_forces(die_history):
         np.abs(np.sort(pair.force_normal) - np.sort(rotated_pair.force_normal)).max()
         < 1e-9 * largest
     )
-    assert np.abs(pair.force @ rotation_matrix(90.0).T - rotated_pair.force).max() < 1e-9 * largest
+    assert (
+        np.abs(pair.force @ rotation_matrix(np.radians(90.0)).T - rotated_pair.force).max()
+        < 1e-9 * largest
+    )
 
 
 def test_a_resumed_history_is_the_same_history(die_history, tmp_path):

@@ -11,7 +11,7 @@ from pw_elements.contact.iteration import Increment
 from pw_elements.contact.nodes import DeformedKinematics, UndeformedKinematics
 from pw_elements.contact.steps.verification import Sizes, measure_residuals, places_undeformed
 from pw_elements.meshes import triangles
-from tests.contact.cases import BlockOnFloor, GrecoPlate, PunchedBlock, on_plane
+from tests.contact.cases import BlockOnFloor, GrecoPlate, PunchedBlock, on_plane, rotation_matrix
 from tests.contact.sliding import DIE_PATH, iterate_along_path, make_die_on_block, slide_along_path
 from tests.contact.test_large import RubberUnderCircle
 from tests.contact.test_refusals import SELF, StatedProblem, floor_pair, make_block
@@ -71,11 +71,6 @@ WRONG_KINEMATICS = {
         kinematics, frame=kinematics.frame @ rotation_matrix(1e-3)
     ),
 }
-
-
-def rotation_matrix(angle):
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
 
 
 @pytest.mark.parametrize("wrong", WRONG_KINEMATICS)

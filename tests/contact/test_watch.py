@@ -60,8 +60,12 @@ def make_cube(cell):
 
 SPACES = {
     "triangles": lambda: Spaces.galerkin(move_nodes(make_plane_mesh(triangles), bend)),
-    "curved triangles": lambda: Spaces.petrov_galerkin(curved_mesh(make_plane_mesh(triangles), bend)),
-    "quadrilaterals": lambda: Spaces.petrov_galerkin(move_nodes(make_plane_mesh(quadrilaterals), bend)),
+    "curved triangles": lambda: Spaces.petrov_galerkin(
+        curved_mesh(make_plane_mesh(triangles), bend)
+    ),
+    "quadrilaterals": lambda: Spaces.petrov_galerkin(
+        move_nodes(make_plane_mesh(quadrilaterals), bend)
+    ),
     "8 nodes": lambda: serendipity(make_plane_mesh(quadrilaterals)),
     "composite": lambda: composite(move_nodes(make_plane_mesh(triangles), bend)),
     "tetrahedra": lambda: Spaces.petrov_galerkin(move_nodes(make_cube(CellType.tetrahedron), bend)),
