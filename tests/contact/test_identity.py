@@ -306,18 +306,23 @@ def forge(path, change):
 
 
 def change_value(name, value):
+    """Return a change of a file that sets a plain value."""
     return lambda _, values: values.update({name: value})
 
 
 def change_entry(name, entry, value):
+    """Return a change of a file that sets an entry of a dictionary of plain values."""
     return lambda _, values: values[name].update({entry: value})
 
 
 def set_array(name, change):
+    """Return a change of a file that maps an array."""
     return lambda arrays, _: arrays.update({name: change(arrays[name])})
 
 
 def set_item(value, index=0):
+    """Return a map that sets one item of an array."""
+
     def change(values):
         values = values.copy()
         values.flat[index] = value

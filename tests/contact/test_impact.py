@@ -124,7 +124,7 @@ def test_forces_are_the_same_in_a_moving_frame():
 
 
 @pytest.mark.parametrize("scheme", ["hrz", "sibling"])
-def test_a_bar_moves_as_in_the_section_s_own_scheme(scheme):
+def test_a_bar_moves_as_in_the_sections_own_scheme(scheme):
     """The time loop of section V12's scheme `pw` shares no code with the library."""
     bar = v12_impact.Scheme.of(scheme, on_strip("", 0.25))
     supports = bar.walls([1.0])

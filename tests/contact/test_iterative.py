@@ -32,7 +32,10 @@ from tests.contact.iterative import (
 from tests.contact.two_bodies import StackedBlocks
 
 HYBRID, TAYLOR_HOOD = Spaces.hybrid, taylor_hood
-METHOD_NAMES = {False: "GMRES with p-multigrid", True: "GMRES with p-multigrid in a block triangle"}
+METHOD_NAME_BY_IS_HYBRID = {
+    False: "GMRES with p-multigrid",
+    True: "GMRES with p-multigrid in a block triangle",
+}
 
 
 def assert_same_states(states, expected, tolerance=1e-10):
@@ -65,7 +68,7 @@ def solve_and_compare(arguments, is_hybrid=False, max_krylov=150):
     tolerance = 1e-9 if is_hybrid else 1e-10
     assert_same_states(states, solve_contact(*arguments, solver=Direct()), tolerance)
     report = states[-1].report
-    assert (report.method, report.factorisations) == (METHOD_NAMES[is_hybrid], 0)
+    assert (report.method, report.factorisations) == (METHOD_NAME_BY_IS_HYBRID[is_hybrid], 0)
     assert 0 < report.krylov_iterations < max_krylov
     assert states[-1].unique is None
     return states
@@ -89,7 +92,7 @@ def test_states_are_those_of_the_direct_solver(case, cell, method, nu):
 
 
 @pytest.mark.parametrize("method", [PW, HYBRID])
-def test_the_tolerance_of_contact_is_the_solver_s(method):
+def test_the_solvers_tolerance_is_used_in_contact(method):
     arguments, previous = SolidBlock(method=method).case_arguments("rough floor"), None
     for tolerance in (1e-13, 1e-11, 1e-2):  # at most 1e-10 is used
         (state,) = solve_contact(*arguments, solver=Iterative(tolerance=tolerance))

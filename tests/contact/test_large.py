@@ -63,6 +63,7 @@ SOLVERS = {"factors": Direct(), "krylov": Iterative()}
 
 
 def saint_venant_stress(F):
+    """Return the first Piola stress of a Saint Venant-Kirchhoff material (lambda 1.5, mu 1)."""
     E = (F.T * F - ufl.Identity(2)) / 2
     return F * (2 * E + 1.5 * ufl.tr(E) * ufl.Identity(2))
 
@@ -117,6 +118,7 @@ def make_hardening_rubber(comm=MPI.COMM_SELF, **options):
 
 
 def ellipse_level_set(x):
+    """Return the level set of an ellipse with half axes 2 and 1, which is no distance."""
     return x[:, 0] ** 2 / 4 + x[:, 1] ** 2 - 1
 
 

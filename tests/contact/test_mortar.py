@@ -62,6 +62,7 @@ def imbalance(stack, state, load):
 
 
 def assert_uniaxial(stack, state, nu=0.3, tolerance=1e-11):
+    """Assert that the displacements are those of uniaxial stress."""
     exact = stack.uniaxial_displacement(nu)
     displacement = state.displacement.array.reshape(exact.shape)
     assert displacement == pytest.approx(exact, abs=tolerance * np.abs(exact).max())
@@ -310,7 +311,7 @@ def hat_functions(x, nodes):
 
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
-def test_gap_slip_and_status_on_the_master_are_means_of_the_slave_s(slave):
+def test_gap_slip_and_status_of_the_master_are_means_of_those_of_the_slave(slave):
     """Both sides' hat functions are sampled."""
     low, high = 0.13, 0.83
     stack = StackedBlocks((5, 4), upper_range=(low, high))

@@ -255,6 +255,7 @@ def log_of_one_process(comm):
 
 
 def compared_fields(state):
+    """Return the fields of a state, the displacement by its norm."""
     return state_fields(state) | {"displacement": state.displacement.norm()}
 
 
@@ -300,6 +301,7 @@ def merge_coinciding_points(values):
 
 
 def assert_same_files(name, folder, parallel_folder):
+    """Compare the time series of a case that one and several processes have written."""
     serial_steps, parallel_steps = (
         vtx.read(path / f"{name}.bp") for path in (folder, parallel_folder)
     )

@@ -92,6 +92,7 @@ def floor_pair(mu=0.3, surface=FLOOR):
 
 
 def make_two_blocks(comm=SELF, x=5.0, y=0.0):
+    """Return two loose blocks of one mesh, the second one's corner at (x, y)."""
     first_mesh, second_mesh = (
         triangles(SELF, corner, (corner[0] + 2.0, corner[1] + 1.0), (4, 2))
         for corner in ((0.0, 0.0), (x, y))
@@ -197,6 +198,7 @@ def test_an_axisymmetric_body_is_lifted_along_its_axis_only():
 
 
 def pushed_surface_pair(surface, force, mu=0.3):
+    """Return the pair of the top under a free surface that a force pushes."""
     return ContactPair(on_plane(1, 1.0), surface, mu, [Motion((None, None), force)])
 
 
@@ -338,6 +340,7 @@ def test_the_nearest_state_of_a_failure_is_kept_but_cannot_be_continued(tmp_path
 
 
 def capacity_in_message(error):
+    """Return the largest friction force that the message states."""
     return float(re.search(r"of at most (\S+) along", str(error)).group(1))
 
 

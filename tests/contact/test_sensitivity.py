@@ -261,7 +261,7 @@ def test_sensitivities_use_the_present_stiffness():
     assert np.abs(problem.sensitivity(*arguments) - expected).max() < 1e-10 * np.abs(expected).max()
 
 
-def test_invalid_argumentsof_sensitivities_are_refused():
+def test_invalid_arguments_of_sensitivities_are_refused():
     case = RandomRubber(0, steps=2)
     problem, states = case.solve()
     valid = states, case.outputs, [case.shear], case.loads

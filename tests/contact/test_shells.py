@@ -28,6 +28,7 @@ INNER_RADIUS, INTERFACE_RADIUS, OUTER_RADIUS, PRESSURE, NU = 1.0, 1.5, 2.2, 1e-3
 
 
 def _make_tube(low, high, n, cell):
+    """Return a quarter of a tube between two radii, with n cells per unit length."""
     divisions = (max(2, round(1.5 * n * (high - low))), 2 * n, max(1, n // 3))
     if cell in PLANE_CELLS:
         corners = [(low, 0.0), (high, 1.0)]

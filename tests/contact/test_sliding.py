@@ -339,7 +339,7 @@ def test_a_body_may_move_down_beside_another_one():
     assert np.abs(state_beside.pairs[0].displacement - [3.0, -3.0]).max() < 1e-12
 
 
-def test_the_depth_of_penetration_is_measured_between_a_side_s_ends():
+def test_the_depth_of_penetration_is_measured_between_the_ends_of_a_side():
     """Only nodes that were outside at first have a depth."""
     slave_side = quadratic_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
     master_side = quadratic_trace(3, lambda s: 0.0 * s, 100, 1.0)

@@ -21,6 +21,7 @@ TOLERANCE = 1e-9
 
 
 def solve_roller():
+    """Return the states of a circle that presses, slides and rotates on rubber."""
     return step_roller(make_roller())
 
 

@@ -251,6 +251,7 @@ class RigidToolProblem:
 
     @property
     def tool(self) -> RigidTool:
+        """Return the tool at its initial position."""
         sketch = self.sketch
         normal = np.array([np.sin(sketch.tilt), -np.cos(sketch.tilt)])
         if sketch.radius:
@@ -289,6 +290,7 @@ class RigidToolProblem:
         return mask
 
     def tool_state(self, state: ContactState) -> ToolState:
+        """Return the displacements, tool position and nodal forces of a state."""
         (pair,) = state.pairs
         force = np.zeros_like(self.nodes)
         force[pair.node] = pair.force_vector
@@ -337,6 +339,7 @@ class TwoBodyProblem:
         return states, None
 
     def violations(self) -> list[dict[str, float]]:
+        """Return the violations of the law by each accepted state and substate."""
         states, _ = self.solution
         problem = make_oracle_contact(self.bodies)
         history = [
@@ -361,5 +364,6 @@ def make_oracle_contact(bodies: SlidingBodies) -> SlidingContact:
 
 
 def make_problem(seed: int) -> RigidToolProblem | TwoBodyProblem:
+    """Return the problem of a seed."""
     sketch = draw_sketch(seed)
     return TwoBodyProblem(sketch) if sketch.kind == "bodies" else RigidToolProblem(sketch)

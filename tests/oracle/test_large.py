@@ -196,14 +196,17 @@ def drive_error(contact, start, substate, fraction, motion):
 
 
 def move_supports(u, contact):
+    """Disturb the displacements at supports."""
     u[contact.prescribed_mask] += 1e-6
 
 
 def move_inner_node(u, contact):
+    """Disturb the displacement of a node inside the body."""
     u[np.abs(contact.body.nodes + np.array([0.0, 0.5])).sum(axis=1).argmin()] += 1e-6
 
 
 def move_open_node(u, contact):
+    """Lift a node that is not in contact."""
     u[np.isclose(contact.body.nodes, [-1.0, 0.0]).all(axis=1), 1] += 1e-4
 
 
