@@ -57,9 +57,7 @@ class RandomSmallProblem:
         self.mesh = self._make_mesh()
 
     def _make_mesh(self):
-        """Return a block [1, 2] x ... x [0, 1] with inner nodes, and boundary nodes along it,
-        moved.
-        """
+        """Return a block [1, 2] x ... x [0, 1]; nodes are moved, those of sides within them."""
         corners = [(1.0,) + (0.0,) * (self.dim - 1), (2.0,) + (1.0,) * (self.dim - 1)]
         if self.is_solid:
             n, cell = (2, 2, 1), meshes.CellType.tetrahedron
