@@ -38,19 +38,11 @@ class IncrementStart:
     force: Array
     q: Array
 
-    @classmethod
-    def from_state(
-        cls, state: ContactState, interface: Interface, turning: bool = False
-    ) -> "IncrementStart":
-        """Take this process' values of a state; with angles if surfaces may be `turning`."""
-        displacement = interface.local([pair.displacement for pair in state.pairs])
-        force = interface.local([pair.force_vector for pair in state.pairs])
-        return cls(displacement, force, state.placements if turning else state.translations)
 
-    def relative_displacement(self, interface: Interface) -> Array:
-        """Displacements (m, dim) less the translations of the surfaces."""
-        dim = self.displacement.shape[1]
-        return self.displacement - self.q[interface.pair, :dim]
+def make_increment_start(state: ContactState, interface: Interface, q: Array) -> IncrementStart:
+    """Return this process' values of a state, in which the motions of the surfaces are q."""
+    displacement, force = interface.local(state.pairs, "displacement", "force_vector")
+    return IncrementStart(displacement, force, q)
 
 
 class Kinematics(Protocol):
@@ -156,7 +148,8 @@ class UndeformedKinematics:
             gap_loss[smooth, axis] = loss[smooth] - np.sum(change * displacement, axis=1)[smooth]
         # tangents turn so that they stay normal to it: dt = -(t·dn) n
         tilt = np.einsum("nta,nak->ntk", tangents, normal_by_q)
-        origin = self._start.relative_displacement(interface) + translations[interface.pair]
+        relative = self._start.displacement - self._start.q[interface.pair]
+        origin = relative + translations[interface.pair]
         normal_motion = np.sum(normal * (displacement - origin), axis=1)
         normal_force = np.sum(normal * force, axis=1)
         slip_loss = tangents + tilt * normal_motion[:, None, None]

@@ -49,10 +49,10 @@ from pw_elements.contact.nodes import (
     OPEN,
     TOLERANCE,
     DeformedKinematics,
-    IncrementStart,
     MortarKinematics,
     RigidSurfaceMotion,
     RigidSurfacesOnly,
+    make_increment_start,
     make_sticking_set,
 )
 from pw_elements.contact.output import Coefficients, ResidualProbe
@@ -275,7 +275,7 @@ class FiniteStepping:
         None where it has not been in contact, does not end clear, or has a history on the way.
         """
         interface, comm = self.interface, self.interface.comm
-        closed = interface.local([pair.status for pair in state.pairs]) != OPEN
+        closed = interface.local(state.pairs, "status")[0] != OPEN
         if self.history or self._update or not comm.allreduce(bool(closed.any()), MPI.LOR):
             return None
         nodes = self._positions, self._held, self._piece
@@ -357,7 +357,7 @@ class FiniteStepping:
         system.start(lambda: unknowns, q)
         max_iterations = self._max_iterations
         if begin is None:
-            closed = interface.local([pair.status for pair in state.pairs]) != OPEN
+            closed = interface.local(state.pairs, "status")[0] != OPEN
             displacement = kinematics.carry_closed(q, start.displacement, closed)
             linearised = kinematics.linearise(q, displacement, start.force)
             closed |= linearised.gap < 0
@@ -378,10 +378,10 @@ class FiniteStepping:
         reporter.violation = end.violation
         self._check_end(increment, kinematics, end, target, starts_clear=begin is not None)
         signs = self._check_stability(system, n_signs, state)
-        solution = make_contact_state(
-            increment, end, state, iterations=0, report=system.report, smallness=None
-        )
         sizes = reference_sizes(increment, end, state.scale)
+        solution = make_contact_state(
+            increment, end, state, sizes=sizes, iterations=0, report=system.report, smallness=None
+        )
         solution = self._verify(solution, state, target, sizes)
         return replace(solution, unique=None, orientations=frozenset(signs[-1:]))
 
@@ -470,7 +470,7 @@ class FiniteStepping:
     ) -> tuple[Increment, DeformedKinematics]:
         """Return the equations from a state to a target, the body being at all unknowns (n,)."""
         interface = self.interface
-        start = IncrementStart.from_state(state, interface, turning=True)
+        start = make_increment_start(state, interface, state.placements)
         reduction = replace(self._reduction, offset=self.prescribed())
         of_body = self._body, system, reduction, self._guard, at
         if interface.mortars:
@@ -522,7 +522,7 @@ class FiniteStepping:
         turned = any(pair.rotation for state in states for pair in state.pairs)
         if turned or any(axis == dim for _, axis in free):
             raise ValueError("has a surface that has turned, of which no derivatives are given")
-        end = IncrementStart.from_state(part.state, self.interface, turning=True)
+        end = make_increment_start(part.state, self.interface, part.state.placements)
         linearised = kinematics.linearise(end.q, end.displacement, end.force)
         solution = increment.evaluate(unknowns, end.q, linearised)
         increment.equilibrium.linearise(linearised.torque_map)

@@ -137,7 +137,7 @@ class SmallnessCheck:
         """Largest slip over the size of facets; of two bodies, that since the beginning."""
         interface, nodes = self._interface, end.nodes
         moved = end.displacement - end.q[interface.pair]
-        was = increment.start.relative_displacement(interface)
+        was = increment.start.displacement - increment.start.q[interface.pair]
         moved = moved - np.where((interface.faced == RIGID)[:, None], was, 0.0)
         slip = np.linalg.norm(np.einsum("nab,nb->na", nodes.frame[:, 1:], moved), axis=1)
         closed = nodes.active_set.status != OPEN

@@ -60,6 +60,7 @@ from pw_elements.contact.nodes import (
     LinearisedKinematics,
     TorqueMap,
     UndeformedKinematics,
+    make_increment_start,
 )
 from pw_elements.contact.rescue import (
     RigidMotions,
@@ -182,7 +183,7 @@ def make_balanced_target(
     Forces of supports count as load; they do no work.
     """
     points = interface.force.createVecRight()
-    force = IncrementStart.from_state(state, interface).force
+    (force,) = interface.local(state.pairs, "force_vector")
     points.setArray(np.where(interface.equation >= 0, force, 0.0))
     load = K.createVecLeft()
     K.mult(state.unknowns, load)
@@ -531,16 +532,17 @@ class Stepping:
         check_loose(increment, end, rigid, state, lambda: self._cost(target.free, before))
         smallness = self._smallness.after(increment, end, state)
         iterations, report = self._cost(target.free, before)
+        sizes = reference_sizes(increment, end, state.scale)
         solution = make_contact_state(
             increment,
             end,
             state,
+            sizes=sizes,
             iterations=iterations,
             report=report,
             smallness=smallness,
-            slides=rigid.slides(end.nodes, increment.allowance(end)),
+            slides=rigid.slides(end.nodes, end.allowance),
         )
-        sizes = reference_sizes(increment, end, state.scale)
         return self._verify(solution, state, target, sizes)
 
     def _verify(
@@ -615,7 +617,7 @@ class Stepping:
         load_factor = 1.0 if part.start.increment else part.share
         target = replace(target, load_factor=load_factor)
         increment, kinematics = self._start_increment(part.before, target)
-        end = IncrementStart.from_state(state, interface)
+        end = make_increment_start(state, interface, state.translations)
         linearised = kinematics.linearise_by_all_translations(end.q, end.displacement, end.force)
         solution = increment.solve(
             resume_active_set(interface, linearised, state), linearised, "final"
@@ -627,7 +629,7 @@ class Stepping:
         self, state: ContactState, target: IncrementTarget
     ) -> tuple[LinearIncrement, UndeformedKinematics]:
         """Return the equations from a state to a target, and the kinematics in them."""
-        start = IncrementStart.from_state(state, self.interface)
+        start = make_increment_start(state, self.interface, state.translations)
         kinematics = UndeformedKinematics(self.interface, start, target.q, target.load_factor)
         increment = LinearIncrement(
             self._system_for(target.free)[0],
