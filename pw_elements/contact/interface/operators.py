@@ -178,7 +178,7 @@ class Interface:
             "have a law of friction whose coefficient, the limit over the normal force, rises with "
             "the force: it may stay or fall, so that its slope at zero bounds it",
         )
-        self.check_supports(None)
+        self.check_supports(self.normals(None), self.gaps(None))
         gap = self._by_pair("gap", None)
         cut = ~(gap >= -_PENETRATION * diagonal) & ~self._interfering
         deepest = -self.gathered(np.where(cut, gap, 0.0)).min()
@@ -223,9 +223,11 @@ class Interface:
         """Depth (m,) of the points inside their surface, zero unless that is asked for."""
         return np.where(self._interfering, np.maximum(0.0, -self._by_pair("gap", None)), 0.0)
 
-    def check_supports(self, translations: Array | None) -> None:
-        """Raises ValueError if a point that a surface faces cannot move along its normal."""
-        normal, gap = self.normals(translations), self.gaps(translations)
+    def check_supports(self, normal: Array, gap: Array) -> None:
+        """Raise ValueError if a point that a surface faces cannot move along its normal.
+
+        Normals (m, dim) and gaps (m,) that are none are refused likewise.
+        """
         self.refuse(np.isnan(gap), "see a surface whose gap is not a number")
         faced = np.isfinite(gap)
         length = np.linalg.norm(normal, axis=1)

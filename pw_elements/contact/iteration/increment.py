@@ -359,10 +359,8 @@ class Increment:
         nodes = state.nodes
         if self.interface.cone.has_user_law:
             self.interface.check_laws(nodes.force[:, 0])
-        gap = np.where(np.isfinite(nodes.gap), np.abs(nodes.gap), 0.0)
-        of_friction = nodes.friction_limits[1] * nodes.scale * gap
-        of_friction = np.where(nodes.force[:, 0] > of_coordinates, of_friction, of_coordinates)
         residuals = self.residuals(state, 1.0, 1 / nodes.scale)
+        of_friction = nodes.friction_round_off(of_coordinates)
         worst = self.equilibrium.violation(
             residuals.pop("equilibrium"), allowed + of_coordinates, state.unknowns
         )

@@ -92,10 +92,9 @@ def _make_pair_states(increment: Increment, state: NewtonState) -> tuple[PairSta
     def to_global(values: Array) -> Array:
         return np.einsum("nab,na->nb", tangents, values)
 
-    slip = np.where(
-        (status == HELD)[:, None], remove_normal_part(motion, normal), to_global(nodes.slip)
-    )
     path_slip = increment.kinematics.integrate_slip(state.q, state.displacement, normal)
+    of_held = remove_normal_part(motion, normal)
+    slip = np.where((status == HELD)[:, None], of_held, to_global(nodes.slip))
     is_closed = (status != OPEN)[:, None]
     return make_pair_states(
         interface,

@@ -224,6 +224,16 @@ class ContactNodes:
         tangential = self.force[:, 1:] - self.admitted_friction(self.friction_limits[0])
         return np.hstack([normal, tangential])
 
+    def friction_round_off(self, of_coordinates: float) -> Array:
+        """Return what of friction (m,) may be round-off, given that of nodes' coordinates.
+
+        Slips have no coordinates, but friction's limit has the gap at nodes that are pressed by
+        more than this round-off.
+        """
+        gap = np.where(np.isfinite(self.gap), np.abs(self.gap), 0.0)
+        of_limit = self.friction_limits[1] * self.scale * gap
+        return np.where(self.force[:, 0] > of_coordinates, of_limit, of_coordinates)
+
     def residuals(self, force: float, length: Array | float) -> dict[str, Array]:
         """Return how far each condition is from holding, (m,), over a force and lengths (m,)."""
         normal, tangential, gap = self.force[:, 0], self.force[:, 1:], self.gap

@@ -128,10 +128,10 @@ class UndeformedKinematics:
         interface, held = self._interface, self._interface.held_components
         force = np.where(held, 0.0, force)
         step = _DIFFERENCE_STEP * (interface.extent or 1.0)
-        frame = make_frames(interface.normals(translations), interface.equation >= 0)
+        normal, gap = interface.normals(translations), interface.gaps(translations)
+        frame = make_frames(normal, interface.equation >= 0)
         frame = add_tangents_along_supports(frame, held)
-        normal, tangents = frame[:, 0], frame[:, 1:]
-        gap, gap_loss = interface.gaps(translations), normal.copy()
+        tangents, gap_loss = frame[:, 1:], normal.copy()
         if self._load_factor != 1:  # points inside their surface are pressed out step by step
             gap = gap + (1 - self._load_factor) * interface.interference
         normal_by_q = np.zeros_like(frame)  # (m, component, translation)

@@ -21,7 +21,6 @@ from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
 from pw_elements.contact.nodes import OPEN, IncrementStart
 from pw_elements.progress import told
-from pw_elements.spaces import as_function
 
 # Cells at a time
 _CELLS_AT_ONCE = 4_000
@@ -41,41 +40,47 @@ _MOST_WAY_STEPS = 10_000
 _SMALL = Smallness(strain=0.05, rotation=0.05, slip=0.5)
 
 
-class Gradients:
-    """Gradients of displacements u at the vertices of all cells.
+def gradient_at_vertices(u: fem.Function) -> fem.Expression:
+    """Return the gradient of displacements at the vertices of cells.
 
-    On straight simplices with quadratic displacements they are linear, and the norms of their
-    parts are largest there.
+    On straight simplices with quadratic displacements it is linear, and the norms of its parts are
+    largest there.
     """
+    return fem.Expression(ufl.grad(u), basix.geometry(u.function_space.mesh.basix_cell()))
 
-    def __init__(self, space: fem.FunctionSpace) -> None:
-        self._mesh, self.u = space.mesh, fem.Function(space)
-        self._gradient = fem.Expression(ufl.grad(self.u), basix.geometry(space.mesh.basix_cell()))
 
-    def largest(self, displacement: PETSc.Vec) -> tuple[float, float]:
-        """Largest spectral norms of the symmetric and the antisymmetric part, of all processes.
+def measure_largest_gradient(
+    gradient: fem.Expression, u: fem.Function, displacement: PETSc.Vec
+) -> tuple[float, float]:
+    """Return the largest spectral norms of the symmetric and the antisymmetric part of a gradient.
 
-        The latter is the largest angle of rotation in radians. Hoop strains are left out: whether
-        the body is one of revolution is not known here.
-        """
-        mesh = self._mesh
-        dim, owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
-        as_function(self.u.function_space, displacement, out=self.u)
-        strain, rotation = 0.0, 0.0
-        for first in range(0, owned, _CELLS_AT_ONCE):
-            cells = np.arange(first, min(first + _CELLS_AT_ONCE, owned), dtype=np.int32)
-            gradient = np.reshape(self._gradient.eval(mesh, cells), (-1, dim, dim))
-            turned = np.swapaxes(gradient, 1, 2)
-            symmetric, skew = (gradient + turned) / 2, (gradient - turned) / 2
-            frobenius = np.linalg.norm(symmetric, axis=(1, 2))
-            # the norm lies between this and this over sqrt(dim): few are to be looked at
-            strain = max(strain, float(frobenius.max()) / np.sqrt(dim))
-            values = np.linalg.eigvalsh(symmetric[frobenius >= strain])
-            strain = float(np.abs(values).max(initial=strain))
-            # two entries for each component of the axial vector, whose length is the norm
-            turns = np.linalg.norm(skew, axis=(1, 2)) / np.sqrt(2)
-            rotation = max(rotation, float(turns.max()))
-        return mesh.comm.allreduce(strain, MPI.MAX), mesh.comm.allreduce(rotation, MPI.MAX)
+    They are those of all cells of all processes. The latter is the largest angle of rotation in
+    radians. Hoop strains are left out: whether the body is one of revolution is not known here.
+
+    Args:
+        gradient: of u, as of `gradient_at_vertices`.
+        u: function that is set to the displacements.
+        displacement: vector (n,) in the numbering of the space of u.
+    """
+    mesh = u.function_space.mesh
+    u.x.array[: displacement.getLocalSize()] = displacement.array_r
+    u.x.scatter_forward()
+    dim, owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
+    strain, rotation = 0.0, 0.0
+    for first in range(0, owned, _CELLS_AT_ONCE):
+        cells = np.arange(first, min(first + _CELLS_AT_ONCE, owned), dtype=np.int32)
+        values = np.reshape(gradient.eval(mesh, cells), (-1, dim, dim))
+        transposed = np.swapaxes(values, 1, 2)
+        symmetric, skew = (values + transposed) / 2, (values - transposed) / 2
+        frobenius = np.linalg.norm(symmetric, axis=(1, 2))
+        # the norm lies between this and this over sqrt(dim): few are to be looked at
+        strain = max(strain, float(frobenius.max()) / np.sqrt(dim))
+        principal = np.linalg.eigvalsh(symmetric[frobenius >= strain])
+        strain = float(np.abs(principal).max(initial=strain))
+        # two entries for each component of the axial vector, whose length is the norm
+        turns = np.linalg.norm(skew, axis=(1, 2)) / np.sqrt(2)
+        rotation = max(rotation, float(turns.max()))
+    return mesh.comm.allreduce(strain, MPI.MAX), mesh.comm.allreduce(rotation, MPI.MAX)
 
 
 def log_large(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm) -> None:
@@ -93,7 +98,8 @@ def log_large(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm
 class SmallnessCheck:
     def __init__(self, interface: Interface, space: fem.FunctionSpace) -> None:
         self._interface, self._comm = interface, interface.comm
-        self._gradients = Gradients(space)
+        self._u = fem.Function(space)
+        self._gradient = gradient_at_vertices(self._u)
         self._point, self._outward, size = _facets_around(interface.node, space)
         self._sizes = np.full(len(interface.node), np.inf)
         np.minimum.at(self._sizes, self._point, size)
@@ -119,7 +125,8 @@ class SmallnessCheck:
         """
         self._check_way(increment.start, end.q)
         interface, nodes = self._interface, end.nodes
-        strain, rotation = self._gradients.largest(interface.field.part(end.unknowns))
+        displacement = interface.field.part(end.unknowns)
+        strain, rotation = measure_largest_gradient(self._gradient, self._u, displacement)
         closed = nodes.active_set.status != OPEN
         cosine = self._cosines(nodes.frame[:, 0])
         for k in np.flatnonzero(self._rigid):
@@ -188,7 +195,7 @@ class SmallnessCheck:
 
     def _through(self, end: NewtonState) -> Mask:
         """Which points (m,) are beyond the nodes that were the farthest along their normals."""
-        interface, u = self._interface, self._gradients.u  # the latter has just been set
+        interface, u = self._interface, self._u  # the latter has just been set
         dim, normal = interface.position.shape[1], end.nodes.frame[:, 0]
         x = u.function_space.tabulate_dof_coordinates()[:, :dim]
         moved, every = x + u.x.array.reshape(-1, dim), interface.gathered(normal)

@@ -134,12 +134,12 @@ class IncrementTarget:
         turning: bool = False,
     ) -> "IncrementTarget":
         """Build from the user's motions; None means zero translation; with angles if `turning`."""
-        dim = interface.position.shape[1]
-        rest, k = Motion([0.0] * dim), dim + turning
-        of_pairs = [motion or rest for motion in motions] or [rest] * interface.pairs
-        values = [(motion.prescribed()[:k], motion.forces()[:k]) for motion in of_pairs]
-        q, forces = zip(*values, strict=True)
-        return cls(load, np.array(q), np.array(forces))
+        n_motions = interface.position.shape[1] + turning
+        q, forces = np.zeros((2, interface.pairs, n_motions))
+        for k, motion in enumerate(motions):
+            if motion is not None:
+                q[k], forces[k] = motion.prescribed()[:n_motions], motion.forces()[:n_motions]
+        return cls(load, q, forces)
 
     @classmethod
     def from_state(
@@ -291,12 +291,12 @@ class Reporter:
 
     def __init__(self, comm: MPI.Comm, increment: int, callback: Callback | None) -> None:
         self._comm, self._increment, self._callback = comm, increment, callback
-        is_logged = logging.getLogger("pw_elements.contact").isEnabledFor(logging.DEBUG)
         self.violation = 0.0  # of the last solution, as in `Progress`
-        # whether any process wants to know of iterations
-        self._reports_iterations: bool = comm.allreduce(
-            bool(callback or (comm.rank == 0 and is_logged)), MPI.LOR
-        )
+        # whether any process wants to know of iterations, and of increments
+        is_logged = logging.getLogger("pw_elements.contact").isEnabledFor
+        levels = (logging.DEBUG, logging.INFO)
+        wanted = [bool(callback or (comm.rank == 0 and is_logged(level))) for level in levels]
+        self._reports_iterations, self._reports_increments = np.any(comm.allgather(wanted), axis=0)
 
     def report_iteration(self, iteration: int, active: ActiveSet, violation: float) -> None:
         """Log an iteration and call the user's function, if anybody wants to know."""
@@ -308,7 +308,9 @@ class Reporter:
         self._tell(logging.DEBUG, words, now)
 
     def report_increment(self, state: ContactState, seconds: float) -> None:
-        """Log the end of the increment and call the user's function."""
+        """Log the end of the increment and call the user's function, if anybody wants to know."""
+        if not self._reports_increments:
+            return
         status = np.concatenate([pair.status for pair in state.pairs])
         counts, report = np.bincount(status, minlength=HELD + 1), state.report
         now = self._progress(state.iterations, self.violation, counts, state)
@@ -393,7 +395,7 @@ class Stepping:
             reporter = Reporter(comm, state.increment, self._callback)
             before = self._cost(end.free)
             try:
-                solution = self._solve_part(state, end, reporter)
+                solution = self._solve_part(state, end, reporter, before)
             except NotFound as failure:
                 parts = self._cut_back(state, end, reporter)
                 if not parts:
@@ -422,7 +424,8 @@ class Stepping:
         told(comm, logging.INFO, words, ".contact")
 
         def solve_part(current: ContactState, share: float) -> ContactState:
-            return self._solve_part(current, interpolate(start, end, share), reporter, left)
+            target = interpolate(start, end, share)
+            return self._solve_part(current, target, reporter, self._cost(target.free), left)
 
         sizes = (0.5, _MIN_SUBSTEP, 1.0)
         parts, _ = solve_in_substeps(solve_part, state, sizes, lambda: left() > 0)
@@ -443,12 +446,16 @@ class Stepping:
         state: ContactState,
         target: IncrementTarget,
         reporter: Reporter,
+        before: Cost,
         left: Callable[[], float] | None = None,
     ) -> ContactState:
-        """Return the state at a target, in one piece; of a part, by what systems are `left`."""
+        """Return the state at a target, in one piece, after a cost `before`.
+
+        A part of an increment may take as many linear systems as are `left`.
+        """
         increment, kinematics = self._start_increment(state, target)
         linearised = self._linearise_start(increment, kinematics, state, target)
-        before, rigid = self._cost(target.free), self._system_for(target.free)[1]
+        rigid = self._system_for(target.free)[1]
         active = choose_first_set(
             self.interface, linearised, state, rigid.left_free, target.unloaded_free_surfaces
         )
@@ -525,7 +532,8 @@ class Stepping:
         before: Cost,
     ) -> ContactState:
         """Check the last iterate of an increment, and return its state."""
-        self.interface.check_supports(end.q)
+        frame, gap = end.kinematics.frame, end.kinematics.gap
+        self.interface.check_supports(frame[:, 0], gap)
         offset, pressed = increment.equilibrium.offset, end.nodes.trial_pressure > 0
         self.interface.check_supports_between(offset, target.q, pressed)
         rigid = self._system_for(target.free)[1]
@@ -653,7 +661,7 @@ class Stepping:
         q = np.where(unloaded, 0.0, increment.start.q)
         q = np.where(np.isnan(target.q), q, target.q)
         increment.system.start(lambda: state.unknowns, q)
-        self.interface.check_supports(q)
+        self.interface.check_supports(self.interface.normals(q), self.interface.gaps(q))
         self._smallness.before(increment)
         return kinematics.linearise(q, increment.start.displacement, increment.start.force)
 
