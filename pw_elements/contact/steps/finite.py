@@ -55,23 +55,22 @@ from pw_elements.contact.nodes import (
     make_increment_start,
     make_sticking_set,
 )
-from pw_elements.contact.output import Coefficients, ResidualProbe
+from pw_elements.contact.output import Callback, Coefficients, Reporter, ResidualProbe
 from pw_elements.contact.rescue import (
     SupportedPieces,
+    combine_substeps,
     ends_clear,
     find_passed,
     refuse_supports_through_each_other,
     refuse_tools_through_supports,
+    sample_ways,
+    solve_in_substeps,
 )
 from pw_elements.contact.steps.sensitivity import Linearised, Part
-from pw_elements.contact.steps.slip import SlipCheck
+from pw_elements.contact.steps.smallness import SlipCheck
 from pw_elements.contact.steps.stepping import (
-    Callback,
     IncrementTarget,
-    Reporter,
-    combine_substeps,
     interpolate,
-    solve_in_substeps,
 )
 from pw_elements.contact.steps.verification import (
     Sizes,
@@ -256,7 +255,7 @@ class FiniteStepping:
         """Raise SurfacePassed if supports and surfaces are led through each other."""
         interface, q = self.interface, state.placements
         nodes = self._positions, self._held, self._piece
-        ways, path = _sample_ways(start, end, path, max(len(path) - 1, _WAY_SAMPLES))
+        ways, path = sample_ways(start.q, end.q, path, max(len(path) - 1, _WAY_SAMPLES))
         refuse_tools_through_supports(interface, self._surfaces, *nodes, ways, path)
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, q, q)
@@ -283,7 +282,7 @@ class FiniteStepping:
         for samples in (1, _LEAVING_SAMPLES):  # the ends alone tell most
             if samples > 1:
                 path = self._sample_supports(state, load, samples)
-            ways, _ = _sample_ways(start, end, path, samples)
+            ways, _ = sample_ways(start.q, end.q, path, samples)
             pieces = SupportedPieces.fit(*nodes, path, comm)
             if not ends_clear(interface, self._surfaces, pieces, ways, state.unknowns):
                 return None
@@ -568,23 +567,6 @@ class FiniteStepping:
                             "not finite"
                         )
         return tuple(function.x.array.copy() for function in self.history)
-
-
-def _sample_ways(
-    start: IncrementTarget, end: IncrementTarget, path: Array, samples: int
-) -> tuple[Array, Array]:
-    """Return placements (samples + 1, pairs, dim + 1) of surfaces, and of a path."""
-    shares: Array = np.linspace(0, 1, samples + 1, dtype=float)
-    ways = np.array([(1 - s) * start.q + s * end.q for s in shares])
-    return ways, _interpolate(path, shares)
-
-
-def _interpolate(path: Array, shares: Array) -> Array:
-    """Return values (k, ...) at shares (k,) of a path (samples + 1, ...) by straight pieces."""
-    place = shares * (len(path) - 1)
-    before = np.minimum(place.astype(int), len(path) - 2)
-    after = (place - before).reshape(-1, *[1] * (path.ndim - 1))
-    return np.asarray((1 - after) * path[before] + after * path[before + 1])
 
 
 def _round_up_to_power_of_two(number: float) -> int:

@@ -19,7 +19,7 @@ from pw_elements.contact.interface import Interface, free_columns, nodal_interfa
 from pw_elements.contact.iteration import make_pair_states
 from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
-from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
+from pw_elements.contact.steps.checks import PathInTime, check_contact_arguments, check_paths
 from pw_elements.contact.steps.smallness import (
     SmallnessCheck,
     gradient_at_vertices,
@@ -258,8 +258,8 @@ def solve_impact(
         DegenerateMesh: for cells that are flat or inverted.
         FloatingPointError: if the motion is not finite.
     """
-    stated = checked_problem(K, reduction, pairs, space, 1, None)
-    moves = checked_paths(paths, stated, space)
+    stated = check_contact_arguments(K, reduction, pairs, space, 1, None)
+    moves = check_paths(paths, stated, space)
     start = {"the velocity": velocity}
     if displacement is not None:
         start["the displacement"] = displacement

@@ -1,6 +1,8 @@
-"""The smallness check of an increment: displacements stay small, surfaces outside of the body.
+"""Checks of a solved increment, which warn where another one would be better.
 
-The guide's page on theory says what is refused of rigid surfaces, and why ("Contact").
+Displacements stay small, surfaces outside of the body, and the law's slip is that of the path of
+material points (`PairState.path_slip`). The guide's page on theory says what is refused of rigid
+surfaces, and why ("Contact").
 """
 
 import logging
@@ -18,7 +20,7 @@ from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective, listed
 from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, flat_facets
 from pw_elements.contact.iteration import Increment, NewtonState
-from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
+from pw_elements.contact.model import ContactState, PairState, Smallness, SurfacePassed
 from pw_elements.contact.nodes import OPEN, IncrementStart
 from pw_elements.progress import told
 
@@ -34,6 +36,12 @@ _WAY_STEP = 0.25
 _SWALLOWED = 1e-3
 # The way has this many steps at most
 _MOST_WAY_STEPS = 10_000
+
+# Largest difference of both slips over the larger one
+MAX_DIFFERENCE = 0.1
+# What differences do not count below, over the shortest facet around a node that another deformed
+# body faces, whose slip is a mean over facets, and over the largest displacement elsewhere
+_OF_FACET, _OF_DISPLACEMENT = 0.05, 1e-6
 
 # Second-order terms are left out: strains e err by e/2 of themselves, a rotation w turns forces
 # by w and makes strains of w^2/2. Half of the way to the next node, a node has another partner.
@@ -240,3 +248,40 @@ def _facets_around(node: Indices, space: fem.FunctionSpace) -> tuple[Indices, Ar
     order = np.argsort(node)
     point = order[np.searchsorted(node, touched[mine], sorter=order)]
     return point, outward[mine], size[mine]
+
+
+class SlipCheck:
+    """Logs a warning where slips of rough nodes differ, once for each pair."""
+
+    def __init__(self, interface: Interface) -> None:
+        self._comm, self._warned = interface.comm, set[int]()
+        self._facets = {
+            k: (mortar.nodes[: mortar.slaves], mortar.measure_facets())
+            for k, mortar in interface.mortars.items()
+        }
+
+    def check(self, state: ContactState) -> None:
+        for k, pair in enumerate(state.pairs):
+            apart = measure_slip_difference(pair)
+            allowed: Array | float = _OF_DISPLACEMENT * state.scale.length
+            if k in self._facets:
+                nodes, lengths = self._facets[k]
+                allowed = _OF_FACET * lengths[np.searchsorted(nodes, pair.node)]
+            sizes = [np.linalg.norm(slip, axis=1) for slip in (pair.slip, pair.path_slip)]
+            rough = (pair.status != OPEN) & (pair.friction > 0)
+            wrong = rough & (apart > np.maximum(MAX_DIFFERENCE * np.maximum(*sizes), allowed))
+            if wrong.any() and k not in self._warned:
+                self._warned.add(k)
+                words = (
+                    f"increment {state.increment - 1}, contact pair {k}: slip differs from that "
+                    f"of the path by up to {apart[wrong].max():.3g}, more than "
+                    f"{MAX_DIFFERENCE:.0%} of it, at {wrong.sum()} contact nodes first at "
+                    f"{listed(pair.position[wrong])}, where friction may be wrong: make smaller "
+                    "increments and compare `PairState.slip` with `path_slip`"
+                )
+                told(self._comm, logging.WARNING, words, ".contact")
+
+
+def measure_slip_difference(pair: PairState) -> Array:
+    """Return the size (m,) of the difference of both slips of a pair's nodes."""
+    return np.asarray(np.linalg.norm(pair.slip - pair.path_slip, axis=1))

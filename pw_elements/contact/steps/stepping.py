@@ -19,13 +19,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction, equilibrated, masked
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import collective
-from pw_elements.contact.interface import Interface, NoContactStated, nodal_interface
+from pw_elements.contact.interface import Interface, nodal_interface
 from pw_elements.contact.iteration import (
     DISPLACEMENT_ROUND_OFF,
     ActiveSetUpdate,
@@ -50,10 +48,6 @@ from pw_elements.contact.model import (
     Scale,
 )
 from pw_elements.contact.nodes import (
-    HELD,
-    OPEN,
-    SLIP,
-    STICK,
     TOLERANCE,
     ActiveSet,
     IncrementStart,
@@ -62,16 +56,18 @@ from pw_elements.contact.nodes import (
     UndeformedKinematics,
     make_increment_start,
 )
+from pw_elements.contact.output import Callback, Reporter
 from pw_elements.contact.rescue import (
     RigidMotions,
     check_loose,
+    combine_substeps,
     prove_no_equilibrium,
     rescue,
+    solve_in_substeps,
     solve_with_springs,
 )
 from pw_elements.contact.steps.sensitivity import Linearised, Part
-from pw_elements.contact.steps.slip import SlipCheck
-from pw_elements.contact.steps.smallness import SmallnessCheck
+from pw_elements.contact.steps.smallness import SlipCheck, SmallnessCheck
 from pw_elements.contact.steps.verification import (
     Sizes,
     check_stiffness_sign,
@@ -83,7 +79,6 @@ from pw_elements.progress import doing, told
 from pw_elements.solvers import (
     LinearSolver,
     NotConverged,
-    SingularSystem,
     SolverReport,
     add,
     is_matrix_free,
@@ -206,137 +201,6 @@ def interpolate(start: IncrementTarget, end: IncrementTarget, share: float) -> I
         (1 - share) * start.forces + share * end.forces,
         (1 - share) * start.load_factor + share * end.load_factor,
     )
-
-
-def solve_in_substeps(
-    step: Callable[[ContactState, float], ContactState],
-    state: ContactState,
-    sizes: tuple[float, float, float],
-    may_go_on: Callable[[], bool] = lambda: True,
-) -> tuple[list[tuple[float, ContactState]], tuple[float, Exception] | None]:
-    """Solve an increment in parts: halved after a failure, larger after a success.
-
-    Args:
-        step: solves from a state to a share of the increment.
-        state: at its start.
-        sizes: the first part's, which is the largest; the smallest one's; the factor after success.
-        may_go_on: whether another part may be tried.
-
-    Returns:
-        Ends (share, state) of the parts, and where and how the last one failed, or None.
-    """
-    largest, smallest, growth = sizes
-    size = largest
-    reached, current, failure = 0.0, state, None
-    parts: list[tuple[float, ContactState]] = []
-    while reached < 1 and size >= smallest and may_go_on():
-        share = min(1.0, reached + size)
-        try:
-            current = replace(step(current, share), increment=state.increment + 1)
-        except (ContactFailed, NoContactStated, SingularSystem) as failed:
-            words = f"not from {reached:.4g} to {share:.4g} of the increment: {failed}"
-            told(state.displacement.comm, logging.INFO, words, ".contact")
-            size, failure = (share - reached) / 2, (share, failed)
-            continue
-        reached, size, failure = share, min(growth * size, largest), None
-        parts.append((share, current))
-    return parts, failure
-
-
-def combine_substeps(parts: Sequence[tuple[float, ContactState]]) -> ContactState:
-    """Return the last part, with the slips of all."""
-    last, pairs = parts[-1][1], []
-    for k, pair in enumerate(last.pairs):
-        closed = (pair.status != OPEN)[:, None]
-        slips = {
-            name: closed * np.sum([getattr(part.pairs[k], name) for _, part in parts], axis=0)
-            for name in ("slip", "path_slip")
-        }
-        pairs.append(replace(pair, **slips))
-    return replace(last, pairs=tuple(pairs), substates=tuple(parts[:-1]))
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a contact computation is: after an iteration, or at the end of an increment.
-
-    Args:
-        increment: number of increments before this one: they count from 0, as in the errors of
-            `solve_contact`.
-        iteration: number of linear systems solved in this increment.
-        violation: largest violation of the laws of contact and friction, over its tolerance.
-        open: number of open nodes of all pairs; after an iteration, as it was assumed.
-        stick: number of sticking ones.
-        slip: number of slipping ones.
-        state: at the end of the increment; None after an iteration.
-    """
-
-    increment: int
-    iteration: int
-    violation: float
-    open: int
-    stick: int
-    slip: int
-    state: ContactState | None = None
-
-    def __str__(self) -> str:
-        return f"{self.open} open, {self.stick} stick, {self.slip} slip"
-
-
-Callback: TypeAlias = Callable[[Progress], object]
-
-
-class Reporter:
-    """Logs one increment and calls the user's callback; all processes make and use it together."""
-
-    def __init__(self, comm: MPI.Comm, increment: int, callback: Callback | None) -> None:
-        self._comm, self._increment, self._callback = comm, increment, callback
-        self.violation = 0.0  # of the last solution, as in `Progress`
-        # whether any process wants to know of iterations, and of increments
-        is_logged = logging.getLogger("pw_elements.contact").isEnabledFor
-        levels = (logging.DEBUG, logging.INFO)
-        wanted = [bool(callback or (comm.rank == 0 and is_logged(level))) for level in levels]
-        self._reports_iterations, self._reports_increments = np.any(comm.allgather(wanted), axis=0)
-
-    def report_iteration(self, iteration: int, active: ActiveSet, violation: float) -> None:
-        """Log an iteration and call the user's function, if anybody wants to know."""
-        if not self._reports_iterations:
-            return
-        counts = self._comm.allreduce(np.bincount(active.status, minlength=HELD + 1))
-        now = self._progress(iteration, violation, counts)
-        words = f"iteration {iteration}: {now}, violation / tolerance {violation:.1e}"
-        self._tell(logging.DEBUG, words, now)
-
-    def report_increment(self, state: ContactState, seconds: float) -> None:
-        """Log the end of the increment and call the user's function, if anybody wants to know."""
-        if not self._reports_increments:
-            return
-        status = np.concatenate([pair.status for pair in state.pairs])
-        counts, report = np.bincount(status, minlength=HELD + 1), state.report
-        now = self._progress(state.iterations, self.violation, counts, state)
-        words = (
-            f"{now.iteration} iterations, {now}, residual {state.residuals.largest():.1e}, "
-            f"{report.method}, {report.factorisations} factorisations, {seconds:.2f} s"
-        )
-        self._tell(logging.INFO, words, now)
-
-    def _progress(
-        self,
-        iteration: int,
-        violation: float,
-        counts: npt.NDArray[np.intp],
-        state: ContactState | None = None,
-    ) -> Progress:
-        sticking = int(counts[STICK] + counts[HELD])
-        each = int(counts[OPEN]), sticking, int(counts[SLIP])
-        return Progress(self._increment, iteration, violation, *each, state)
-
-    def _tell(self, level: int, words: str, now: Progress) -> None:
-        """Logs, and calls the user's function: what it raises on one process is raised on all."""
-        told(self._comm, level, f"increment {self._increment}: {words}", ".contact")
-        with collective(self._comm):
-            if self._callback is not None:
-                self._callback(now)
 
 
 class Stepping:

@@ -32,8 +32,9 @@ from pw_elements.contact.system.assembled import (
     read_and_spread,
     with_points,
 )
-from pw_elements.contact.system.krylov import KrylovTangent, NodePoints, stated_mean
+from pw_elements.contact.system.krylov import KrylovTangent
 from pw_elements.contact.system.solution import Accuracy, Solution, TangentSolution
+from pw_elements.contact.system.unassembled import NodePoints, stated_mean
 from pw_elements.solvers import LinearSolver, PreparedSolver, SolverReport, add, is_matrix_free
 
 
