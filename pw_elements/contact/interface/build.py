@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction
-from pw_elements.arrays import Array, Indices, Local, Mask
-from pw_elements.checks import answer, arguments, collective, listed
+from pw_elements.arrays import Array, Indices, LocalIndices, Mask
+from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
 from pw_elements.contact.interface.mortar import Overlap, Trace, gathered_trace
 from pw_elements.contact.interface.operators import (
     DEFORMABLE,
@@ -42,17 +42,22 @@ from pw_elements.contact.model import (
     step_error,
     with_step,
 )
-from pw_elements.elasticity import StressState, by_position, facet_nodes, facets_between
-from pw_elements.progress import told
+from pw_elements.elasticity import (
+    StressState,
+    facet_nodes,
+    facets_with_all_nodes,
+    order_by_position,
+)
+from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
-    Assembled,
+    AssemblyRecord,
     Part,
     SubSpace,
     assemble_vector,
-    exterior_facets,
+    gather_from_owners,
     is_hybrid,
-    nodes_of,
-    of_owners,
+    locate_exterior_facets,
+    locate_nodes,
 )
 
 # Attributes of surfaces that are vectors (dim,)
@@ -100,7 +105,7 @@ class BodyNodes:
         mesh = self.space.mesh
         dim = mesh.geometry.dim
         self.x: Array = self.space.tabulate_dof_coordinates()[:, :dim]
-        self.column: Indices = free_columns(reduction.right)[self.field.owned]
+        self.column: Indices = free_columns(reduction.right)[self.field.owned_unknowns]
         v = ufl.TestFunction(self.space)
         normal = assemble_vector(ufl.inner(ufl.FacetNormal(mesh), v) * ufl.ds)
         # a view would keep the vector on the one process whose error holds these nodes
@@ -109,27 +114,27 @@ class BodyNodes:
         self.diagonal = float(np.linalg.norm(extents(mesh.comm, mesh.geometry.x)))
         self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
 
-    def find_axis(self, known: Assembled | None) -> None:
+    def find_axis(self, known: AssemblyRecord | None) -> None:
         """Mark radial components on the axis, if the stiffness is known to be axisymmetric."""
-        if known is not None and StressState.AXISYMMETRIC.value in known.states:
+        if known is not None and StressState.AXISYMMETRIC.value in known.stress_states:
             self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _ON_AXIS * self.diagonal
 
-    def owned(self, whose: str, nodes: Part) -> Local:
-        given = nodes_of(self.given, whose, nodes)
+    def owned(self, whose: str, nodes: Part) -> LocalIndices:
+        given = locate_nodes(self.given, whose, nodes)
         return given[given < self.space.dofmap.index_map.size_local]
 
-    def refuse(self, node: Local, what: str) -> None:
+    def refuse(self, node: LocalIndices, what: str) -> None:
         """Raises a ValueError that names the positions of nodes, if there are any."""
         places = np.concatenate(self.space.mesh.comm.allgather(self.x[node]))
         if len(places):
-            raise ValueError(f"contact nodes at {listed(places)} {what}")
+            raise ValueError(f"contact nodes at {format_points(places)} {what}")
 
 
 def nodal_interface(
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
     reduction: Reduction,
-    known: Assembled | None = None,
+    known: AssemblyRecord | None = None,
     deformed: bool = False,
 ) -> Interface:
     """Contact points of pairs, and checks of what can be checked before any computation.
@@ -173,7 +178,7 @@ def nodal_interface(
     mortars: dict[int, SlidingMortar] = {}
     for k, (pair, node, cone) in enumerate(zip(pairs, found, cones, strict=True)):
         if isinstance(pair.surface, DeformableSurface):
-            revolved = _revolved(k, pair.surface, known or Assembled(), dim)
+            revolved = _revolved(k, pair.surface, known or AssemblyRecord(), dim)
             if deformed:
                 of_pair, shapes[k], mortars[k] = sliding_points(k, pair, node, cone, body, revolved)
             else:
@@ -203,8 +208,10 @@ def _warn_of_coarse_steps(interface: Interface) -> None:
         if not isinstance(surface, SignedDistance):
             continue
         x = interface.gathered(interface.position[interface.pair == k])
-        with collective(comm):
-            error = answer(comm, f"the surface of contact pair {k}", step_error, surface, x)
+        with collective_errors(comm):
+            error = call_user_function(
+                comm, f"the surface of contact pair {k}", step_error, surface, x
+            )
         if error > MAX_STEP_ERROR:
             words = (
                 f"contact pair {k}: half the step of differences, {surface.step:.3g}, changes the "
@@ -212,27 +219,27 @@ def _warn_of_coarse_steps(interface: Interface) -> None:
                 "likewise. Give a smaller step (a small part of the smallest radius), none, or "
                 "the gradient"
             )
-            told(comm, logging.WARNING, words, ".contact")
+            log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-def _tell_of_lone(name: str, node: Local, body: BodyNodes) -> None:
+def _tell_of_lone(name: str, node: LocalIndices, body: BodyNodes) -> None:
     """Logs nodes that have no pressure, which files and pictures refuse when all is solved."""
     comm, own = body.space.mesh.comm, body.space.dofmap.index_map
     every = np.concatenate(comm.allgather(own.local_to_global(node)))
-    on_facets = facet_nodes(body.space, facets_between(body.space, every))
+    on_facets = facet_nodes(body.space, facets_with_all_nodes(body.space, every))
     on_facets = np.concatenate(comm.allgather(own.local_to_global(np.unique(on_facets))))
     lone = body.x[node[~np.isin(own.local_to_global(node), on_facets)]]
     places = np.concatenate(comm.allgather(lone))
     if len(places):
         words = (
-            f"{name}: its nodes at {listed(places)} belong to no facet that has all "
+            f"{name}: its nodes at {format_points(places)} belong to no facet that has all "
             "of its nodes in the pair: they may bear forces, but have no pressure, and "
             "ContactFields, write and plot will refuse the states. Let the pair end at vertices"
         )
-        told(comm, logging.WARNING, words, ".contact")
+        log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-def _check_nodes(body: BodyNodes, node: Local) -> None:
+def _check_nodes(body: BodyNodes, node: LocalIndices) -> None:
     unique, times = np.unique(node, return_counts=True)
     body.refuse(unique[times > 1], "belong to two contact pairs: leave a facet between them")
     mesh = body.space.mesh
@@ -241,7 +248,7 @@ def _check_nodes(body: BodyNodes, node: Local) -> None:
     facets = exterior_facet_indices(mesh.topology)
     on_boundary = fem.locate_dofs_topological(body.space, facet, facets)
     body.refuse(node[~np.isin(node, on_boundary)], "lie inside of the body, not on its boundary")
-    with collective(mesh.comm):
+    with collective_errors(mesh.comm):
         if np.any(body.column[node] < -1):
             raise ValueError(
                 "the reduction combines the displacements of a contact node with others: it may "
@@ -254,7 +261,7 @@ def _depth(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Array | 
     depth = pair.interference
     if not getattr(pair.surface, "coincident", False):
         return None
-    if not arguments.is_function(depth):
+    if not arguments.is_user_function(depth):
         return np.full(len(x), float(depth))  # type: ignore[arg-type]
     return _at_nodes(comm, f"the interference of contact pair {number}", depth, x)
 
@@ -270,25 +277,25 @@ def _at_nodes(
     points = np.zeros((3, len(every)))
     points[: x.shape[1]] = every.T
     layout = "it takes points as columns (3, n) and gives (n,)"
-    with collective(comm):
-        given = answer(comm, whose, function, points) if len(every) else points[0]
+    with collective_errors(comm):
+        given = call_user_function(comm, whose, function, points) if len(every) else points[0]
         if arguments.is_number(given):  # the same everywhere
             given = np.full(len(every), given, dtype=float)
-        return arguments.field(whose, given, (len(every),), layout)[own]
+        return arguments.check_function_values(whose, given, (len(every),), layout)[own]
 
 
-def _revolved(number: int, master: DeformableSurface, known: Assembled, dim: int) -> bool:
+def _revolved(number: int, master: DeformableSurface, known: AssemblyRecord, dim: int) -> bool:
     """Whether areas are those of a circumference, by what is known of the stiffness if it is."""
-    axisymmetric = StressState.AXISYMMETRIC.value in known.states
-    if dim == 2 and not known.states and master.revolved is None:
+    axisymmetric = StressState.AXISYMMETRIC.value in known.stress_states
+    if dim == 2 and not known.stress_states and master.revolved is None:
         raise ValueError(
             f"contact pair {number}: the stiffness does not tell whether it is axisymmetric, as "
             "that of a Body does; give DeformableSurface(..., revolved=True or False)"
         )
-    if known.states and master.revolved not in (None, axisymmetric):
+    if known.stress_states and master.revolved not in (None, axisymmetric):
         raise ValueError(
             f"contact pair {number}: its surface is said to be revolved={master.revolved}, but the "
-            f"stiffness is one in {' and '.join(sorted(known.states))}"
+            f"stiffness is one in {' and '.join(sorted(known.stress_states))}"
         )
     return bool(axisymmetric or master.revolved)
 
@@ -326,7 +333,7 @@ def free_columns(right: PETSc.Mat) -> Indices:
     return column
 
 
-def _points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) -> Points:
+def _points(body: BodyNodes, node: LocalIndices, cone: Cone, opposite: Indices | None) -> Points:
     """Points at owned nodes; `opposite` has the global numbers of the nodes that they face."""
     dim = body.x.shape[1]
     own = (node + body.space.dofmap.index_map.local_range[0]).astype(np.int64)
@@ -352,7 +359,12 @@ def _points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) 
 
 
 def opposite_nodes(
-    number: int, matching: MatchingNodes, node: Local, theirs: Local, rough: Mask, body: BodyNodes
+    number: int,
+    matching: MatchingNodes,
+    node: LocalIndices,
+    theirs: LocalIndices,
+    rough: Mask,
+    body: BodyNodes,
 ) -> Indices:
     """Global number (m,) of the node of the opposite side that each of a pair's nodes faces.
 
@@ -388,8 +400,8 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
 
     They are told by their values a quarter along an edge, where quadratic ones are down to -1/8.
     """
-    assembled = Assembled.of(K)
-    if (test := assembled.weights) is None:
+    assembled = AssemblyRecord.read(K)
+    if (test := assembled.test_space) is None:
         return
     element = (test.sub([0]) if is_hybrid(space) else test).element.basix_element
     quarter = np.eye(1, space.mesh.topology.dim) / 4
@@ -401,7 +413,7 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
 
 
 def _sides(
-    number: int, pair: ContactPair, node: Local, body: BodyNodes
+    number: int, pair: ContactPair, node: LocalIndices, body: BodyNodes
 ) -> tuple[Indices, Trace, Trace]:
     """Global numbers of a pair's owned nodes (m,), and both sides of it, with what they must be."""
     space, master, who = body.space, pair.surface, f"contact pair {number}"
@@ -410,16 +422,16 @@ def _sides(
     every = np.concatenate(space.mesh.comm.allgather(own))
     if not len(every):
         raise ValueError(f"{who} has no nodes: its marker holds nowhere")
-    one = gathered_trace(space, facets_between(space, every))
-    other = gathered_trace(space, exterior_facets(space.mesh, master.where))
+    one = gathered_trace(space, facets_with_all_nodes(space, every))
+    other = gathered_trace(space, locate_exterior_facets(space.mesh, master.where))
     if not len(other.node):
         raise ValueError(f"{who} has no opposite facets: their marker holds nowhere")
     body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
     body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
     if len(places := one.edges()):
         raise ValueError(
-            f"{who} has an edge at {listed(places)}, where its normal would belong to neither "
-            "side: state each side as a pair of its own, one with the nodes of the edge"
+            f"{who} has an edge at {format_points(places)}, where its normal would belong to "
+            "neither side: state each side as a pair of its own, one with the nodes of the edge"
         )
     return own, one, other
 
@@ -431,7 +443,7 @@ _APART = (
 
 
 def sliding_points(
-    number: int, pair: ContactPair, node: Local, cone: Cone, body: BodyNodes, revolved: bool
+    number: int, pair: ContactPair, node: LocalIndices, cone: Cone, body: BodyNodes, revolved: bool
 ) -> tuple[Points, InitialGap, SlidingMortar]:
     """Points at the owned nodes (m,) of a pair of bodies that slide, as they are at first."""
     own, one, other = _sides(number, pair, node, body)
@@ -449,9 +461,9 @@ def sliding_points(
     return points, InitialGap(body.x[node], gap, met.normals[among]), mortar
 
 
-def _facing(own: Indices, node: Local, other: Trace, body: BodyNodes) -> dict[str, Any]:
+def _facing(own: Indices, node: LocalIndices, other: Trace, body: BodyNodes) -> dict[str, Any]:
     x = other.positions_of_nodes()
-    order, held = by_position(x), _prescribed(other.nodes, body)
+    order, held = order_by_position(x), _prescribed(other.nodes, body)
     counterpart = np.full(body.x[node].shape, -1, dtype=np.int64)
     for axis in range(x.shape[1]):
         some = np.flatnonzero(held[:, axis])
@@ -468,7 +480,7 @@ def _facing(own: Indices, node: Local, other: Trace, body: BodyNodes) -> dict[st
 def mortar_points(
     number: int,
     pair: ContactPair,
-    node: Local,
+    node: LocalIndices,
     cone: Cone,
     body: BodyNodes,
     revolved: bool,
@@ -491,7 +503,7 @@ def mortar_points(
             "face; let the finer mesh be the pair's, or the opposite body's forces may have either "
             "sign"
         )
-        told(comm, logging.WARNING, words, ".contact")
+        log_on_root(comm, logging.WARNING, words, ".contact")
     m, dim = len(node), body.x.shape[1]
     shape = m, body.field.sizes[1] // dim
     area = overlap.per_point(np.ones(len(overlap.measure)), m)
@@ -544,12 +556,12 @@ def _tell_of_noise(number: int, squares: Array, gap: Array, body: BodyNodes, edg
     sums = np.array([np.sum(left), np.sum(gap[pressed]), len(left)])
     total, depth, count = comm.allreduce(sums, MPI.SUM)
     if np.sqrt(total * count) * body.diagonal > -_NOISE * edge * depth:
-        told(comm, logging.WARNING, _OF_MESHES % number, ".contact")
+        log_on_root(comm, logging.WARNING, _OF_MESHES % number, ".contact")
 
 
 def _prescribed(node: Indices, body: BodyNodes) -> Mask:
     """Which displacements (n, dim) of global nodes are, of whichever process."""
-    return of_owners(body.space, node, (body.column == -1).astype(np.int8)) > 0
+    return gather_from_owners(body.space, node, (body.column == -1).astype(np.int8)) > 0
 
 
 def _in_symmetry_planes(normal: Array, free: Mask) -> Array:

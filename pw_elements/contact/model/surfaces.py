@@ -13,7 +13,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import arguments, refused_together
+from pw_elements.checks import arguments, defer_errors_if_parallel
 
 Points = Array
 
@@ -45,7 +45,7 @@ def unit(direction: Sequence[float]) -> Array:
 
 def check_direction(direction: Sequence[float]) -> None:
     """Raise ValueError for a direction that is no vector of finite numbers, or has no length."""
-    arguments.vector("direction", direction)
+    arguments.check_vector("direction", direction)
     unit(direction)
 
 
@@ -97,9 +97,9 @@ class Plane:
     point: Sequence[float]
     direction: Sequence[float]
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        arguments.vector("the point of a plane", self.point)
+        arguments.check_vector("the point of a plane", self.point)
         check_direction(self.direction)
 
     def gap(self, x: Points) -> Array:
@@ -137,10 +137,10 @@ class Parabola:
     apex: Sequence[float]
     radius: float
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        arguments.vector("the apex of a parabola", self.apex)
-        if arguments.number("radius", self.radius) == 0:
+        arguments.check_vector("the apex of a parabola", self.apex)
+        if arguments.check_number("radius", self.radius) == 0:
             raise ValueError(f"radius = {self.radius}: a parabola needs one that is not zero")
 
     def gap(self, x: Points) -> Array:
@@ -170,10 +170,10 @@ class Sphere:
     centre: Sequence[float]
     radius: float
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        arguments.vector("the centre of a sphere", self.centre)
-        arguments.positive("radius", self.radius)
+        arguments.check_vector("the centre of a sphere", self.centre)
+        arguments.check_positive("radius", self.radius)
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim) from the sphere."""
@@ -221,11 +221,11 @@ class FlatPunch:
     direction: Sequence[float]
     half_width: float
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        arguments.vector("the centre of a punch", self.centre)
+        arguments.check_vector("the centre of a punch", self.centre)
         check_direction(self.direction)
-        arguments.positive("half_width", self.half_width)
+        arguments.check_positive("half_width", self.half_width)
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim) from the face; infinite beside it."""
@@ -264,14 +264,14 @@ class SignedDistance:
     gradient: Callable[[Points], Points] | None = None
     step: float | None = None
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
         for name in ("function", "gradient"):
             given = getattr(self, name)
-            if not (arguments.is_function(given) or (name == "gradient" and given is None)):
+            if not (arguments.is_user_function(given) or (name == "gradient" and given is None)):
                 raise TypeError(f"{name} = {given!r}: has to be a function of points (n, dim)")
         if self.step is not None:
-            arguments.positive("step", self.step)
+            arguments.check_positive("step", self.step)
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim), at first order."""
@@ -339,7 +339,7 @@ class SignedDistance:
 
     def _values(self, x: Points) -> Array:
         layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
-        return arguments.field(
+        return arguments.check_function_values(
             "the function of a signed distance", self.function(x), (len(x),), layout
         )
 
@@ -348,7 +348,9 @@ class SignedDistance:
         if self.gradient is not None:
             layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
             given = self.gradient(x)
-            return arguments.field("the gradient of a signed distance", given, x.shape, layout)
+            return arguments.check_function_values(
+                "the gradient of a signed distance", given, x.shape, layout
+            )
         steps, here = self._step(x) * np.eye(x.shape[1]), self._values(x)
         slopes = [_differences(self._values, x, here, h) for h in steps]
         return np.asarray(np.array(slopes).T, dtype=float)

@@ -10,10 +10,10 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.checks import collective
+from pw_elements.checks import collective_errors
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK, ActiveSet
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Reporter:
 
     def _tell(self, level: int, words: str, now: Progress) -> None:
         """Logs, and calls the user's function: what it raises on one process is raised on all."""
-        told(self._comm, level, f"increment {self._increment}: {words}", ".contact")
-        with collective(self._comm):
+        log_on_root(self._comm, level, f"increment {self._increment}: {words}", ".contact")
+        with collective_errors(self._comm):
             if self._callback is not None:
                 self._callback(now)

@@ -20,7 +20,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem, io
 
-from pw_elements.checks import arguments, collective, same_everywhere
+from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.output.fields import STATE_REMEDY, ContactFields, trial_space
 from pw_elements.contact.output.storage import checked_path
@@ -36,7 +36,7 @@ _PATIENCE, _PAUSE = 60.0, 0.01
 _NO_ALLOCATION = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
-@same_everywhere
+@check_same_arguments
 def write(
     path: str | Path,
     states: ContactState | Sequence[ContactState],
@@ -70,20 +70,20 @@ def write(
     path, space = checked_path(path), trial_space(body)
     states = arguments.as_list(states)
     comm = space.mesh.comm
-    with collective(comm):
+    with collective_errors(comm):
         for state in states:
-            arguments.of_type("a state", state, ContactState, STATE_REMEDY)
+            arguments.check_type("a state", state, ContactState, STATE_REMEDY)
         increments = [float(s.increment) for s in states]
-        given = increments if times is None else list(arguments.vector("times", times))
+        given = increments if times is None else list(arguments.check_vector("times", times))
         _check_series(path, states, given, space)
     replacement = FolderReplacement(path, _SERIES, durable=True)
-    with collective(comm):
+    with collective_errors(comm):
         if comm.rank == 0:
             replacement.start()
     try:
         fields = ContactFields.of(states[0], body)
         needed = _estimated_size(fields, len(states))
-        with collective(comm):
+        with collective_errors(comm):
             if comm.rank == 0:
                 _check_room(replacement.scratch, needed, path)
         folder = comm.bcast(replacement.folder if comm.rank == 0 else None)
@@ -91,7 +91,7 @@ def write(
             for time, state in zip(given, states, strict=True):
                 fields.fill(state)
                 file.write(float(time))
-        with collective(comm):
+        with collective_errors(comm):
             if comm.rank == 0:
                 replacement.commit()
     finally:
@@ -144,7 +144,7 @@ def _ending_together(comm: MPI.Comm) -> Iterator[None]:
         if error is not None and waited > _PATIENCE:
             print(f"writing failed on process {comm.rank} alone: {error}", file=sys.stderr)
             comm.Abort(1)
-    with collective(comm):
+    with collective_errors(comm):
         if error is not None:
             raise error
 

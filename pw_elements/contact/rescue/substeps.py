@@ -9,7 +9,7 @@ import numpy as np
 from pw_elements.contact.interface import NoContactStated
 from pw_elements.contact.model import ContactFailed, ContactState
 from pw_elements.contact.nodes import OPEN
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 from pw_elements.solvers import SingularSystem
 
 
@@ -40,7 +40,7 @@ def solve_in_substeps(
             current = replace(step(current, share), increment=state.increment + 1)
         except (ContactFailed, NoContactStated, SingularSystem) as failed:
             words = f"not from {reached:.4g} to {share:.4g} of the increment: {failed}"
-            told(state.displacement.comm, logging.INFO, words, ".contact")
+            log_on_root(state.displacement.comm, logging.INFO, words, ".contact")
             size, failure = (share - reached) / 2, (share, failed)
             continue
         reached, size, failure = share, min(growth * size, largest), None

@@ -14,7 +14,7 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction, check_problem
-from pw_elements.checks import arguments, collective
+from pw_elements.checks import arguments, collective_errors
 from pw_elements.contact.interface import check_weights
 from pw_elements.contact.model import (
     ContactPair,
@@ -26,7 +26,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.output import Callback
 from pw_elements.contact.steps.stepping import MAX_COST_RATIO, REMEDIES, Remedy
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 from pw_elements.solvers import Solver
 from pw_elements.spaces import is_hybrid
 
@@ -48,9 +48,9 @@ def check_contact_arguments(
     callback: Callback | None = None,
 ) -> tuple[ContactPair, ...]:
     """Return the pairs of a problem; raise an error for arguments that do not fit together."""
-    arguments.space(space)
-    arguments.whole("max_iterations", max_iterations, 1)
-    with collective(space.mesh.comm):  # only some processes may have one
+    arguments.check_space(space)
+    arguments.check_integer("max_iterations", max_iterations, 1)
+    with collective_errors(space.mesh.comm):  # only some processes may have one
         check_function("callback", callback, "it has to be a function")
     stated = check_each(pairs, ContactPair, "a contact pair")
     check_problem({"the stiffness": K}, reductions=(reduction,), space=space, solver=solver)
@@ -84,7 +84,9 @@ def check_remedies(remedies: Remedies) -> dict[Remedy, float]:
     if not named or any(one not in REMEDIES for one in remedies):
         raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}")
     some = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MAX_COST_RATIO)
-    return {k: arguments.positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some}
+    return {
+        k: arguments.check_positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some
+    }
 
 
 def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
@@ -93,7 +95,7 @@ def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> No
         surface, wrong = pair.surface, ""
         if getattr(surface, "gradient", True) is None:
             words = f"contact pair {k}: differences stand in for a gradient function"
-            told(space.mesh.comm, logging.WARNING, words, ".contact")
+            log_on_root(space.mesh.comm, logging.WARNING, words, ".contact")
         if pair.interference:
             wrong = (
                 "it has interference, which small displacements only can have: start with the "
@@ -135,7 +137,7 @@ def check_each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
     """Return a list of one or several things; raise TypeError for one that is of another kind."""
     things = arguments.as_list(given)
     for thing in things:
-        arguments.of_type(what, thing, kind, f"it has to be a {kind.__name__}")
+        arguments.check_type(what, thing, kind, f"it has to be a {kind.__name__}")
     return things
 
 
@@ -148,8 +150,8 @@ def list_per_pair(what: str, given: Any, pairs: int) -> list:  # noqa: ANN401
 
 
 def check_function(name: str, given: object, remedy: str) -> None:
-    if not (given is None or arguments.is_function(given)):
-        raise TypeError(f"{name} is {arguments.described(given)}: {remedy}")
+    if not (given is None or arguments.is_user_function(given)):
+        raise TypeError(f"{name} is {arguments.describe(given)}: {remedy}")
 
 
 def check_motions(motions: Sequence[Motion | None], pairs: Sequence[ContactPair], dim: int) -> None:

@@ -15,7 +15,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, check_mesh, collective, same_everywhere
+from pw_elements.checks import arguments, check_mesh, check_same_arguments, collective_errors
 from pw_elements.contact.interface import free_columns
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import (
@@ -56,15 +56,15 @@ from pw_elements.contact.steps.sensitivity import (
     parts_of,
 )
 from pw_elements.contact.steps.stepping import REMEDIES, Stepping
-from pw_elements.progress import doing
+from pw_elements.progress import report_activity
 from pw_elements.solvers import (
     Direct,
     LinearSolver,
     Solver,
-    auto_solver,
+    choose_solver,
     collect_garbage,
+    compute_with_fallback,
     is_matrix_free,
-    with_fallback,
 )
 
 
@@ -102,7 +102,7 @@ class ContactProblem:
     _has_residual = False
     _histories: Sequence[fem.FunctionSpace] = ()  # spaces of the functions that belong to a state
 
-    @same_everywhere
+    @check_same_arguments
     def __init__(
         self,
         K: PETSc.Mat,
@@ -133,14 +133,14 @@ class ContactProblem:
         )
         self._seen = K.stateGet()
         self._stepping: Stepping = self._by(
-            solver=auto_solver(solver, self._supports, in_contact=K)
+            solver=choose_solver(solver, self._supports, contact_stiffness=K)
         )
         self.undeformed: ContactState = make_undeformed_state(
             self._stepping.interface, K.createVecRight()
         )
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def of_residual(
         cls,
         residual: ufl.Form,
@@ -199,7 +199,7 @@ class ContactProblem:
             update=update,
         )
 
-    @same_everywhere
+    @check_same_arguments
     def step(
         self,
         state: ContactState,
@@ -257,7 +257,7 @@ class ContactProblem:
                 self._stepping = self._by(solver=solver)
             return self._stepping.step(state, load, motions)
 
-        return with_fallback(self._stepping.solver, self._asked, self._supports, step_by)
+        return compute_with_fallback(self._stepping.solver, self._asked, self._supports, step_by)
 
     def _renew(self) -> None:
         """Rebuild all if K has changed since the last factorisation."""
@@ -265,7 +265,7 @@ class ContactProblem:
             self.release()
             self._stepping, self._seen = self._by(solver=self._stepping.solver), self._K.stateGet()
 
-    @same_everywhere
+    @check_same_arguments
     def sensitivity(
         self,
         states: Sequence[ContactState],
@@ -336,13 +336,13 @@ class ContactProblem:
         self._check_constants(by, out)
         given = None
         if weights is not None:
-            given = arguments.real_array("weights", weights, (steps, len(out)))
+            given = arguments.check_real_array("weights", weights, (steps, len(out)))
         parts = list(parts_of(states, loads or [None] * steps))
         made = increments.interface, increments.linearise, self._residual
         derivatives = Derivatives(*made, parts, out, by)
         return derivatives.direct() if given is None else derivatives.adjoint(given)
 
-    @same_everywhere
+    @check_same_arguments
     def release(self) -> None:
         """Frees what the solver holds, on all processes; the next step makes it anew."""
         self._increments.release()
@@ -372,7 +372,7 @@ class ContactProblem:
         interface, states = self._increments.interface, self.undeformed.pairs
         return identify_problem(interface, self.pairs, states, column, self._space)
 
-    @same_everywhere
+    @check_same_arguments
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, completely or not at all: a NumPy archive without pickles.
 
@@ -388,7 +388,7 @@ class ContactProblem:
         check_belongs(state, self.undeformed, "the state")
         write_state(path, state, self._space, self._histories, self._identify())
 
-    @same_everywhere
+    @check_same_arguments
     def load(
         self, path: str | Path, changed: Sequence[str | fem.Constant | fem.Function] = ()
     ) -> ContactState:
@@ -439,7 +439,7 @@ class _ResidualProblem(ContactProblem):
         problem = PetrovGalerkinProblem(residual, u, conditions)
         space = u.function_space
         check_function("update", update, "it has to be a function")
-        with collective(space.mesh.comm) as same:
+        with collective_errors(space.mesh.comm) as same:
             same["the history"] = [
                 getattr(one, "function_space", None) for one in arguments.as_list(history)
             ]
@@ -447,11 +447,11 @@ class _ResidualProblem(ContactProblem):
             if not all(np.isfinite(one.x.array).all() for one in functions):
                 raise ValueError("a function of the history has values that are not finite")
         reduction = Reduction.dirichlet(space, conditions)
-        taken = auto_solver(Direct() if solver is None else solver, reduction.supports)
+        taken = choose_solver(Direct() if solver is None else solver, reduction.supports)
         problem.system.blocked = is_matrix_free(taken)
         u.x.array[:] = 0.0
-        problem.system.assemble()
-        K = problem.system.matrix
+        problem.system.assemble_tangent()
+        K = problem.system.tangent
         self.pairs = check_contact_arguments(
             K, reduction, pairs, space, max_iterations, solver, callback
         )
@@ -507,7 +507,7 @@ class _ResidualProblem(ContactProblem):
         return Identity(self._identify_interface(column), residual)
 
 
-@same_everywhere
+@check_same_arguments
 def solve_contact(
     K: PETSc.Mat,
     loads: PETSc.Vec | Sequence[PETSc.Vec],
@@ -562,7 +562,7 @@ def solve_contact(
     states = [problem.undeformed]
     for k, (load, moved) in enumerate(zip(given, moves, strict=True)):
         try:
-            with doing(space.mesh.comm, f"{k} of {len(given)} increments done"):
+            with report_activity(space.mesh.comm, f"{k} of {len(given)} increments done"):
                 states.append(problem.step(states[-1], load, moved))
         except ContactFailed as error:
             error.args = (f"increment {k}: {error}",)

@@ -17,12 +17,12 @@ from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import collective, listed
+from pw_elements.checks import collective_errors, format_points
 from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, flat_facets
 from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactState, PairState, Smallness, SurfacePassed
 from pw_elements.contact.nodes import OPEN, IncrementStart
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 
 # Cells at a time
 _CELLS_AT_ONCE = 4_000
@@ -100,7 +100,7 @@ def log_large(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm
     ]
     if left:
         words = f"{when} leaves the range of small displacements: {', '.join(left)}"
-        told(comm, logging.WARNING, words, ".contact")
+        log_on_root(comm, logging.WARNING, words, ".contact")
 
 
 class SmallnessCheck:
@@ -133,7 +133,7 @@ class SmallnessCheck:
         """
         self._check_way(increment.start, end.q)
         interface, nodes = self._interface, end.nodes
-        displacement = interface.field.part(end.unknowns)
+        displacement = interface.field.extract(end.unknowns)
         strain, rotation = measure_largest_gradient(self._gradient, self._u, displacement)
         closed = nodes.active_set.status != OPEN
         cosine = self._cosines(nodes.frame[:, 0])
@@ -188,7 +188,7 @@ class SmallnessCheck:
         pushed = np.zeros_like(interface.position)
         count, other, ended = len(x), interface.first_nodes[k], False
         while not ended:
-            with collective(self._comm):
+            with collective_errors(self._comm):
                 place = x - share[:, None] * way if count else other
                 gap, normal = surface.gap(place)[:count], surface.normal(place)[:count]
                 depth = -(gap + np.sum(normal * before, axis=1))
@@ -222,9 +222,9 @@ class SmallnessCheck:
         places = self._interface.gathered(self._interface.position[wrong])
         if len(places):
             raise SurfacePassed(
-                f"the surface of contact pair {k} {what} {listed(places)}; contact is stated for "
-                "small displacements and surfaces that come from outside: move it less far, or "
-                "round the body in increments that stay clear of it"
+                f"the surface of contact pair {k} {what} {format_points(places)}; contact is "
+                "stated for small displacements and surfaces that come from outside: move it less "
+                "far, or round the body in increments that stay clear of it"
             )
 
 
@@ -276,10 +276,10 @@ class SlipCheck:
                     f"increment {state.increment - 1}, contact pair {k}: slip differs from that "
                     f"of the path by up to {apart[wrong].max():.3g}, more than "
                     f"{MAX_DIFFERENCE:.0%} of it, at {wrong.sum()} contact nodes first at "
-                    f"{listed(pair.position[wrong])}, where friction may be wrong: make smaller "
-                    "increments and compare `PairState.slip` with `path_slip`"
+                    f"{format_points(pair.position[wrong])}, where friction may be wrong: make "
+                    "smaller increments and compare `PairState.slip` with `path_slip`"
                 )
-                told(self._comm, logging.WARNING, words, ".contact")
+                log_on_root(self._comm, logging.WARNING, words, ".contact")
 
 
 def measure_slip_difference(pair: PairState) -> Array:

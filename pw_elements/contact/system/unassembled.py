@@ -61,9 +61,9 @@ class NodePoints:
 
     def of_displacements(self, field: SubSpace) -> "NodePoints":
         """The same points where displacements are all unknowns; no surface is free there."""
-        number = np.full(field.rows[0] + 1, -1, dtype=np.int64)  # -1 stays what it is
-        number[field.owned.ravel()] = np.arange(field.owned.size)
-        columns = field.selection().transpose(PETSc.Mat())
+        number = np.full(field.full_sizes[0] + 1, -1, dtype=np.int64)  # -1 stays what it is
+        number[field.owned_unknowns.ravel()] = np.arange(field.owned_unknowns.size)
+        columns = field.selection_matrix().transpose(PETSc.Mat())
         motion, force = (each.matMult(columns) for each in (self.motion, self.force))
         return replace(self, motion=motion, force=force, own=number[self.own], translations=0)
 
