@@ -97,10 +97,10 @@ def computed():
 
 
 def test_lines_say_now_and_then_what_is_done(monkeypatch, capsys):
-    monkeypatch.setattr(progress, "_written", perf_counter())
+    monkeypatch.setattr(progress, "_last_report", perf_counter())
     computed()
     assert capsys.readouterr() == ("", "")  # within ten seconds
-    monkeypatch.setattr(progress, "_PAUSE", -1.0)
+    monkeypatch.setattr(progress, "_MIN_PAUSE", -1.0)
     computed()
     lines, size = capsys.readouterr().err.splitlines(), BLOCK.K.getSize()[0]
     done = "{} of 3 increments done, contact increment {}"
@@ -111,7 +111,7 @@ def test_lines_say_now_and_then_what_is_done(monkeypatch, capsys):
 
 @pytest.mark.parametrize("case", ["log", "silent", "null"])
 def test_no_line_where_the_log_speaks_or_is_to_be_silent(case, monkeypatch, caplog, capsys):
-    monkeypatch.setattr(progress, "_PAUSE", -1.0)
+    monkeypatch.setattr(progress, "_MIN_PAUSE", -1.0)
     if case == "null":
         monkeypatch.setattr(progress.logger, "handlers", [logging.NullHandler()])
     else:
