@@ -25,7 +25,7 @@ from ufl.domain import extract_unique_domain
 from pw_elements._compat import interpolation_points
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, check_same_arguments, collective_errors
-from pw_elements.elasticity import facets_in_cells
+from pw_elements.elasticity import locate_facets_in_cells
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -200,7 +200,9 @@ def _collect_faces(
     else:
         nodes = fem.functionspace(mesh, ("Lagrange", 2))
         mesh.topology.create_connectivity(2, 3)
-        facet_cells, nodes_in_cell = facets_in_cells(nodes, exterior_facet_indices(mesh.topology))
+        facet_cells, nodes_in_cell = locate_facets_in_cells(
+            nodes, exterior_facet_indices(mesh.topology)
+        )
         cells = facet_cells[:, None]
     cell_centres = coordinates.mean(axis=1)[cells[:, 0]]
     gathered = mesh.comm.allgather(

@@ -148,7 +148,7 @@ def random_cell_points(cell, n_points, seed):
     rng, corners = np.random.default_rng(seed), basix.geometry(basix.CellType[cell])
     if cell != "tetrahedron":
         return rng.dirichlet(np.ones(len(corners)), n_points) @ corners
-    nodes, sub_cells = np.array(ELEMENTS["T10"].nodes) / 2, np.array(ELEMENTS["T10"].parts)
+    nodes, sub_cells = np.array(ELEMENTS["T10"].nodes) / 2, np.array(ELEMENTS["T10"].sub_cells)
     nodes = np.vstack([nodes, nodes[4:].mean(axis=0)])
     weights = rng.dirichlet(np.ones(4), (len(sub_cells), -(-n_points // len(sub_cells))))
     return (weights @ nodes[sub_cells]).reshape(-1, 3)

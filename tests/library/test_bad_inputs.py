@@ -63,7 +63,7 @@ from pw_elements.contact.model import MatchingNodes
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from pw_elements.spaces import macro_element
-from tests.contact.cases import at
+from tests.contact.cases import on_plane
 from tests.library.public_calls import correct_calls
 
 COMM = MPI.COMM_SELF
@@ -74,7 +74,7 @@ FLOOR, STILL, UP, NODE_0 = Plane((0, 0), (0, 1)), Motion((0, 0)), (0.0, 1.0), np
 COINCIDENT = DeformableSurface([0], coincident=True)
 LOW, HIGH = (0.0, 0.0), (1.0, 1.0)
 CROSSING_AXIS = triangles(COMM, (-1.0, 0.0), HIGH, (2, 1))  # across x = 0
-left, right = at(0, 0.0), at(0, 2.0)
+left, right = on_plane(0, 0.0), on_plane(0, 2.0)
 
 
 def everywhere(x):
@@ -82,7 +82,7 @@ def everywhere(x):
 
 
 def below(x):
-    return at(1, 0.0)(x) & (x[0] > 0.9)
+    return on_plane(1, 0.0)(x) & (x[0] > 0.9)
 
 
 def nowhere(x):
@@ -228,7 +228,7 @@ class ValidObjects:
 
     @cached_property
     def surface(self):
-        return SurfaceNodes.of(self.body, below)
+        return SurfaceNodes.from_body(self.body, below)
 
     @cached_property
     def problem(self):
@@ -289,7 +289,7 @@ class ValidObjects:
         return ufl.inner(foreign_argument, self.v) * ufl.dx(domain=self.mesh)
 
     def load_on_two_sides(self):
-        ds_below, ds_left = (boundary_measure(self.mesh, at(axis, 0.0)) for axis in (1, 0))
+        ds_below, ds_left = (boundary_measure(self.mesh, on_plane(axis, 0.0)) for axis in (1, 0))
         return self.body.surface_load(UP, ds_below) + self.body.surface_load((1.0, 0), ds_left)
 
 
@@ -494,7 +494,7 @@ REFUSED_CALLS = [
     ("count = 0: has to be a whole number", lambda w: w.buckling_modes(count=0)),
     ("the force transfer T exists for quadratic", lambda w: force_transfer(w.P1)),
     ("the vector of forces has 7 degrees of freedom", lambda w: forces_along(w.U, w.short, left)),
-    ("TypeError: body is None: Body(spaces", lambda w: SurfaceNodes.of(None, below)),
+    ("TypeError: body is None: Body(spaces", lambda w: SurfaceNodes.from_body(None, below)),
     ("2 values for the 5 nodes", lambda w: w.surface.pressure(np.ones(2))),
     ("values are object of the shape ()", lambda w: w.surface.pressure(None)),
     ("values are float64 of the shape ()", lambda w: w.surface.tributary_pressure(1.0)),
@@ -644,7 +644,7 @@ REFUSED_CALLS = [
     ("limits", lambda w: draw(w.mesh, limits=(1,))),
     ("the vector of reactions has 90 degrees of", lambda w: w.nodal_flux(r=w.f)),
     ("the vector of reactions is not finite", lambda w: w.nodal_flux(value=NAN)),
-    ("area 'mine': it is 'geometric' or 'own'", lambda w: w.nodal_flux(area="mine")),
+    ("area 'mine': it is 'geometric' or 'weight'", lambda w: w.nodal_flux(area="mine")),
     ("depth = 0.0: has to be positive", lambda w: w.nodal_flux(depth=0.0)),
     (
         "the form has several measures of exterior facets",
@@ -676,7 +676,7 @@ REFUSED_CALLS = [
     (
         "one of the mass and the stiffness belongs to the symmetric",
         lambda w: w.vibration_modes(
-            K=Sibling.of(w.standard.trial).matrix(w.galerkin[0]), M=w.galerkin[2]
+            K=Sibling.from_space(w.standard.trial).matrix(w.galerkin[0]), M=w.galerkin[2]
         ),
     ),
     ("the mass was made with other weight functions", lambda w: w.vibration_modes(M=w.galerkin[2])),
@@ -688,7 +688,7 @@ REFUSED_CALLS = [
         "the load is one in axisymmetric, the stiffness in plane stress",
         lambda w: solve(w.K, assemble_vector(w.axisymmetric_body.body_load(UP)), w.clamped),
     ),
-    ("the force transfer T exists", lambda w: Sibling.of(w.spaces.test)),
+    ("the force transfer T exists", lambda w: Sibling.from_space(w.spaces.test)),
     ("parts", lambda w: Spaces.hybrid(w.mesh, w.parts_of_other_mesh)),
     ("the depth or thickness is not", lambda w: w.nodal_flux(depth=-1 - w.x)),
     ("the space is a part of another", lambda w: prescribe(w.U.sub(0), 0, left)),
@@ -698,7 +698,7 @@ REFUSED_CALLS = [
     ),
     (
         "the coefficients is not finite",
-        lambda w: Sibling.of(w.standard.trial).displacement(w.load_with_entry(NAN)),
+        lambda w: Sibling.from_space(w.standard.trial).displacement(w.load_with_entry(NAN)),
     ),
     ("the displacement has the shape ()", lambda w: w.body.strain(w.function_with_value(1.0))),
     (
@@ -729,7 +729,7 @@ def error_message(call, *arguments):
 def test_what_rows_change_is_right_without_it(w):
     assert w.solve_contact()[0].residuals.largest() < 1e-9
     assert w.problem.step(w.start, w.f).increment == 1
-    assert w.vibration_modes().rigid == 0
+    assert w.vibration_modes().n_rigid == 0
     assert w.buckling_modes().factors[0] > 0
     assert np.abs(w.surface.pressure(np.ones(5))).max() > 0
     assert w.condense(NODE_0) is not None

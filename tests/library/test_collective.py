@@ -37,8 +37,8 @@ from pw_elements.contact import (
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from pw_elements.solvers import SolverReport
-from tests.contact.cases import Block, at
-from tests.contact.iterative import Solid
+from tests.contact.cases import BlockOnFloor, on_plane
+from tests.contact.iterative import SolidBlock
 from tests.library.public_calls import ROOT, altered_values, correct_calls, public_objects
 from tests.library.rank_scenarios import diagonal_matrix, floor_pair
 from tests.parallel import run_on
@@ -47,9 +47,9 @@ from tests.parallel import run_on
 WAITING = 600
 
 COMM = MPI.COMM_WORLD
-BLOCK = Block(8, comm=COMM)
-U, K, MESH, LOAD = BLOCK.space, BLOCK.K, BLOCK.body.spaces.mesh, BLOCK.pressure
-FOOT, FLOOR, STILL = at(1, 0.0), Plane((0, 0), (0, 1)), Motion((0, 0))
+BLOCK = BlockOnFloor(8, comm=COMM)
+U, K, MESH, LOAD = BLOCK.space, BLOCK.K, BLOCK.body.spaces.mesh, BLOCK.pressure_load
+FOOT, FLOOR, STILL = on_plane(1, 0.0), Plane((0, 0), (0, 1)), Motion((0, 0))
 # The process on which calls fail: the last one that owns nodes on the floor
 OWNED_POINTS = BLOCK.x[: BLOCK.space.dofmap.index_map.size_local]
 WRONG_RANK = max(COMM.allgather(COMM.rank if np.isclose(OWNED_POINTS[:, 1], 0.0).any() else -1))
@@ -85,8 +85,8 @@ def square_mesh(n):
     return triangles(COMM, (0, 0), (1, 1), (4, n))
 
 
-def solve_block(pair=None, loads=LOAD, reduction=BLOCK.free, K=K, **options):
-    return solve_contact(K, loads, reduction, pair or BLOCK.pair(0.3), U, **options)
+def solve_block(pair=None, loads=LOAD, reduction=BLOCK.no_supports, K=K, **options):
+    return solve_contact(K, loads, reduction, pair or BLOCK.floor_pair(0.3), U, **options)
 
 
 class FailingClosestPoints(Plane):
@@ -113,7 +113,7 @@ class FailingLaw:
 class FailingKrylovSolver:
     """Krylov solver that fails on one process after a number of products."""
 
-    matrix_free, orientations, report = True, (), SolverReport("steepest descent", 0)
+    matrix_free, determinant_signs, report = True, (), SolverReport("steepest descent", 0)
 
     def __init__(self, products, steps=3):
         self._products, self._steps = products, steps
@@ -133,14 +133,14 @@ class FailingKrylovSolver:
 
 
 def solve_plate_by(solver):
-    solid = Solid(n=2, comm=COMM)
-    plate = solid.arguments("plate by forces")
+    solid = SolidBlock(n=2, comm=COMM)
+    plate = solid.case_arguments("plate by forces")
     return solve_contact(*plate, solver=solver)
 
 
 def solve_at_large_strain(surface=FLOOR, load=None, conditions=(), **options):
     u, v = fem.Function(U), ufl.TestFunction(BLOCK.body.spaces.test)
-    top_conditions = [prescribe(U, i, at(1, 2.0)) for i in (0, 1)]
+    top_conditions = [prescribe(U, i, on_plane(1, 2.0)) for i in (0, 1)]
     form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
     all_conditions = [*top_conditions, *conditions]
     problem = ContactProblem.of_residual(
@@ -156,7 +156,7 @@ def singular(*_):
 def fail_in_proof():
     """Solve a problem without solution, where process 0 alone fails in the proof of this."""
     with patch("pw_elements.contact.rescue.refusals._proved", singular):
-        return solve_block(loads=BLOCK.pulled(1e3, 1))
+        return solve_block(loads=BLOCK.pull_loads(1e3, 1))
 
 
 class FailingPlane:
@@ -208,7 +208,7 @@ def vector_of_ones():
 
 
 def make_problem(block=BLOCK):
-    return ContactProblem(block.K, block.free, block.pair(0.3), block.space)
+    return ContactProblem(block.K, block.no_supports, block.floor_pair(0.3), block.space)
 
 
 def solve_step(motions):
@@ -216,7 +216,7 @@ def solve_step(motions):
 
 
 def step_from_other_problem():
-    problem_here, small_problem = make_problem(), make_problem(Block(4, comm=COMM))
+    problem_here, small_problem = make_problem(), make_problem(BlockOnFloor(4, comm=COMM))
     return problem_here.step((small_problem if IS_WRONG_RANK else problem_here).undeformed, LOAD)
 
 
@@ -235,8 +235,8 @@ def solve_block_impact(duration=1.0, velocity=None, pair=None, **options):
     body = (
         symmetric_part(K),
         diagonal_matrix(K, vector_of_ones()),
-        BLOCK.free,
-        pair or BLOCK.pair(0.3),
+        BLOCK.no_supports,
+        pair or BLOCK.floor_pair(0.3),
         U,
     )
     return solve_impact(*body, duration, velocity or vector_of_ones(), **options)
@@ -300,7 +300,10 @@ SCENARIOS = [
         f"the nodes of contact pair 0 have the numbers 1000000 to {NUMBER_MESSAGE}",
         lambda: solve_block(ContactPair([10**6] if IS_WRONG_RANK else FOOT, FLOOR)),
     ),
-    (f"pairs: {DIFFERENCE_MESSAGE}", lambda: solve_block([BLOCK.pair(0.3)] * (1 + IS_WRONG_RANK))),
+    (
+        f"pairs: {DIFFERENCE_MESSAGE}",
+        lambda: solve_block([BLOCK.floor_pair(0.3)] * (1 + IS_WRONG_RANK)),
+    ),
     (
         "the friction of contact pair 0 gave float64 of the shape",
         lambda: solve_block(floor_pair(lambda x: x[0] if not IS_WRONG_RANK else x[0, :-1])),
@@ -348,7 +351,7 @@ FAILING_FUNCTIONS = {
     "marker of loaded nodes": lambda: nodal_load(U, failing_marker, (1.0, 0.0)),
     "marker of facets": lambda: boundary_measure(MESH, failing_marker),
     "marker of a line": lambda: forces_along(U, LOAD, failing_marker),
-    "marker of a surface": lambda: SurfaceNodes.of(BLOCK.body, failing_marker),
+    "marker of a surface": lambda: SurfaceNodes.from_body(BLOCK.body, failing_marker),
     "marker of a pair": lambda: solve_block(ContactPair(failing_marker, FLOOR)),
     "image": lambda: move_nodes(square_mesh(4), fail_on_one_rank),
     "image of a curved mesh": lambda: curved_mesh(square_mesh(4), fail_on_one_rank),
@@ -479,7 +482,7 @@ def test_only_a_writer_that_others_wait_for_ends_them_all():
 
 def comparison_time_share(comm):
     """Return the time of digests and their comparison, relative to a contact solution."""
-    block = Block(80, comm=comm)
+    block = BlockOnFloor(80, comm=comm)
     assert block.K.getSize()[0] > 25_600
     durations, open_calls, compute_digest = [], [], guard._compute_digest
 

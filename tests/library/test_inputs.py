@@ -23,17 +23,17 @@ from pw_elements.checks import call_user_function, collective_errors
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Plane, Sphere, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes, triangles
-from pw_elements.spaces import marked
-from tests.contact.cases import Block, at
+from pw_elements.spaces import evaluate_marker
+from tests.contact.cases import BlockOnFloor, on_plane
 
-BLOCK = Block(4)
+BLOCK = BlockOnFloor(4)
 U, K, MESH = BLOCK.space, BLOCK.K, BLOCK.body.spaces.mesh
-FLOOR, BOTTOM = Plane((0, 0), (0, 1)), at(1, 0.0)
+FLOOR, BOTTOM = Plane((0, 0), (0, 1)), on_plane(1, 0.0)
 EXTERIOR_FACETS = exterior_facet_indices(MESH.topology)
 
 
 def solve_one_pair(pair, **options):
-    (state,) = solve_contact(K, BLOCK.pressure, BLOCK.free, pair, U, **options)
+    (state,) = solve_contact(K, BLOCK.pressure_load, BLOCK.no_supports, pair, U, **options)
     return state.pairs[0]
 
 
@@ -57,7 +57,9 @@ def test_a_marker_may_give_every_second_value_of_an_array():
 
 def test_a_process_without_points_does_not_ask_a_marker():
     """Without points, the maximum of the coordinates is undefined."""
-    assert marked(MPI.COMM_SELF, "it", lambda x: x[0] == x[0].max(), np.zeros((3, 0))).shape == (0,)
+    assert evaluate_marker(
+        MPI.COMM_SELF, "it", lambda x: x[0] == x[0].max(), np.zeros((3, 0))
+    ).shape == (0,)
 
 
 def test_nodes_of_tagged_facets_as_the_refusal_of_tags_says():
@@ -81,12 +83,12 @@ def test_images_in_the_plane_may_have_two_components_and_wrong_ones_leave_the_me
 def test_one_of_a_kind_needs_no_list():
     pair = solve_one_pair(ContactPair(BOTTOM, FLOOR, 0.3, Motion((0, 0.1))))
     assert pair.translation == pytest.approx((0, 0.1))
-    problem = ContactProblem(K, BLOCK.free, ContactPair(BOTTOM, FLOOR, 0.3), U)
-    state = problem.step(problem.undeformed, BLOCK.pressure, Motion((0, 0.1)))
+    problem = ContactProblem(K, BLOCK.no_supports, ContactPair(BOTTOM, FLOOR, 0.3), U)
+    state = problem.step(problem.undeformed, BLOCK.pressure_load, Motion((0, 0.1)))
     assert np.array_equal(state.pairs[0].force_normal, pair.force_normal)
-    unmoved = problem.step(problem.undeformed, BLOCK.pressure, None)
+    unmoved = problem.step(problem.undeformed, BLOCK.pressure_load, None)
     assert unmoved.pairs[0].translation == pytest.approx((0, 0))
-    condition = prescribe(U, 0, at(0, 0.0))
+    condition = prescribe(U, 0, on_plane(0, 0.0))
     size_of_one, size_of_list = (
         Reduction.dirichlet(U, conditions).right.getSize()
         for conditions in (condition, [condition])
@@ -119,7 +121,7 @@ def test_conditions_that_say_the_same_do_not_contradict():
     """Conditions on the test space, which has the same nodes, do not contradict either."""
     condition = prescribe(BLOCK.body.spaces.test, 0, BOTTOM)
     assert Reduction.dirichlet(U, condition).right.getSize()[1] < K.getSize()[0]
-    conditions = [prescribe(U, 0, marker, 0.0) for marker in (at(0, 0.0), BOTTOM)]
+    conditions = [prescribe(U, 0, marker, 0.0) for marker in (on_plane(0, 0.0), BOTTOM)]
     assert Reduction.dirichlet(U, conditions).right.getSize()[1] < K.getSize()[0]
 
 
@@ -132,14 +134,14 @@ def test_errors_of_users_functions_are_the_cause_of_the_librarys():
 
 
 def scale_load(size):
-    load = BLOCK.pressure.copy()
+    load = BLOCK.pressure_load.copy()
     load.scale(size / load.norm(3))
     return load
 
 
 def stretch(value):
-    clamped = [prescribe(U, k, at(1, 0.0)) for k in (0, 1)]
-    return Reduction.dirichlet(U, [*clamped, prescribe(U, 1, at(1, 1.0), value)])
+    clamped = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
+    return Reduction.dirichlet(U, [*clamped, prescribe(U, 1, on_plane(1, 1.0), value)])
 
 
 def solve_residual(modulus=1.0, load=0.0, depth=0.0, contact=False):
@@ -150,23 +152,23 @@ def solve_residual(modulus=1.0, load=0.0, depth=0.0, contact=False):
     residual = (
         E * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) * ufl.dx - body_force * v[0] * ufl.dx
     )
-    clamped = [prescribe(spaces.trial, k, at(1, 0.0)) for k in (0, 1)]
+    clamped = [prescribe(spaces.trial, k, on_plane(1, 0.0)) for k in (0, 1)]
     if not contact:
-        clamped.append(prescribe(spaces.trial, 1, at(1, 1.0), depth))
+        clamped.append(prescribe(spaces.trial, 1, on_plane(1, 1.0), depth))
         return PetrovGalerkinProblem(residual, u, clamped).solve()
-    pair = ContactPair(at(1, 1.0), Plane((0, 1), (0, -1)))
+    pair = ContactPair(on_plane(1, 1.0), Plane((0, 1), (0, -1)))
     problem = ContactProblem.of_residual(residual, u, clamped, pair)
     return problem.step(problem.undeformed, motions=Motion((0.0, -depth)))
 
 
 OUT_OF_RANGE_CALLS = {
-    "a small load": lambda: solve(K, scale_load(1e-300), BLOCK.clamped(BOTTOM)),
-    "a large load": lambda: solve(K, scale_load(1e300), BLOCK.clamped(BOTTOM)),
+    "a small load": lambda: solve(K, scale_load(1e-300), BLOCK.clamp(BOTTOM)),
+    "a large load": lambda: solve(K, scale_load(1e300), BLOCK.clamp(BOTTOM)),
     "a load of contact": lambda: solve_contact_under(scale_load(1e-300)),
     "a modulus": lambda: Material(1e-300),
     "a modulus's nodal values": lambda: Material(constant_function(1e-300)),
-    "a stiffness": lambda: solve(1e-300 * K, BLOCK.pressure, BLOCK.clamped(BOTTOM)),
-    "a large stiffness": lambda: solve(1e300 * K, BLOCK.pressure, BLOCK.clamped(BOTTOM)),
+    "a stiffness": lambda: solve(1e-300 * K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM)),
+    "a large stiffness": lambda: solve(1e300 * K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM)),
     "a prescribed displacement": lambda: stretch(1e300),
     "a motion": lambda: Motion((0.0, 1e300)),
     "a force on a surface": lambda: Motion((0.0, None), (0.0, 1e300)),
@@ -182,7 +184,7 @@ OUT_OF_RANGE_CALLS = {
 
 
 def solve_contact_under(load):
-    solve_contact(K, load, BLOCK.free, ContactPair(BOTTOM, FLOOR, 0.3), U)
+    solve_contact(K, load, BLOCK.no_supports, ContactPair(BOTTOM, FLOOR, 0.3), U)
 
 
 def constant_function(value):
@@ -200,8 +202,8 @@ def test_numbers_that_lose_their_digits_are_refused(what):
 
 @pytest.mark.parametrize("unit", [1e-60, 1e60])
 def test_numbers_in_range_keep_their_digits(unit):
-    reference = solve(K, BLOCK.pressure, BLOCK.clamped(BOTTOM))
-    solution = solve(unit * K, BLOCK.pressure, BLOCK.clamped(BOTTOM))
+    reference = solve(K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM))
+    solution = solve(unit * K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM))
     solution.scale(unit)
     assert (solution - reference).norm() < 1e-10 * reference.norm()
     small_load = min(unit, 1 / unit)

@@ -31,7 +31,7 @@ from pw_elements.contact.output.identity import Identity
 from pw_elements.contact.output.stored_values import check_arrays, check_numbers, check_pairs
 from pw_elements.files import ForeignEntry, replacing_file
 from pw_elements.solvers import SolverReport
-from pw_elements.spaces import fields_of
+from pw_elements.spaces import list_fields
 
 # Names of the arrays of places that belong to values
 _FIELDS = {"displacement": "nodes", "pressure": "pressure_nodes"}
@@ -70,7 +70,7 @@ def write_state(
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
     arrays: dict[str, npt.NDArray] = {}
-    known = [field.part(state.unknowns).array_r for field in fields_of(space)]
+    known = [field.extract(state.unknowns).array_r for field in list_fields(space)]
     parts = zip(_parts(space, history), [*known, *state.history], strict=True)
     for (name, nodes, of), values in parts:
         places = _places(of)
@@ -142,7 +142,7 @@ def read_state(
     problem.refuse_another(path, comm.bcast(stored), changed)
     length = _LARGEST_MOTION * float(np.linalg.norm(extents(comm, space.mesh.geometry.x)))
     largest = Scale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
-    fields = fields_of(space)
+    fields = list_fields(space)
     with collective_errors(comm):
         if comm.rank == 0:
             today = np.argsort(rows["displacement"])
@@ -153,8 +153,8 @@ def read_state(
             except (ValueError, IndexError) as wrong:
                 raise ValueError(f"{path} holds no contact state: {wrong}") from None
     numbers, pairs = comm.bcast((numbers, pairs))
-    unknowns = PETSc.Vec().createMPI(fields[0].rows, comm=comm)
-    spread = [field.spread(values[name]) for name, field in zip(_FIELDS, fields, strict=False)]
+    unknowns = PETSc.Vec().createMPI(fields[0].full_sizes, comm=comm)
+    spread = [field.embed(values[name]) for name, field in zip(_FIELDS, fields, strict=False)]
     unknowns.setArray(np.sum(spread, axis=0))
     state: dict[str, Any] = {name: numbers[name] for name in _PLAIN}
     given = {name: numbers[name] for name in _OF_NUMBERS}
@@ -164,7 +164,7 @@ def read_state(
     state["pairs"] = tuple(PairState(**pair) for pair in pairs)
     functions = parts[len(fields) :]
     state["history"] = tuple(_with_ghosts(of, values[name]) for name, _, of in functions)
-    return ContactState(fields[0].part(unknowns), unknowns=unknowns, **state)
+    return ContactState(fields[0].extract(unknowns), unknowns=unknowns, **state)
 
 
 def _renumber(pairs: Sequence[dict[str, Any]], today: npt.NDArray[np.intp]) -> None:
@@ -219,7 +219,7 @@ def _parts(
     space: fem.FunctionSpace, history: Sequence[fem.FunctionSpace]
 ) -> list[tuple[str, str, fem.FunctionSpace]]:
     """Arrays of values and of their places, and the space, of all functions of a state."""
-    fields = zip(_FIELDS.items(), fields_of(space), strict=False)
+    fields = zip(_FIELDS.items(), list_fields(space), strict=False)
     functions = [(f"history_{k}", f"history_nodes_{k}", of) for k, of in enumerate(history)]
     return [(name, nodes, field.space) for (name, nodes), field in fields] + functions
 

@@ -51,7 +51,7 @@ from pw_elements.contact.nodes import (
 )
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
 from pw_elements.progress import log_on_root
-from pw_elements.solvers import NotConverged, SingularSystem, SolverReport, together
+from pw_elements.solvers import NotConverged, SingularSystem, SolverReport, group_connected_nodes
 
 # Stiffness of the first and of the softest springs, over the points' own
 _FIRST, _SOFTEST = 1e-2, 1e-13
@@ -107,7 +107,7 @@ class Points:
     def clusters(self) -> list[Indices]:
         """Motions that have points in common, directly or by others."""
         moved = self._moved().astype(float)
-        return together(moved.T @ moved > 0)
+        return group_connected_nodes(moved.T @ moved > 0)
 
     def within(self, motions: Indices) -> "Points":
         """The points that some of the motions move, and their velocities in these."""

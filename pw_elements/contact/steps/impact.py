@@ -12,7 +12,13 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, check_load, check_problem, critical_step, diagonal_mass
+from pw_elements.algebra import (
+    Reduction,
+    check_load,
+    check_problem,
+    critical_step,
+    extract_diagonal_mass,
+)
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import (
     arguments,
@@ -29,7 +35,7 @@ from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked
 from pw_elements.contact.steps.smallness import Gradients, SmallnessCheck, log_large
 from pw_elements.progress import report_activity
 from pw_elements.solvers import is_blocked
-from pw_elements.spaces import Assembled
+from pw_elements.spaces import AssemblyRecord
 
 Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 
@@ -223,7 +229,7 @@ def solve_impact(
 ) -> ImpactHistory:
     """Motion of a body that may hit rigid surfaces, by central differences.
 
-        sibling = Sibling.of(U)
+        sibling = Sibling.from_space(U)
         K, M = sibling.matrix(K_standard), lumped_mass(sibling.matrix(M_standard), U)
         history = solve_impact(K, M, sibling.dirichlet(walls), ground, U, 9.0, thrown)
         history.time[:-1], history.pairs[0].total, history.energies.kinetic
@@ -284,8 +290,8 @@ def solve_impact(
             f"duration = {duration:.6g} takes {steps:.3g} steps of {step:.3g}, more than max_steps "
             f"= {max_steps}: some {steps * _SECONDS * K.getInfo()['nz_used'] / 3600:.2g} hours"
         )
-    steps, sibling = int(steps), Assembled.of(K).sibling
-    interface = nodal_interface(stated, space, reduction, Assembled.of(K))
+    steps, sibling = int(steps), AssemblyRecord.read(K).sibling
+    interface = nodal_interface(stated, space, reduction, AssemblyRecord.read(K))
     free = _free(reduction)
     u, v = reduction.offset.copy(), velocity.copy()
     v.setArray(np.where(free, velocity.array_r, 0.0))
@@ -483,7 +489,7 @@ class _March:
 
 def _masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
     """Masses (n,) on this process, the same for all components of a node."""
-    mass = diagonal_mass(M).array_r.copy()
+    mass = extract_diagonal_mass(M).array_r.copy()
     of_node = mass.reshape(-1, space.dofmap.index_map_bs)
     with collective_errors(space.mesh.comm):
         if np.any(np.ptp(of_node, axis=1) > _EQUAL * of_node[:, 0]):
@@ -497,6 +503,6 @@ def _free(reduction: Reduction) -> Mask:
     """Which unknowns (n,) of this process no support holds."""
     column = free_columns(reduction.right)
     with collective_errors(reduction.offset.comm.tompi4py()):
-        if reduction.inner is not None or np.any(column < -1):
+        if reduction.inner_flexibility is not None or np.any(column < -1):
             raise ValueError("explicit dynamics takes Dirichlet conditions, no condensation")
     return np.asarray(column >= 0)

@@ -220,7 +220,7 @@ class Linearised:
         totals = np.array([moved[at] for at in system.free])
         for at in system.free:
             moved[at] = 0.0
-        reduction = replace(self._reduction, offset=given.offset).under(self._K, given.load)
+        reduction = replace(self._reduction, offset=given.offset).for_load(self._K, given.load)
         pair = system.interface.pair
         law = replace(self._law, c=given.friction[pair, None] * self._by_friction)
         still = law.D.shape[2] - moved.shape[1]  # surfaces that may turn do not
