@@ -55,11 +55,11 @@ def check_problem(
             if processes not in (MPI.IDENT, MPI.CONGRUENT):
                 raise ValueError(f"{name} lives on other processes than {first}")
             sizes = thing.getSizes()[0] if name in matrices else thing.getSizes()
-            arguments.check_sizes(name, sizes, first, K.getSizes()[0])
+            arguments.check_vector_sizes(name, sizes, first, K.getSizes()[0])
             _check_mesh(name, AssemblyRecord.read(thing).mesh, K)
         if space is not None:
             arguments.check_space(space)
-            arguments.check_sizes(first, K.getSizes()[0], "the space", space)
+            arguments.check_vector_sizes(first, K.getSizes()[0], "the space", space)
             spaces["the space"] = space
         for name, known in spaces.items():
             _check_mesh(name, None if known is None else known.mesh._cpp_object, K)
