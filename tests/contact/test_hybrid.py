@@ -59,7 +59,7 @@ def test_even_pressure_on_a_rigid_plane_is_exact(method, nu):
 
 def test_files_and_fields_have_the_pressure_of_the_body(tmp_path):
     case = Rubber(nu=0.4999)
-    problem = case.for_load()
+    problem = case.under()
     pressed = problem.step(problem.undeformed, case.nothing, Motion((0.0, -0.04)))
     problem.save(pressed, tmp_path / "pressed.npz")
     assert (problem.load(tmp_path / "pressed.npz").unknowns - pressed.unknowns).norm() == 0
@@ -78,7 +78,7 @@ def test_files_and_fields_have_the_pressure_of_the_body(tmp_path):
     assert ContactFields.of(pressed, case.space).body_pressure is not None
 
     plain = Rubber(PW, 0.3)
-    other = plain.for_load()
+    other = plain.under()
     assert ContactFields.of(other.undeformed, plain.body).body_pressure is None
     other.save(other.undeformed, tmp_path / "plain.npz")
     with pytest.raises(ValueError, match="has the state of a problem without pressure"):
@@ -166,7 +166,7 @@ def test_without_active_sets_the_same_state_is_found():
     case, motion = Rubber(), Motion((0.02, None), (0.0, -1e7))
     state, other = (
         problem.step(problem.undeformed, case.nothing, motion)
-        for problem in (case.for_load(), case.under(max_iterations=2))
+        for problem in (case.under(), case.under(max_iterations=2))
     )
     assert state.iterations > 2
     assert (state.displacement - other.displacement).norm() < 1e-9 * state.displacement.norm()
