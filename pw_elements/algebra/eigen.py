@@ -23,8 +23,8 @@ from pw_elements.algebra.linear import explain_singular_system, factorise, symme
 from pw_elements.algebra.problem_checks import check_problem, refuse_negative_trace
 from pw_elements.algebra.reduction import Reduction, full_size_reduction, scale_pressures
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, collective, same_everywhere
-from pw_elements.progress import doing, told
+from pw_elements.checks import arguments, check_same_arguments, collective_errors
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     Direct,
     Iterative,
@@ -134,7 +134,7 @@ class VibrationModes:
     report: SolverReport
 
 
-@same_everywhere
+@check_same_arguments
 def vibration_modes(
     K: PETSc.Mat,
     M: PETSc.Mat,
@@ -213,7 +213,7 @@ def _compute_vibrations(
     return VibrationModes(values.real, shapes, residuals, imaginary, n_rigid, report)
 
 
-@same_everywhere
+@check_same_arguments
 def buckling(
     K: PETSc.Mat,
     K_sigma: PETSc.Mat,
@@ -313,7 +313,7 @@ def _check_prestress(factors: Array, prestress: Array, comm: MPI.Comm) -> None:
             "times the stiffness: strains are far from small, and the factor means little. Look "
             "at the sign of the load"
         )
-        told(comm, logging.WARNING, warning, ".eigen")
+        log_on_root(comm, logging.WARNING, warning, ".eigen")
 
 
 @dataclass(frozen=True)
@@ -329,8 +329,8 @@ class _ModesRequest:
         """Check all arguments; `name` is the name in messages of the pair's other matrix."""
         pair, reductions = {"the stiffness": K, name: matrix}, (self.reduction,)
         check_problem(pair, reductions=reductions, solver=self.solver)
-        arguments.whole("count", self.count, 1)
-        arguments.flag("symmetrised", self.symmetrised)
+        arguments.check_integer("count", self.count, 1)
+        arguments.check_flag("symmetrised", self.symmetrised)
         refuse_negative_trace("the stiffness", K, self.reduction.space)
 
     def compute(self, modes: Callable[[LinearSolver], T]) -> T:
@@ -417,13 +417,13 @@ def _compute_largest_eigenvalues(
     eigensolver.getST().setKSP(inverse.ksp)
     task = f"{count} eigenvalues of {A.getSize()[0]} unknowns"
     try:
-        with doing(comm, task):
+        with report_activity(comm, task):
             eigensolver.solve()
     except PETSc.Error as error:
         raise NoModes(f"the eigenvalue solver broke down: {error}") from error
     steps, method = eigensolver.getIterationNumber(), inverse.report.method
     summary = f"{task}: {steps} iterations, {method}, {perf_counter() - start:.2f} s"
-    told(comm, logging.INFO, summary, ".eigen")
+    log_on_root(comm, logging.INFO, summary, ".eigen")
     if eigensolver.getConverged() < count:
         raise NoModes(
             f"only {eigensolver.getConverged()} of {count} eigenvalues converged "
@@ -487,7 +487,7 @@ def _full_mode(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
     return mode
 
 
-@same_everywhere
+@check_same_arguments
 def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     """Compute the largest stable time step of central differences: 2 over the highest frequency.
 
@@ -551,7 +551,7 @@ def extract_diagonal_mass(M: PETSc.Mat) -> PETSc.Vec:
     mass = M.getDiagonal()
     indptr, column, value = M.getValuesCSR()
     row = np.repeat(np.arange(*M.getOwnershipRange()), np.diff(indptr))
-    with collective(M.comm.tompi4py()):
+    with collective_errors(M.comm.tompi4py()):
         if np.any(value[row != column] != 0):
             raise ValueError(
                 "the mass is not diagonal, as explicit dynamics needs it: lumped_mass makes one"

@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.algebra.reduction import Reduction, full_size_reduction, scale_pressures
-from pw_elements.checks import same_everywhere
-from pw_elements.progress import doing
+from pw_elements.checks import check_same_arguments
+from pw_elements.progress import report_activity
 from pw_elements.solvers import (
     Direct,
     FreePressure,
@@ -32,7 +32,7 @@ from pw_elements.solvers import (
 from pw_elements.spaces import PRESSURE_MODE_TOLERANCE, AssemblyRecord, SubSpace, is_hybrid
 
 
-@same_everywhere
+@check_same_arguments
 def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = None) -> PETSc.Vec:
     """Solve K a = f under a reduction for the displacements a (n,).
 
@@ -86,7 +86,7 @@ def _solve_with(
     return full
 
 
-@same_everywhere
+@check_same_arguments
 def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     """Compute the nodal forces r = K a - f (n,) that supports exert on the body.
 
@@ -186,4 +186,4 @@ def explain_singular_system(
 
 def _log_solver(prepared: PreparedSolver, matrix: PETSc.Mat) -> AbstractContextManager[object]:
     task = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
-    return doing(matrix.comm.tompi4py(), task)
+    return report_activity(matrix.comm.tompi4py(), task)

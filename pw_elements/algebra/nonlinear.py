@@ -26,8 +26,13 @@ from ufl.algorithms.check_arities import ArityMismatch
 from pw_elements.algebra.problem_checks import check_solver, is_finite
 from pw_elements.algebra.reduction import evaluate_conditions
 from pw_elements.arrays import Array
-from pw_elements.checks import answer, arguments, collective, same_everywhere
-from pw_elements.progress import doing, told
+from pw_elements.checks import (
+    arguments,
+    call_user_function,
+    check_same_arguments,
+    collective_errors,
+)
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import Direct, LinearSolver, NotConverged, SingularSystem, is_matrix_free
 from pw_elements.spaces import (
     AssemblyRecord,
@@ -141,7 +146,7 @@ class NewtonSolver:
         ):
             norm = values.norm(PETSc.NormType.INFINITY)
             if np.isfinite(norm):  # otherwise the iteration reports where it is not
-                arguments.check_range(f"{name} at the start", norm)
+                arguments.check_magnitude(f"{name} at the start", norm)
         self._scale = equilibration_scale(system.u.function_space, system.tangent)
         system.tangent.diagonalScale(self._scale, self._scale)
         self._x.pointwiseDivide(self._x, self._scale)
@@ -213,7 +218,7 @@ class NewtonSolver:
             relative = _max_norm(self._previous_x) / (_max_norm(x) or 1.0)
             self.relative_corrections.append(relative)
             words = f"iteration {iteration}: correction {relative:.1e}, residual {residual:.1e}"
-            told(x.comm, logging.DEBUG, words, ".problems")
+            log_on_root(x.comm, logging.DEBUG, words, ".problems")
         x.copy(self._previous_x)
         is_small = iteration and (
             self._is_linear or self.relative_corrections[-1] <= _CORRECTION_TOLERANCE
@@ -285,7 +290,7 @@ class PetrovGalerkinProblem:
         NumberingError: if trial and test space number their nodes differently.
     """
 
-    @same_everywhere
+    @check_same_arguments
     def __init__(
         self,
         residual: ufl.Form,
@@ -293,8 +298,8 @@ class PetrovGalerkinProblem:
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC] = (),
         solver: LinearSolver | None = None,
     ) -> None:
-        arguments.of_type("u", u, fem.Function, "fem.Function(V) is an unknown")
-        arguments.of_type("the residual", residual, ufl.Form, "an integrand times a measure")
+        arguments.check_type("u", u, fem.Function, "fem.Function(V) is an unknown")
+        arguments.check_type("the residual", residual, ufl.Form, "an integrand times a measure")
         check_solver(solver)
         if isinstance(solver, str) or is_matrix_free(solver):
             raise ValueError(
@@ -332,7 +337,7 @@ class PetrovGalerkinProblem:
         self._solver: LinearSolver = Direct() if solver is None else solver
         self._solved_loads: dict[fem.Constant, Array] = {}  # values at the end of the last `solve`
 
-    @same_everywhere
+    @check_same_arguments
     def solve(self, load: Load | None = None, increments: int = 1) -> fem.Function:
         """Solve for u, starting from its present values.
 
@@ -352,7 +357,7 @@ class PetrovGalerkinProblem:
             TypeError, ValueError: for an invalid load, or conditions that contradict each
                 other or are not finite.
         """
-        arguments.whole("increments", increments, 1)
+        arguments.check_integer("increments", increments, 1)
         set_load = self._load_setter(load)
         n_parts, step, done = increments * _MAX_PARTS, _MAX_PARTS, 0
         self.increments = ()
@@ -364,11 +369,11 @@ class PetrovGalerkinProblem:
             load_factor = (done + step) / n_parts
             self._apply_load(set_load, load_factor)
             try:
-                with doing(self._comm, f"load {load_factor:.3g}"):
+                with report_activity(self._comm, f"load {load_factor:.3g}"):
                     self._solve_increment(load_factor)
             except (NotConverged, SingularSystem) as error:
                 words = f"not from {done / n_parts:.4g} to {load_factor:.4g}: {error}"
-                told(self._comm, logging.INFO, words, ".problems")
+                log_on_root(self._comm, logging.INFO, words, ".problems")
                 self.u.x.array[:] = start_values
                 self._apply_load(set_load, done / n_parts)
                 if load is None or step == 1:
@@ -383,7 +388,7 @@ class PetrovGalerkinProblem:
         self._store_loads(load)
         return self.u
 
-    @same_everywhere
+    @check_same_arguments
     def reactions(self) -> PETSc.Vec:
         """Assemble the residual (n,): at prescribed nodes the forces of supports on the body.
 
@@ -398,7 +403,7 @@ class PetrovGalerkinProblem:
 
     def _load_setter(self, load: Load | None) -> Callable[[float], None]:
         """Return the function that sets the load for a load factor; local."""
-        if arguments.is_function(load):
+        if arguments.is_user_function(load):
             return load
         ranges = []
         for constant in _load_constants(load):
@@ -413,8 +418,8 @@ class PetrovGalerkinProblem:
         return interpolate
 
     def _apply_load(self, set_load: Callable[[float], None], load_factor: float) -> None:
-        with collective(self._comm) as same:
-            answer(self._comm, "the load", set_load, load_factor)
+        with collective_errors(self._comm) as same:
+            call_user_function(self._comm, "the load", set_load, load_factor)
             same["what the residual and the conditions hold"] = (
                 self.form.constants(),
                 self._conditions,
@@ -433,19 +438,19 @@ class PetrovGalerkinProblem:
         corrections = tuple(newton.relative_corrections)
         self.increments += (SolvedIncrement(load_factor, corrections),)
         words = f"load {load_factor:.4g}: {len(corrections)} iterations"
-        told(self._comm, logging.INFO, words, ".problems")
+        log_on_root(self._comm, logging.INFO, words, ".problems")
 
 
 def _load_constants(load: Load | None) -> Sequence[fem.Constant]:
     if isinstance(load, fem.Constant):
         return [load]
-    if load is None or arguments.is_function(load):
+    if load is None or arguments.is_user_function(load):
         return ()
     remedy = "give a fem.Constant, a list of these, or a function of the share"
-    arguments.of_type("the load", load, Sequence, remedy)
+    arguments.check_type("the load", load, Sequence, remedy)
     assert isinstance(load, Sequence)
     for constant in load:
-        arguments.of_type("a load", constant, fem.Constant, remedy)
+        arguments.check_type("a load", constant, fem.Constant, remedy)
     return load
 
 

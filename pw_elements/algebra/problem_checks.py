@@ -14,7 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.checks import arguments, collective
+from pw_elements.checks import arguments, collective_errors
 from pw_elements.spaces import AssemblyRecord, SubSpace
 
 _STIFFNESS_NAME = "the stiffness"
@@ -48,12 +48,14 @@ def check_problem(
     loads = loads or {}
     all_vectors = {**(vectors or {}), **loads}
     K_name, K = next(iter(matrices.items()))
-    comm = arguments.processes(*all_vectors.values(), *matrices.values(), *reductions, space)
-    with collective(comm):
+    comm = arguments.find_communicator(
+        *all_vectors.values(), *matrices.values(), *reductions, space
+    )
+    with collective_errors(comm):
         for name, matrix in matrices.items():
-            arguments.matrix(name, matrix)
+            arguments.check_matrix(name, matrix)
         for name, vector in all_vectors.items():
-            arguments.petsc_vector(name, vector)
+            arguments.check_petsc_vector(name, vector)
         check_solver(solver)
         tensors, spaces = {**matrices, **all_vectors}, {}
         for reduction in reductions:
@@ -64,11 +66,11 @@ def check_problem(
             if processes not in (MPI.IDENT, MPI.CONGRUENT):
                 raise ValueError(f"{name} lives on other processes than {K_name}")
             sizes = tensor.getSizes()[0] if name in matrices else tensor.getSizes()
-            arguments.same_sizes(name, sizes, K_name, K.getSizes()[0])
+            arguments.check_sizes(name, sizes, K_name, K.getSizes()[0])
             _check_same_mesh(name, AssemblyRecord.read(tensor).mesh, K)
         if space is not None:
-            arguments.space(space)
-            arguments.same_sizes(K_name, K.getSizes()[0], "the space", space)
+            arguments.check_space(space)
+            arguments.check_sizes(K_name, K.getSizes()[0], "the space", space)
             spaces["the space"] = space
         for name, V in spaces.items():
             _check_same_mesh(name, None if V is None else V.mesh._cpp_object, K)
@@ -79,22 +81,22 @@ def check_problem(
         frobenius, largest_sum = (matrix.norm(kind) for kind in (_FROBENIUS, _INFINITY))
         if not np.isfinite(frobenius) and not _OVERFLOW_ROW_SUM < largest_sum < np.inf:
             raise ValueError(f"{name} has entries that are not finite")
-        arguments.check_range(name, largest_sum)
+        arguments.check_magnitude(name, largest_sum)
     for name, vector in all_vectors.items():
         if not is_finite(vector):
             raise ValueError(f"{name} is not finite")
-        arguments.check_range(name, vector.norm(_INFINITY))
+        arguments.check_magnitude(name, vector.norm(_INFINITY))
 
 
 def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
     """Raise unless a load is a finite vector (n,) with the weight functions of K (n, n)."""
-    with collective(K.comm.tompi4py()):
-        arguments.petsc_vector(name, load, _STIFFNESS_NAME, K.getSizes()[0])
+    with collective_errors(K.comm.tompi4py()):
+        arguments.check_petsc_vector(name, load, _STIFFNESS_NAME, K.getSizes()[0])
         _check_same_mesh(name, AssemblyRecord.read(load).mesh, K)
         _check_same_weights(name, load, K)
     if not is_finite(load):
         raise ValueError(f"{name} is not finite")
-    arguments.check_range(name, load.norm(_INFINITY))
+    arguments.check_magnitude(name, load.norm(_INFINITY))
 
 
 def _check_same_mesh(name: str, mesh: Any, K: PETSc.Mat) -> None:  # noqa: ANN401
@@ -145,7 +147,7 @@ def check_reduction(reduction: object) -> None:
         conditions = isinstance(reduction, fem.DirichletBC | list | tuple)
         raise TypeError(
             "the reduction is "
-            + ("Dirichlet conditions" if conditions else arguments.described(reduction))
+            + ("Dirichlet conditions" if conditions else arguments.describe(reduction))
             + ": make one by Reduction.dirichlet(space, conditions)"
         )
 
@@ -155,7 +157,7 @@ def check_solver(solver: object) -> None:
         return
     if isinstance(solver, type) or not callable(getattr(solver, "prepare", None)):
         raise TypeError(
-            f"the solver is {arguments.described(solver)}: give a LinearSolver such as Direct() or "
+            f"the solver is {arguments.describe(solver)}: give a LinearSolver such as Direct() or "
             'Iterative(), or "auto"'
         )
 

@@ -17,7 +17,7 @@ from dolfinx import fem
 
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.arrays import Mask
-from pw_elements.checks import arguments, collective, listed, same_everywhere
+from pw_elements.checks import arguments, check_same_arguments, collective_errors, format_points
 from pw_elements.solvers import (
     NO_SUPPORTS_MESSAGE,
     ConstrainedOperator,
@@ -61,15 +61,15 @@ def evaluate_conditions(
         ValueError: if conditions contradict each other, a value is not finite, or a condition was
             made on another space.
     """
-    arguments.space(space)
+    arguments.check_space(space)
     condition_list = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     owned, comm = index_map.size_local * block, space.mesh.comm
     values = np.zeros(owned + index_map.num_ghosts * block)
     free = np.ones(owned, dtype=bool)
     difference = np.zeros(owned)
-    with collective(comm):
-        arguments.of_type(
+    with collective_errors(comm):
+        arguments.check_type(
             "the list of conditions", condition_list, Sequence, "`prescribe` makes its items"
         )
         for condition in condition_list:
@@ -86,7 +86,7 @@ def evaluate_conditions(
         if not np.isfinite(values[:owned]).all():
             raise ValueError("a prescribed value is not a finite number")
         largest = np.abs(values[:owned]).max(initial=0.0)
-        arguments.check_range("the largest prescribed value", float(largest), least=0.0)
+        arguments.check_magnitude("the largest prescribed value", float(largest), minimum=0.0)
     contradictions = np.zeros((0, space.mesh.geometry.dim))
     for field in list_fields(space):
         largest = comm.allreduce(np.abs(values[field.owned_unknowns]).max(initial=0.0), MPI.MAX)
@@ -97,7 +97,7 @@ def evaluate_conditions(
     contradictions = np.unique(np.concatenate(comm.allgather(contradictions)), axis=0)
     if len(contradictions):
         raise ValueError(
-            f"Dirichlet conditions contradict each other at {listed(contradictions)}: a degree of "
+            f"Dirichlet conditions contradict each other at {format_points(contradictions)}: a degree of "
             "freedom can have one value"
         )
     offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
@@ -106,7 +106,7 @@ def evaluate_conditions(
 
 
 def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> None:
-    arguments.of_type("a condition", condition, fem.DirichletBC, "`prescribe` makes one")
+    arguments.check_type("a condition", condition, fem.DirichletBC, "`prescribe` makes one")
     V = condition.function_space
     sizes, expected_sizes = (
         (index_map.size_global, index_map.size_local)
@@ -145,7 +145,7 @@ def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
     stiffness = K_ii.norm(infinity)
     add_scaled(K_ii, -1.0, block_diagonal_matrix(blocks, sizes, K.comm))
     are_coupled = K_ii.norm(infinity) > _ENTRY_ROUND_OFF * stiffness
-    with collective(K.comm.tompi4py()):
+    with collective_errors(K.comm.tompi4py()):
         if are_coupled:
             raise ValueError(
                 "the stiffness couples nodes that are to be condensed: no two of them may share a "
@@ -192,15 +192,15 @@ class Reduction:
     space: fem.FunctionSpace | None = None
     supports: Supports | None = None
 
-    @same_everywhere
+    @check_same_arguments
     def __post_init__(self) -> None:
-        with collective(arguments.processes(self.offset, self.space)):
+        with collective_errors(arguments.find_communicator(self.offset, self.space)):
             remedy = "`Reduction.dirichlet` and `condensation` make it"
             for name, kind in get_type_hints(type(self)).items():
                 part = getattr(self, name)
-                arguments.of_type(f"its part `{name}`", part, kind, remedy)
+                arguments.check_type(f"its part `{name}`", part, kind, remedy)
                 if isinstance(part, PETSc.Object):
-                    arguments.refuse_empty(f"its part `{name}`", part)
+                    arguments.check_petsc_object(f"its part `{name}`", part)
             sizes = self.right.getSizes()
             if self.left.getSizes() != sizes or self.offset.getSizes() != sizes[0]:
                 raise ValueError(
@@ -208,7 +208,7 @@ class Reduction:
                 )
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def dirichlet(
         cls,
         space: fem.FunctionSpace | Spaces,
@@ -238,7 +238,7 @@ class Reduction:
         return cls(select, select, offset, space=space, supports=Supports(space, free))
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def condensation(
         cls,
         K: PETSc.Mat,
@@ -263,7 +263,7 @@ class Reduction:
                 not finite.
             SingularSystem: if an inner node has no stiffness.
         """
-        arguments.space(space)
+        arguments.check_space(space)
         check_problem({"the stiffness": K}, space=space)
         if is_hybrid(space):
             raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
@@ -272,7 +272,7 @@ class Reduction:
         block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
         comm = space.mesh.comm
         inner = np.zeros(len(free), dtype=bool)
-        with collective(comm):
+        with collective_errors(comm):
             n_nodes = index_map.size_local + index_map.num_ghosts
             numbers = local_numbers(comm, "the nodes to be condensed", nodes, n_nodes)
             inner.reshape(-1, block)[numbers[numbers < index_map.size_local]] = True
@@ -287,7 +287,7 @@ class Reduction:
         left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(select)), different)
         return cls(left, right, offset, Q, space)
 
-    @same_everywhere
+    @check_same_arguments
     def for_load(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
         """Return the reduction for a load f (n,), which may act on inner nodes.
 
@@ -303,7 +303,7 @@ class Reduction:
             return self
         return replace(self, offset=self.offset - self.inner_flexibility * (K * self.offset - f))
 
-    @same_everywhere
+    @check_same_arguments
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
         """Reduce a matrix K (n, n) to L^T K R, (n_r, n_r).
 
@@ -314,7 +314,7 @@ class Reduction:
         reduced = self.left.transposeMatMult(to_aij(K).matMult(self.right))
         return AssemblyRecord.read(K).attach(reduced)
 
-    @same_everywhere
+    @check_same_arguments
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
         """Reduce a load f (n,) to L^T (f - K a_0), (n_r,).
 
@@ -330,7 +330,7 @@ class Reduction:
         self.left.multTranspose(f - K * self.offset, reduced)
         return reduced
 
-    @same_everywhere
+    @check_same_arguments
     def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """Expand reduced unknowns a_r to all unknowns, R a_r + a_0, (n,).
 
@@ -341,15 +341,15 @@ class Reduction:
             TypeError, ValueError: if it is not a vector (n_r,).
         """
         expected = self.right.getSizes()[1]
-        arguments.petsc_vector("the reduced vector", reduced, "the reduced system", expected)
+        arguments.check_petsc_vector("the reduced vector", reduced, "the reduced system", expected)
         return self.right * reduced + self.offset
 
     def _check_system(self, K: PETSc.Mat, *loads: PETSc.Vec) -> None:
         sizes = self.offset.getSizes()
-        with collective(self.offset.comm.tompi4py()):
-            arguments.matrix("the matrix", K, "the reduction", sizes)
+        with collective_errors(self.offset.comm.tompi4py()):
+            arguments.check_matrix("the matrix", K, "the reduction", sizes)
             for f in loads:
-                arguments.petsc_vector("the load", f, "the reduction", sizes)
+                arguments.check_petsc_vector("the load", f, "the reduction", sizes)
 
 
 def full_size_reduction(reduction: Reduction) -> Reduction:

@@ -26,7 +26,7 @@ from ufl.domain import extract_unique_domain
 
 from pw_elements.algebra import check_problem
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, check_mesh, listed, same_everywhere
+from pw_elements.checks import arguments, check_mesh, check_same_arguments, format_points
 from pw_elements.elasticity.incompressibility import (
     HYBRID_SPACES_REMEDY,
     bulk_over_shear,
@@ -34,7 +34,7 @@ from pw_elements.elasticity.incompressibility import (
     max_bulk_over_shear,
 )
 from pw_elements.elasticity.material import Material, Scalar
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
     STRESS_STATE_KEY,
     AssemblyRecord,
@@ -114,10 +114,12 @@ class Body:
     thickness: Scalar = 1.0
     quadrature_degree: int | None = None
 
-    @same_everywhere
+    @check_same_arguments
     def __post_init__(self) -> None:
-        arguments.of_type("spaces", self.spaces, Spaces, "Spaces.petrov_galerkin(mesh) makes some")
-        arguments.of_type("material", self.material, Material, "Material(E, nu) makes one")
+        arguments.check_type(
+            "spaces", self.spaces, Spaces, "Spaces.petrov_galerkin(mesh) makes some"
+        )
+        arguments.check_type("material", self.material, Material, "Material(E, nu) makes one")
         try:
             _set(self, "state", StressState(self.state))
         except ValueError:
@@ -149,28 +151,30 @@ class Body:
                     "Spaces.petrov_galerkin"
                 )
             rule = "has to be positive in hybrid spaces, the pressure being -lambda div u"
-            arguments.coefficient("poissons_ratio", nu, lambda values: values > 0, rule, mesh.comm)
+            arguments.check_coefficient(
+                "poissons_ratio", nu, lambda values: values > 0, rule, mesh.comm
+            )
             is_constant = arguments.is_number(nu) and arguments.is_number(
                 self.material.youngs_modulus
             )
             if not is_constant and self.spaces.parts is None:
-                told(mesh.comm, logging.WARNING, _MATERIAL_JUMP_WARNING)
+                log_on_root(mesh.comm, logging.WARNING, _MATERIAL_JUMP_WARNING)
         elif self.state is not StressState.PLANE_STRESS:
             rule = "in plane stress only may it be 0.5, or in the spaces of Spaces.hybrid(mesh)"
-            arguments.coefficient(
+            arguments.check_coefficient(
                 "poissons_ratio", nu, lambda values: values < 0.5, rule, mesh.comm
             )
             max_nu = _max_value(nu, mesh.comm)
             if max_nu > _MAX_DISPLACEMENT_NU:
                 warning = _LOCKING_WARNING % max_nu + self._singularity_warning(max_nu)
-                told(mesh.comm, logging.WARNING, warning)
-        thickness = arguments.positive_coefficient("thickness", self.thickness, mesh.comm)
+                log_on_root(mesh.comm, logging.WARNING, warning)
+        thickness = arguments.check_positive_coefficient("thickness", self.thickness, mesh.comm)
         _set(self, "thickness", thickness)
         if self.quadrature_degree is not None:
-            arguments.whole("quadrature_degree", self.quadrature_degree, 0)
+            arguments.check_integer("quadrature_degree", self.quadrature_degree, 0)
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def on(
         cls, mesh: Mesh, material: Material, state: StressState | str, parts: MeshTags | None = None
     ) -> "Body":
@@ -192,8 +196,8 @@ class Body:
             TypeError: for arguments of the wrong type.
             ValueError: in the same cases as `Body`.
         """
-        arguments.mesh(mesh)
-        arguments.of_type("material", material, Material, "Material(E, nu) makes one")
+        arguments.check_mesh_type(mesh)
+        arguments.check_type("material", material, Material, "Material(E, nu) makes one")
         check_part_tags(parts)
         max_nu = _max_value(material.poissons_ratio, mesh.comm)
         is_valid = isinstance(state, str | StressState)  # other objects may not be comparable
@@ -204,7 +208,7 @@ class Body:
         else:
             spaces = Spaces.hybrid(mesh, parts)
             words = f"hybrid: nu = {max_nu:g}, displacements alone would lock"
-            told(mesh.comm, logging.INFO, words)
+            log_on_root(mesh.comm, logging.INFO, words)
         return cls(spaces, material, state)  # type: ignore[arg-type]
 
     def _singularity_warning(self, nu: float) -> str:
@@ -226,7 +230,9 @@ class Body:
         Raises:
             TypeError: for anything but such an expression.
         """
-        arguments.of_type("displacement", u, Expr, "as_function(U, a) makes a function of a vector")
+        arguments.check_type(
+            "displacement", u, Expr, "as_function(U, a) makes a function of a vector"
+        )
         return ufl.sym(self._gradient(u))
 
     def stress(self, u: Expr) -> Expr:
@@ -271,7 +277,7 @@ class Body:
             trace, squares = trace + out_of_plane, squares + out_of_plane**2
         return ufl.sqrt((3 * squares - trace**2) / 2)
 
-    @same_everywhere
+    @check_same_arguments
     def stiffness(self) -> ufl.Form:
         """Return the bilinear form of the stiffness, Eq. (10)."""
         u, v = self._arguments()
@@ -284,13 +290,13 @@ class Body:
         volume = ufl.tr(self.strain(u)) + flexibility * p
         return work + self._integral(-q * volume, 2)
 
-    @same_everywhere
+    @check_same_arguments
     def mass(self) -> ufl.Form:
         """Return the bilinear form of the consistent mass, Eq. (11)."""
         (u, _), (v, _) = map(self._split, self._arguments())
         return self._bilinear(self._value(self.material.density) * ufl.inner(u, v), 4)
 
-    @same_everywhere
+    @check_same_arguments
     def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
         """Return the form of a traction's load (force per area), Eq. (12), on part of the boundary.
 
@@ -304,7 +310,7 @@ class Body:
             TypeError, ValueError: for anything but a measure of exterior facets of the body's mesh,
                 or a traction of the wrong size.
         """
-        arguments.of_type(
+        arguments.check_type(
             "surface", surface, ufl.Measure, "boundary_measure(mesh, where) makes one"
         )
         if surface.integral_type() != "exterior_facet":
@@ -318,7 +324,7 @@ class Body:
         work = ufl.inner(self._vector("traction", traction), v) * self._depth()
         return work * self._with_state(surface)
 
-    @same_everywhere
+    @check_same_arguments
     def body_load(self, force: Vector) -> ufl.Form:
         """Return the form of a body force's load (force per volume), Eq. (12).
 
@@ -328,7 +334,7 @@ class Body:
         v, _ = self._split(ufl.TestFunction(self.spaces.test))
         return self._integral(ufl.inner(self._vector("force", force), v), 2)
 
-    @same_everywhere
+    @check_same_arguments
     def initial_stress(self, stress: Expr, form: Literal["G", "J"] = "G") -> ufl.Form:
         """Return the bilinear form of the initial stress matrix, Eq. (25) and Eq. (26).
 
@@ -340,7 +346,7 @@ class Body:
         Raises:
             ValueError: for an unknown form, or a tensor of the wrong shape.
         """
-        arguments.of_type("stress", stress, Expr, "body.stress(u) makes one")
+        arguments.check_type("stress", stress, Expr, "body.stress(u) makes one")
         u, v = self._arguments()
         if stress.ufl_shape != (shape := self.strain(u).ufl_shape):
             raise ValueError(f"stress has the shape {stress.ufl_shape}: the strain's is {shape}")
@@ -436,11 +442,11 @@ class Body:
 
     def _vector(self, name: str, value: Vector) -> Expr:
         mesh = self.spaces.mesh
-        vector = arguments.components(name, value, mesh.geometry.dim)
+        vector = arguments.check_components(name, value, mesh.geometry.dim)
         return vector if isinstance(vector, Expr) else fem.Constant(mesh, vector)
 
 
-@same_everywhere
+@check_same_arguments
 def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     """Lump a mass matrix to the diagonal matrix (n, n) of its row sums.
 
@@ -461,7 +467,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
         ValueError: if a row sum is not positive (the message names nodes), or the matrix does not
             belong to the space.
     """
-    arguments.space(space)
+    arguments.check_space(space)
     check_problem({"the mass matrix": M}, space=space)
     if is_hybrid(space):
         raise ValueError("a pressure has no mass: lump that of Spaces.petrov_galerkin(mesh)")
@@ -472,7 +478,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
         positions = space.mesh.comm.allgather(space.tabulate_dof_coordinates()[nodes[:3]])
         raise ValueError(
             f"{count} nodes have no positive lumped mass, among them those at "
-            f"{listed(np.concatenate(positions)[:3])}: row sums serve piecewise-linear weights"
+            f"{format_points(np.concatenate(positions)[:3])}: row sums serve piecewise-linear weights"
         )
     lumped = PETSc.Mat().createAIJ(M.getSizes(), nnz=1, comm=M.comm)
     lumped.setDiagonal(mass)
@@ -487,7 +493,7 @@ def _is_constant(value: Scalar) -> bool:
 
 
 def _max_value(coefficient: Scalar, comm: MPI.Comm) -> float:
-    values = arguments.known_values(coefficient)
+    values = arguments.available_values(coefficient)
     return float(comm.allreduce(values.max(initial=-np.inf), MPI.MAX))
 
 

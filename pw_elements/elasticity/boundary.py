@@ -11,7 +11,7 @@ import ufl
 from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh, meshtags
 
-from pw_elements.checks import arguments, same_everywhere
+from pw_elements.checks import arguments, check_same_arguments
 from pw_elements.spaces import (
     Marker,
     Part,
@@ -22,7 +22,7 @@ from pw_elements.spaces import (
 )
 
 
-@same_everywhere
+@check_same_arguments
 def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl.Measure:
     """Create a surface measure of a part of the boundary, for `Body.surface_load` and other forms.
 
@@ -37,8 +37,8 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
         ValueError: if no exterior facet is marked, the marker fails or does not return truth
             values, or a number does not belong to a facet.
     """
-    arguments.mesh(mesh)
-    arguments.whole("quadrature_degree", quadrature_degree, 0)
+    arguments.check_mesh_type(mesh)
+    arguments.check_integer("quadrature_degree", quadrature_degree, 0)
     dimension = mesh.topology.dim - 1
     facets = locate_exterior_facets(mesh, where)
     if mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
@@ -53,7 +53,7 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
     )
 
 
-@same_everywhere
+@check_same_arguments
 def prescribe(
     space: fem.FunctionSpace,
     component: int | Literal["pressure"],
@@ -76,7 +76,7 @@ def prescribe(
         ValueError: if there is no such node or no such component, the marker fails or does not
             return truth values, or the value is not a finite number.
     """
-    arguments.space(space)
+    arguments.check_space(space)
     hybrid = is_hybrid(space)
     is_pressure = hybrid and component == "pressure"
     field = SubSpace.pressure(space) if is_pressure else SubSpace.displacements(space)
@@ -84,9 +84,9 @@ def prescribe(
     if not (is_pressure or (arguments.is_number(component) and component in range(components))):
         raise ValueError(f"component {component}: the space has {components}, counted from 0")
     number = value.value if isinstance(value, fem.Constant) else value
-    arguments.number("the prescribed value", number)
+    arguments.check_number("the prescribed value", number)
     axis = 0 if is_pressure else int(component)
-    if arguments.is_function(where):
+    if arguments.is_user_function(where):
         nodes = require_nodes(field.space, "the prescribed nodes", where)
     else:
         # refuses interior facets: numbers of nodes, given by mistake, hardly ever are all exterior
@@ -102,7 +102,7 @@ def prescribe(
     return fem.dirichletbc(prescribed, np.ascontiguousarray(dofs), part)
 
 
-@same_everywhere
+@check_same_arguments
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
     """Create the load vector (n,) of a concentrated force at each node that a marker selects.
 
@@ -117,9 +117,9 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
         ValueError: if there is no such node, the marker fails or does not return truth values, the
             force has another number of components than the space, or a component is not finite.
     """
-    arguments.space(space)
+    arguments.check_space(space)
     comm, field = space.mesh.comm, SubSpace.displacements(space)
-    arguments.vector("nodal force", force, field.unknowns.shape[1])
+    arguments.check_vector("nodal force", force, field.unknowns.shape[1])
     nodes = require_nodes(field.space, "the loaded nodes", where)
     nodes = nodes[nodes < len(field.owned_unknowns)]
     values = np.zeros(field.owned_unknowns.shape)

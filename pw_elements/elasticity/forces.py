@@ -27,8 +27,8 @@ from scipy.spatial import cKDTree
 from ufl.core.expr import Expr
 
 from pw_elements.algebra import is_finite
-from pw_elements.arrays import Array, Indices, Local, Mask
-from pw_elements.checks import arguments, collective, same_everywhere
+from pw_elements.arrays import Array, Indices, LocalIndices, Mask
+from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.elasticity.body import Body
 from pw_elements.elasticity.boundary import boundary_measure
 from pw_elements.elasticity.material import Scalar
@@ -55,7 +55,7 @@ _ZERO_WEIGHT = 1e-9
 Area = Literal["geometric", "weight"]
 
 
-@same_everywhere
+@check_same_arguments
 def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     """Assemble the matrix T, (n, n), that makes nodal forces of the standard element even.
 
@@ -84,7 +84,7 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
 
 def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
     """Assemble T^T, (n, n), or T^-T, of the T of `force_transfer`."""
-    arguments.space(space)
+    arguments.check_space(space)
     basix_element, element = space.element.basix_element, space.ufl_element()
     cell = space.mesh.topology.cell_name()
     if element != quadratic_element(cell, tuple(element.reference_value_shape)):
@@ -143,7 +143,7 @@ class BoundaryForces:
     force: Array
 
 
-@same_everywhere
+@check_same_arguments
 def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> BoundaryForces:
     """Gather nodal forces at the nodes that a marker selects, sorted by their coordinates.
 
@@ -161,9 +161,9 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
         ValueError: if there is no such node, the marker fails or does not return truth values, or
             the vector is not finite or does not belong to the space.
     """
-    arguments.space(space)
-    with collective(space.mesh.comm):
-        arguments.petsc_vector("the vector of forces", forces, "the space", space)
+    arguments.check_space(space)
+    with collective_errors(space.mesh.comm):
+        arguments.check_petsc_vector("the vector of forces", forces, "the space", space)
     if not is_finite(forces):
         raise ValueError("the vector of forces is not finite")
     nodes = require_nodes(space, "the line", where)
@@ -197,7 +197,7 @@ class SurfaceNodes:
     facets: Indices
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def from_body(cls, body: Body, where: Part, stretch: Expr | None = None) -> "SurfaceNodes":
         """Collect the nodes of a part of a body's boundary.
 
@@ -215,13 +215,13 @@ class SurfaceNodes:
             ValueError: if there are no such facets, the marker fails or does not return truth
                 values, or a number does not belong to a facet.
         """
-        arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
-        arguments.of_type("stretch", stretch, Expr | None, "SurfaceNodes.stretch(u) makes it")
+        arguments.check_type("body", body, Body, "Body(spaces, material, state) makes one")
+        arguments.check_type("stretch", stretch, Expr | None, "SurfaceNodes.stretch(u) makes it")
         depth = body._depth() if stretch is None else body._depth() * stretch
         return cls.from_scalar_spaces(_component_spaces(body.spaces.displacements), where, depth)
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def from_scalar_spaces(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
         """Collect the nodes of a part of the boundary of a scalar problem.
 
@@ -233,10 +233,10 @@ class SurfaceNodes:
         Raises:
             ValueError: in the same cases as `from_body`, and if the spaces are not scalar.
         """
-        arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
+        arguments.check_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
         if spaces.trial.ufl_element().reference_value_shape != ():
             raise ValueError("the spaces have components: it takes those of a scalar")
-        depth = arguments.positive_coefficient("depth", depth, spaces.mesh.comm)
+        depth = arguments.check_positive_coefficient("depth", depth, spaces.mesh.comm)
         position, weight_area, node = _gather_weight_areas(spaces, where, depth)
         linear_position, linear_area = position, weight_area
         if spaces.test.ufl_element() != macro_element(spaces.mesh.topology.cell_name()):
@@ -267,7 +267,7 @@ class SurfaceNodes:
             u: displacements, or displacements and a pressure; areas depend on its values when they
                 are computed.
         """
-        arguments.of_type("u", u, fem.Function, "as_function(U, a) makes a function of a vector")
+        arguments.check_type("u", u, fem.Function, "as_function(U, a) makes a function of a vector")
         space = u.function_space
         displacement = ufl.split(u)[0] if is_hybrid(space) else u
         shape = displacement.ufl_shape
@@ -390,13 +390,15 @@ def order_by_position(position: Array, tie_break: Array | None = None) -> npt.ND
     return np.lexsort(np.round(keys / (extent or 1.0), 9).T[::-1])
 
 
-def facet_nodes(space: fem.FunctionSpace, facets: Local) -> Local:
+def facet_nodes(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
     """Return local numbers (f, k) of the nodes of exterior facets, in Basix' order."""
     cells, cell_dofs = locate_facets_in_cells(space, facets)
     return np.asarray(space.dofmap.list[cells[:, None], cell_dofs])
 
 
-def locate_facets_in_cells(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Local]:
+def locate_facets_in_cells(
+    space: fem.FunctionSpace, facets: LocalIndices
+) -> tuple[LocalIndices, LocalIndices]:
     """Return the cell (f,) of each exterior facet, and its nodes (f, k) among the cell's nodes."""
     dim = space.mesh.topology.dim
     topology, layout = space.mesh.topology, space.dofmap.dof_layout
@@ -413,7 +415,7 @@ def locate_facets_in_cells(space: fem.FunctionSpace, facets: Local) -> tuple[Loc
     return cells, closure[local_facet]
 
 
-def facets_with_all_nodes(space: fem.FunctionSpace, nodes: Indices) -> Local:
+def facets_with_all_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
     """Return local numbers of exterior facets all of whose nodes are among global ones (m,)."""
     index_map, topology = space.dofmap.index_map, space.mesh.topology
     local = index_map.global_to_local(nodes)
@@ -442,7 +444,7 @@ def _gather_weight_areas(
 
 
 def _gather_sorted(
-    space: fem.FunctionSpace, nodes: Local, values: Array
+    space: fem.FunctionSpace, nodes: LocalIndices, values: Array
 ) -> tuple[Array, Array, Indices]:
     """Gather nodes from all processes, sorted by position.
 
@@ -502,7 +504,7 @@ class NodalFlux:
     flux: Array
 
 
-@same_everywhere
+@check_same_arguments
 def nodal_flux(
     spaces: Spaces, reactions: PETSc.Vec, where: Part, area: Area = "geometric", depth: Scalar = 1.0
 ) -> NodalFlux:
@@ -532,10 +534,10 @@ def nodal_flux(
         ValueError: for a vector that is not finite or of another space, an unknown area, a depth
             that is not positive, or a part of the boundary without facets.
     """
-    arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
+    arguments.check_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
     space = spaces.trial
-    with collective(space.mesh.comm):
-        arguments.petsc_vector("the vector of reactions", reactions, "the space", space)
+    with collective_errors(space.mesh.comm):
+        arguments.check_petsc_vector("the vector of reactions", reactions, "the space", space)
     if not arguments.is_one_of(area, get_args(Area)):
         raise ValueError(f"area {area!r}: it is 'geometric' or 'weight'")
     if not is_finite(reactions):

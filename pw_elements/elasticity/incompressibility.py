@@ -21,8 +21,8 @@ from dolfinx.mesh import Mesh
 
 from pw_elements._compat import cell_nodes, interpolation_points
 from pw_elements.arrays import Array
-from pw_elements.checks import listed
-from pw_elements.progress import told
+from pw_elements.checks import format_points
+from pw_elements.progress import log_on_root
 from pw_elements.spaces import compile_form
 
 # Bulk over shear modulus up to which K is far from singular. Curved cells: 50 (nu = 0.49), where
@@ -174,7 +174,7 @@ class TangentRatioMonitor:
                 self._ratio = TangentRatio(form, u)
             except Exception as error:
                 words = f"bulk over shear stiffness of the tangent is not measured: {error}"
-                told(self._mesh.comm, logging.INFO, words, ".contact")
+                log_on_root(self._mesh.comm, logging.INFO, words, ".contact")
 
     def is_beyond_limit(self) -> bool:
         """Return whether the tangent at u has too large a bulk stiffness; log it the first time."""
@@ -189,11 +189,11 @@ class TangentRatioMonitor:
             local_midpoints = self._mesh.geometry.x[cell_nodes(self._mesh)[cells]].mean(axis=1)
             dim = self._mesh.geometry.dim
             midpoints = np.concatenate(comm.allgather(local_midpoints[:, :dim]))
-            told(
+            log_on_root(
                 comm,
                 logging.WARNING,
                 f"the tangent's bulk stiffness is up to {largest:.3g} times its shear stiffness, "
-                f"in {len(midpoints)} cells, first around {listed(midpoints[:3])}, more than "
+                f"in {len(midpoints)} cells, first around {format_points(midpoints[:3])}, more than "
                 f"{self._limit:g} times. With displacements and piecewise-linear weights on such "
                 f"cells {HYBRID_SPACES_REMEDY}. "
                 "Signs of determinants do not tell instability there",

@@ -7,7 +7,7 @@ from typing import TypeAlias
 from dolfinx.mesh import Mesh, MeshTags
 from ufl.core.expr import Expr
 
-from pw_elements.checks import arguments, refused_together, same_everywhere
+from pw_elements.checks import arguments, check_same_arguments, defer_errors_if_parallel
 from pw_elements.spaces import piecewise_constants_by_tag
 
 Scalar: TypeAlias = float | Expr
@@ -35,12 +35,12 @@ class Material:
     poissons_ratio: Scalar = 0.0
     density: Scalar = 1.0
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
         for name in ("youngs_modulus", "density"):
-            value = arguments.positive_coefficient(name, getattr(self, name))
+            value = arguments.check_positive_coefficient(name, getattr(self, name))
             object.__setattr__(self, name, value)
-        nu = arguments.coefficient(
+        nu = arguments.check_coefficient(
             "poissons_ratio",
             self.poissons_ratio,
             lambda values: (values > -1) & (values <= 0.5),
@@ -49,7 +49,7 @@ class Material:
         object.__setattr__(self, "poissons_ratio", nu)
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def by_tag(
         cls, mesh: Mesh, cell_tags: MeshTags, materials: Mapping[int, "Material"]
     ) -> "Material":
@@ -67,16 +67,16 @@ class Material:
             ValueError: for tags of facets or of another mesh, cells without a tag, tags without a
                 material, materials without a cell, or constants that are not numbers.
         """
-        arguments.mesh(mesh)
-        arguments.of_type(
+        arguments.check_mesh_type(mesh)
+        arguments.check_type(
             "the mapping of tags", materials, Mapping, "give {tag: Material(E, nu), ...}"
         )
         constants = {}
         for tag, material in materials.items():
             label = f"the material of tag {tag}"
-            arguments.of_type(label, material, Material, "Material(E, nu) makes one")
+            arguments.check_type(label, material, Material, "Material(E, nu) makes one")
             constants[tag] = [
-                arguments.number(f"{name} of {label}", value)
+                arguments.check_number(f"{name} of {label}", value)
                 for name, value in vars(material).items()
             ]
         return cls(*piecewise_constants_by_tag(mesh, cell_tags, constants))

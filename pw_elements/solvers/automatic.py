@@ -14,8 +14,8 @@ from typing import Literal, TypeAlias, TypeVar
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from pw_elements.checks import arguments, sizes_of
-from pw_elements.progress import told
+from pw_elements.checks import arguments, vector_sizes
+from pw_elements.progress import log_on_root
 from pw_elements.solvers.direct import Direct, LinearSolver, NotConverged
 from pw_elements.solvers.iterative import Iterative, memory_of_factors
 from pw_elements.solvers.matrices import Supports
@@ -88,7 +88,7 @@ def choose_solver(
         raise ValueError(f'solver {solver!r}: use Direct(), Iterative() or "auto"')
     if supports is None:
         return Direct()
-    mesh, dofs = supports.space.mesh, sizes_of(supports.space)[1]
+    mesh, dofs = supports.space.mesh, vector_sizes(supports.space)[1]
     if mesh.geometry.dim < 3 or dofs < (
         _MIN_KRYLOV_DOFS_FOR_MODES if for_modes else _MIN_KRYLOV_DOFS
     ):
@@ -96,13 +96,15 @@ def choose_solver(
     is_small = dofs < _MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS and not is_hybrid(supports.space)
     in_contact = contact_stiffness is not None
     if in_contact and is_small and has_free_rigid_motion(contact_stiffness, supports):
-        told(mesh.comm, logging.INFO, f"auto: Direct for {dofs} unknowns that contact has to hold")
+        log_on_root(
+            mesh.comm, logging.INFO, f"auto: Direct for {dofs} unknowns that contact has to hold"
+        )
         return Direct()
     choice: LinearSolver = Direct() if factors_reason else Iterative()
     reason = f" ({factors_reason})" if factors_reason else ""
     memory = f"factors take some {memory_of_factors(dofs) / 1e9:.2g} GB"
     decision = f"auto: {type(choice).__name__} for {dofs} unknowns in space{reason}; {memory}"
-    told(mesh.comm, logging.INFO, decision)
+    log_on_root(mesh.comm, logging.INFO, decision)
     return choice
 
 
@@ -123,11 +125,11 @@ def compute_with_fallback(
         if supports is None or solver not in (None, "auto"):
             raise
         comm = supports.space.mesh.comm
-        needed, free = memory_of_factors(sizes_of(supports.space)[1]), free_memory(comm)
+        needed, free = memory_of_factors(vector_sizes(supports.space)[1]), free_memory(comm)
         if not _MEMORY_SAFETY_FACTOR * needed <= free:
             raise NotConverged(
                 f'{failure}. "auto" does not use Direct() with {free / 1e9:.2g} GB left'
             ) from failure
     memory = f"factors take some {needed / 1e9:.2g} of {free / 1e9:.2g} GB"
-    told(comm, logging.INFO, f"auto: Iterative gave up, Direct goes on; {memory}")
+    log_on_root(comm, logging.INFO, f"auto: Iterative gave up, Direct goes on; {memory}")
     return compute(Direct())  # the first attempt has freed its memory

@@ -19,10 +19,10 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from pw_elements._compat import option_used
+from pw_elements._compat import is_petsc_option_used
 from pw_elements.arrays import Indices
-from pw_elements.checks import arguments, refused_together, same_everywhere
-from pw_elements.progress import told
+from pw_elements.checks import arguments, check_same_arguments, defer_errors_if_parallel
+from pw_elements.progress import log_on_root
 
 Options: TypeAlias = Mapping[str, str | int | float | bool]
 
@@ -200,11 +200,11 @@ class Direct:
 
     options: Options = field(default_factory=dict)
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
         check_options(self.options)
 
-    @same_everywhere
+    @check_same_arguments
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "Factors":
         """Bind the solver to a square matrix (n, n).
 
@@ -215,8 +215,8 @@ class Direct:
         Raises:
             TypeError, ValueError: if it is not such a matrix, or PETSc refuses the options.
         """
-        arguments.flag("symmetric", symmetric)
-        arguments.matrix("the matrix", matrix)
+        arguments.check_flag("symmetric", symmetric)
+        arguments.check_matrix("the matrix", matrix)
         with name_options_in_errors(self.options):
             return Factors(matrix, symmetric, self.options)
 
@@ -295,7 +295,7 @@ class Factors:
         self._has_failed = False
         refuse_unused_options(self.ksp, self._options)
         words = f"{self._method} of {n} unknowns: {perf_counter() - start:.2f} s"
-        told(comm, logging.DEBUG, words, ".linear_solver")
+        log_on_root(comm, logging.DEBUG, words, ".linear_solver")
         if self._uses_mumps:
             factor = self._preconditioner.getFactorMatrix()
             operations, entries = factor.getMumpsRinfog(3), factor.getMumpsInfog(29)
@@ -404,13 +404,15 @@ class Factors:
 
 
 def check_options(options: object) -> None:
-    arguments.of_type("options", options, Mapping, "give PETSc options such as {'ksp_view': ''}")
+    arguments.check_type("options", options, Mapping, "give PETSc options such as {'ksp_view': ''}")
     assert isinstance(options, Mapping)
     for name, value in options.items():
         if not isinstance(name, str) or not name.strip("- "):
             raise ValueError(f"option {name!r}: its name has to be a string")
         kinds = (str, int, float, np.number)
-        arguments.of_type(f"option {name!r}", value, kinds, "it has to be a string, number or bool")
+        arguments.check_type(
+            f"option {name!r}", value, kinds, "it has to be a string, number or bool"
+        )
         if _COUNT_OPTION.search(name):
             _check_repetitions(name, value)
 
@@ -419,7 +421,7 @@ def _check_repetitions(name: str, value: str | float) -> None:
     """Raise ValueError for a number of repetitions that PETSc would turn into an endless loop."""
     is_outer = name.lstrip("-") in _OUTER_COUNT_OPTIONS
     try:
-        count = arguments.whole(name, int(value) if isinstance(value, str) else value, 1)
+        count = arguments.check_integer(name, int(value) if isinstance(value, str) else value, 1)
     except ValueError:
         count = 0
     if count < 1 or (count > _MAX_INNER_STEPS and not is_outer):
@@ -447,7 +449,7 @@ def name_options_in_errors(options: Options) -> Iterator[None]:
 
 def refuse_unused_options(ksp: PETSc.KSP, options: Options) -> None:
     prefix = ksp.getOptionsPrefix()
-    unused = [name for name in options if not option_used(f"{prefix}{name.lstrip('-')}")]
+    unused = [name for name in options if not is_petsc_option_used(f"{prefix}{name.lstrip('-')}")]
     if unused:
         raise ValueError(f"PETSc has no use for the options {unused} here: look at their names")
 

@@ -10,7 +10,12 @@ from petsc4py import PETSc
 import numpy as np
 
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, collective, refused_together, same_everywhere
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments,
+    collective_errors,
+    defer_errors_if_parallel,
+)
 from pw_elements.solvers.block_triangular import BlockTriangularPreconditioner
 from pw_elements.solvers.direct import (
     NotConverged,
@@ -83,9 +88,9 @@ class Iterative:
     tolerance: float = 1e-11
     options: Options = field(default_factory=dict)
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        if not 0 < arguments.number("tolerance", self.tolerance) < 1:
+        if not 0 < arguments.check_number("tolerance", self.tolerance) < 1:
             raise ValueError(f"tolerance = {self.tolerance}: has to lie between 0 and 1")
         check_options(self.options)
         for name, value in self.options.items():
@@ -96,7 +101,7 @@ class Iterative:
                     "Direct() has factors, mg_coarse_ the coarse level's own options"
                 )
 
-    @same_everywhere
+    @check_same_arguments
     def prepare(
         self, matrix: PETSc.Mat, symmetric: bool = False, supports: Supports | None = None
     ) -> "KrylovSolver":
@@ -112,10 +117,10 @@ class Iterative:
         """
         if supports is None:
             raise ValueError(NO_SUPPORTS_MESSAGE)
-        arguments.of_type("supports", supports, Supports, "a reduction's `supports` are some")
-        arguments.flag("symmetric", symmetric)
-        with collective(supports.space.mesh.comm):
-            arguments.matrix("the matrix", matrix)
+        arguments.check_type("supports", supports, Supports, "a reduction's `supports` are some")
+        arguments.check_flag("symmetric", symmetric)
+        with collective_errors(supports.space.mesh.comm):
+            arguments.check_matrix("the matrix", matrix)
         if symmetric:
             raise ValueError(
                 "Iterative() does not count negative pivots, without which a symmetrised pair is "
@@ -270,7 +275,7 @@ class _ExternalMethod:
             x, y = rhs.duplicate(), rhs.duplicate()
 
             def image(values: Array) -> Array:
-                with collective(comm) as same:  # all still iterate, and ask for the same
+                with collective_errors(comm) as same:  # all still iterate, and ask for the same
                     same["the next step of iterate"] = apply.__name__
                     x.setArray(_check_local_part(values, x))
                 apply(x, y)
@@ -284,7 +289,7 @@ class _ExternalMethod:
         )
         max_residual = ksp.getTolerances()[1]
         try:
-            with collective(comm):
+            with collective_errors(comm):
                 x = self._iterate(product, precondition, np.array(rhs.array_r), max_residual)
                 solution.setArray(_check_local_part(x, rhs))
         except BaseException as error:
@@ -303,7 +308,9 @@ def solve_with_ksp(ksp: PETSc.KSP, rhs: PETSc.Vec, solution: PETSc.Vec, options:
 
 def _check_local_part(values: Array, vector: PETSc.Vec) -> Array:
     layout = "it takes and gives this process' part of vectors (n,)"
-    return arguments.field("iterate", np.ravel(values), vector.array_r.shape, layout)
+    return arguments.check_function_values(
+        "iterate", np.ravel(values), vector.array_r.shape, layout
+    )
 
 
 def as_krylov_solver(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -> KrylovSolver:

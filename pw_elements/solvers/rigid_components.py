@@ -11,8 +11,8 @@ import numpy as np
 import scipy.sparse as sp
 from dolfinx import fem
 
-from pw_elements.arrays import Array, Indices, Local, Mask
-from pw_elements.checks import pieces_of
+from pw_elements.arrays import Array, Indices, LocalIndices, Mask
+from pw_elements.checks import connected_components
 from pw_elements.solvers.matrices import Supports, null_space, qr_triangle
 
 # Force of one component on another, over the largest stiffness, that is more than round-off
@@ -39,7 +39,7 @@ class RigidComponents:
     @classmethod
     def from_space(cls, space: fem.FunctionSpace) -> "RigidComponents":
         comm, dim, block = space.mesh.comm, space.mesh.geometry.dim, space.dofmap.index_map_bs
-        component, count = pieces_of(comm, space.dofmap.index_map, space.dofmap.list)
+        component, count = connected_components(comm, space.dofmap.index_map, space.dofmap.list)
         owned = component[: space.dofmap.index_map.size_local]
 
         def sum_by_component(values: Array) -> Array:
@@ -85,7 +85,7 @@ class RigidComponents:
         self,
         K: PETSc.Mat,
         free: Mask,
-        rows: Local | None = None,
+        rows: LocalIndices | None = None,
         transposed: bool = False,
         n_other_modes: int = 0,
     ) -> sp.csr_array:

@@ -32,8 +32,8 @@ from ufl.classes import Grad
 from ufl.corealg.traversal import unique_pre_traversal
 
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, same_everywhere
-from pw_elements.progress import doing
+from pw_elements.checks import arguments, check_same_arguments
+from pw_elements.progress import report_activity
 from pw_elements.spaces.elements import TwelveCellElement, twelve_cell_rule, vertex_rule
 
 # Key of the state of stress in the metadata of a body's integrals
@@ -84,7 +84,7 @@ class AssemblyRecord:
         return None if self.form is None or self.lumped else self.form.function_spaces[0]
 
 
-@same_everywhere
+@check_same_arguments
 def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     """Assemble the matrix of a bilinear form, without boundary conditions.
 
@@ -102,7 +102,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
         ValueError: if it is not bilinear, cannot be compiled, or has a measure with a quadrature
             rule that does not suit the weights.
     """
-    arguments.flag("blocked", blocked)
+    arguments.check_flag("blocked", blocked)
     compiled = compile_form(form, 2, "a matrix")
     nodal = all(space.dofmap.index_map_bs > 1 for space in compiled.function_spaces)
     matrix = create_matrix(compiled, "baij" if blocked and nodal else None)
@@ -111,7 +111,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     return AssemblyRecord.from_form(compiled, form).attach(matrix)
 
 
-@same_everywhere
+@check_same_arguments
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     """Assemble the vector (n,) of a linear form, summed over all processes.
 
@@ -131,7 +131,7 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     return AssemblyRecord.from_form(compiled, form).attach(vector)
 
 
-@same_everywhere
+@check_same_arguments
 def assemble_scalar(form: ufl.Form) -> float:
     """Compute the value of a functional (an energy, say), summed over all processes.
 
@@ -159,7 +159,9 @@ def compile_form(form: ufl.Form, rank: int, name: str) -> fem.Form:
         ValueError: if it has another rank, mixes meshes, has no mesh, has several measures of one
             kind, or cannot be compiled.
     """
-    arguments.of_type("the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form")
+    arguments.check_type(
+        "the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form"
+    )
     kinds = {0: "a number (no test function)", 1: "linear", 2: "bilinear"}
     n_arguments = len(form.arguments())
     if n_arguments != rank:
@@ -168,7 +170,7 @@ def compile_form(form: ufl.Form, rank: int, name: str) -> fem.Form:
         raise ValueError(f"{name} needs {needed}; this one is {kind}")
     spaces = [argument.ufl_function_space() for argument in form.arguments()]
     for space in spaces:
-        arguments.space(space, "the space of a form's argument")
+        arguments.check_space(space, "the space of a form's argument")
     functions = [f for f in form.coefficients() if isinstance(f, fem.Function)]
     meshes = [space.mesh for space in (*spaces, *(f.function_space for f in functions))]
     domains = form.ufl_domains()
@@ -187,7 +189,7 @@ def compile_form(form: ufl.Form, rank: int, name: str) -> fem.Form:
     )
     with_rules = add_sub_cell_rules(plain)
     try:
-        with doing(mesh.comm, "compiling a form"):
+        with report_activity(mesh.comm, "compiling a form"):
             return fem.form(with_rules)
     except Exception as error:
         raise ValueError(f"the form cannot be compiled: {error}") from error
@@ -203,8 +205,8 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
         space: the test space.
         degree: of the polynomials that are integrated exactly on each sub-cell.
     """
-    arguments.space(space)
-    arguments.whole("degree", degree, 0)
+    arguments.check_space(space)
+    arguments.check_integer("degree", degree, 0)
     metadata: dict[str, Any] = {"quadrature_degree": degree}
     if _tetrahedral_macro_elements(space.ufl_element()):
         metadata |= _custom_rule(*twelve_cell_rule(degree))

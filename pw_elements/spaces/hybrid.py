@@ -14,9 +14,9 @@ import numpy as np
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags
 
-from pw_elements._compat import single_entries
-from pw_elements.arrays import Array, Local, Mask
-from pw_elements.checks import collective, sizes_of
+from pw_elements._compat import single_entry_matrix
+from pw_elements.arrays import Array, LocalIndices, Mask
+from pw_elements.checks import collective_errors, vector_sizes
 
 # Effect of a constant pressure, over the largest stiffness, that is round-off
 PRESSURE_MODE_TOLERANCE = 1e-10
@@ -61,7 +61,7 @@ class SubSpace:
     """
 
     space: fem.FunctionSpace
-    unknowns: Local
+    unknowns: LocalIndices
     full_sizes: tuple[int, int]
 
     @classmethod
@@ -72,7 +72,7 @@ class SubSpace:
         index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
         nodes = index_map.size_local + index_map.num_ghosts
         numbers = np.arange(nodes * block, dtype=np.int32).reshape(nodes, block)
-        return cls(space, numbers, sizes_of(space))
+        return cls(space, numbers, vector_sizes(space))
 
     @classmethod
     def pressure(cls, space: fem.FunctionSpace) -> "SubSpace":
@@ -85,19 +85,19 @@ class SubSpace:
         unknowns = np.zeros((index_map.size_local + index_map.num_ghosts, block), dtype=np.int32)
         cells = space.sub(number).dofmap.list
         unknowns[field.dofmap.list.ravel()] = cells.reshape(-1, block)
-        return cls(field, unknowns, sizes_of(space))
+        return cls(field, unknowns, vector_sizes(space))
 
     @property
     def sizes(self) -> tuple[int, int]:
         """Local and global size of vectors of the field."""
-        return sizes_of(self.space)
+        return vector_sizes(self.space)
 
     @property
     def is_whole_space(self) -> bool:
         return self.sizes == self.full_sizes
 
     @property
-    def owned_unknowns(self) -> Local:
+    def owned_unknowns(self) -> LocalIndices:
         """Unknowns (owned nodes, components) of the nodes that this process owns."""
         return self.unknowns[: self.space.dofmap.index_map.size_local]
 
@@ -130,7 +130,7 @@ class SubSpace:
     def selection_matrix(self) -> PETSc.Mat:
         """Return the matrix (n_field, n) of ones and zeros whose product is `extract`."""
         columns = self.global_numbers().getIndices()
-        return single_entries(columns, (self.sizes, self.full_sizes), self.space.mesh.comm)
+        return single_entry_matrix(columns, (self.sizes, self.full_sizes), self.space.mesh.comm)
 
 
 def equilibration_scale(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
@@ -175,7 +175,7 @@ def tie_pressures(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) 
     """
     mesh = space.mesh
     comm, owned = mesh.comm, mesh.topology.index_map(mesh.topology.dim).size_local
-    with collective(comm):
+    with collective_errors(comm):
         if parts is None:
             raise ValueError(
                 "the pressure of this space is split: Reduction.dirichlet needs both spaces, "
@@ -209,4 +209,4 @@ def tie_pressures(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) 
     column = np.full(len(free), -1, dtype=np.int64)
     column[free_displacements] = offset + np.arange(len(free_displacements))
     column[rows] = by_part[corners, part, 0].astype(np.int64)
-    return single_entries(column, (field.full_sizes, (n_columns, PETSc.DETERMINE)), comm)
+    return single_entry_matrix(column, (field.full_sizes, (n_columns, PETSc.DETERMINE)), comm)

@@ -10,12 +10,12 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities_boundary
 
-from pw_elements.arrays import Array, Local, Mask
+from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.checks import (
-    answer,
     arguments,
-    collective,
-    compare_function,
+    call_user_function,
+    check_same_function,
+    collective_errors,
 )
 from pw_elements.spaces.hybrid import SubSpace
 
@@ -28,7 +28,7 @@ Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask:
     """Evaluate a user's marker at points (3, n); return the mask (n,).
 
-    Local, for use within `collective`.
+    Local, for use within `collective_errors`.
 
     Args:
         comm: communicator.
@@ -40,7 +40,7 @@ def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask
         TypeError: if it is not a function.
         ValueError: if it fails or does not return truth values.
     """
-    if not arguments.is_function(marker):
+    if not arguments.is_user_function(marker):
         raise TypeError(
             f"{name} is of the type {type(marker).__name__}: give a function of points. Tagged "
             "facets are taken by prescribe, boundary_measure and nodal_flux"
@@ -49,15 +49,15 @@ def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask
     if n == 0:
         return np.zeros(0, dtype=bool)
     layout = "it takes points as columns (3, n) and gives True or False for each, (n,)"
-    return arguments.field(
-        name, answer(comm, name, marker, np.array(x, order="C")), (n,), layout, bool
+    return arguments.check_function_values(
+        name, call_user_function(comm, name, marker, np.array(x, order="C")), (n,), layout, bool
     )
 
 
-def local_numbers(comm: MPI.Comm, name: str, selection: Any, count: int) -> Local:  # noqa: ANN401
+def local_numbers(comm: MPI.Comm, name: str, selection: Any, count: int) -> LocalIndices:  # noqa: ANN401
     """Return unique local numbers of the entities that numbers (m,) or a mask (count,) select.
 
-    Local, for use within `collective`.
+    Local, for use within `collective_errors`.
 
     Args:
         comm: communicator.
@@ -92,7 +92,7 @@ def local_numbers(comm: MPI.Comm, name: str, selection: Any, count: int) -> Loca
     return np.unique(numbers).astype(np.int32)
 
 
-def locate_nodes(space: fem.FunctionSpace, name: str, where: Part) -> Local:
+def locate_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndices:
     """Return local numbers of a space's nodes in a part, ghosts and mid-side nodes too; collective.
 
     Args:
@@ -102,7 +102,7 @@ def locate_nodes(space: fem.FunctionSpace, name: str, where: Part) -> Local:
         where: the part.
     """
     recorder = _MarkerRecorder(space.mesh.comm, f"the marker of {name}", where)
-    with collective(space.mesh.comm):
+    with collective_errors(space.mesh.comm):
         nodes = _locate_local_nodes(space, name, where, recorder)
     recorder.compare_processes()
     return nodes
@@ -110,8 +110,8 @@ def locate_nodes(space: fem.FunctionSpace, name: str, where: Part) -> Local:
 
 def _locate_local_nodes(
     space: fem.FunctionSpace, name: str, where: Part, recorder: "_MarkerRecorder"
-) -> Local:
-    """Return local numbers of the nodes in a part; local, for use within `collective`."""
+) -> LocalIndices:
+    """Return local numbers of the nodes in a part; local, for use within `collective_errors`."""
     comm, field = space.mesh.comm, SubSpace.displacements(space)
     x, index_map = field.space.tabulate_dof_coordinates(), space.dofmap.index_map
     if recorder.is_marker:
@@ -132,7 +132,7 @@ def _locate_local_nodes(
     return np.flatnonzero(nodes).astype(np.int32)
 
 
-def require_nodes(space: fem.FunctionSpace, name: str, where: Part) -> Local:
+def require_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndices:
     """Return `locate_nodes`, or raise ValueError if there are none on any process; collective."""
     nodes = locate_nodes(space, name, where)
     if space.mesh.comm.allreduce(len(nodes), MPI.SUM) == 0:
@@ -140,7 +140,7 @@ def require_nodes(space: fem.FunctionSpace, name: str, where: Part) -> Local:
     return nodes
 
 
-def locate_exterior_facets(mesh: Mesh, where: Part, skip_interior: bool = True) -> Local:
+def locate_exterior_facets(mesh: Mesh, where: Part, skip_interior: bool = True) -> LocalIndices:
     """Return local numbers of exterior facets in a part of the boundary; collective.
 
     Args:
@@ -153,9 +153,9 @@ def locate_exterior_facets(mesh: Mesh, where: Part, skip_interior: bool = True) 
     topology.create_connectivity(topology.dim, dimension)
     index_map = topology.index_map(dimension)
     recorder = _MarkerRecorder(mesh.comm, "the marker of the boundary", where)
-    with collective(mesh.comm):
+    with collective_errors(mesh.comm):
         if recorder.is_marker:
-            facets: Local = locate_entities_boundary(mesh, dimension, recorder.evaluate)
+            facets: LocalIndices = locate_entities_boundary(mesh, dimension, recorder.evaluate)
         else:
             count = index_map.size_local + index_map.num_ghosts
             selected = local_numbers(mesh.comm, "facets", where, count)
@@ -174,7 +174,7 @@ class _MarkerRecorder:
 
     def __init__(self, comm: MPI.Comm, name: str, where: Part) -> None:
         self._comm, self._name, self._where = comm, name, where
-        self.is_marker = arguments.is_function(where)
+        self.is_marker = arguments.is_user_function(where)
         self._points: list[Array] = [np.empty((0, 3))]
         self._marks: list[Mask] = [np.zeros(0, dtype=bool)]
 
@@ -197,7 +197,7 @@ class _MarkerRecorder:
         def marker_of_rows(points: Array) -> Mask:
             return cast(Marker, where)(np.array(points.T, order="C"))
 
-        compare_function(self._comm, self._name, marker_of_rows, x[marks], x[~marks])
+        check_same_function(self._comm, self._name, marker_of_rows, x[marks], x[~marks])
 
 
 def piecewise_constants_by_tag(
@@ -222,8 +222,8 @@ def piecewise_constants_by_tag(
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_entities(dim)
     owned = mesh.topology.index_map(dim).size_local
-    with collective(comm):
-        arguments.of_type(
+    with collective_errors(comm):
+        arguments.check_type(
             "the cells' tags", cell_tags, MeshTags, "dolfinx.mesh.meshtags makes them"
         )
         if cell_tags.dim != dim:

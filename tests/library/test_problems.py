@@ -24,7 +24,7 @@ from pw_elements import (
     solve,
     test_space,
 )
-from tests.contact.cases import at, at_large_strains
+from tests.contact.cases import finite_strain_residual, on_plane
 from tests.library.properties import rim_of, unit_mesh
 
 DX = ufl.dx(metadata={"quadrature_degree": 6})
@@ -44,7 +44,7 @@ def interpolated(V, field):
 
 def rubber(mesh, method=Spaces.petrov_galerkin):
     spaces = method(mesh)
-    return spaces.trial, *at_large_strains(spaces, degree=6)
+    return spaces.trial, *finite_strain_residual(spaces, degree=6)
 
 
 def pressed(depth, n=4):
@@ -56,7 +56,7 @@ def pressed(depth, n=4):
         return np.isclose(x[1], 1.0) & (x[0] < 0.5 + 1e-9)
 
     conditions = [prescribe(V, 1, above, move), prescribe(V, 0, above)]
-    conditions += [prescribe(V, i, at(1, 0.0)) for i in (0, 1)]
+    conditions += [prescribe(V, i, on_plane(1, 0.0)) for i in (0, 1)]
     return PetrovGalerkinProblem(F, u, conditions), move
 
 

@@ -1,0 +1,45 @@
+"""The glossary: its number of terms, its columns and its references to the code."""
+
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+MAX_TERMS = 60
+ROWS = [
+    [cell.strip() for cell in line[1:-1].split("|")]
+    for line in (ROOT / "docs/glossary.md").read_text().splitlines()
+    if line.startswith("| ") and not line.startswith(("| Term", "| ---"))
+]
+
+
+def find_object(dotted_name):
+    """Return the module, class or attribute of a dotted name; a field of a class is its name."""
+    parts = dotted_name.split(".")
+    for length in range(len(parts), 0, -1):
+        try:
+            item = importlib.import_module(".".join(parts[:length]))
+        except ModuleNotFoundError:
+            continue
+        for name in parts[length:]:
+            if name in getattr(item, "__annotations__", {}):
+                return name
+            item = getattr(item, name)
+        return item
+    raise ModuleNotFoundError(dotted_name)
+
+
+def test_each_term_has_a_symbol_a_sentence_and_a_place_in_the_code():
+    assert 40 < len(ROWS) <= MAX_TERMS
+    assert {len(row) for row in ROWS} == {4}
+    terms = [row[0] for row in ROWS]
+    assert len(set(terms)) == len(terms)
+    assert [row[0] for row in ROWS if not row[2].endswith(".") or row[2].count(". ")] == []
+
+
+@pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])
+def test_the_code_holds_each_term(row):
+    (dotted_name,) = re.findall(r"`(pw_elements[\w.]*)`", row[3])
+    assert find_object(dotted_name) is not None
