@@ -286,7 +286,7 @@ def _prestress_over_stiffness(
     row_norms = np.sqrt(np.bincount(row, entries**2))
     prestress = np.pad(row_norms, (0, len(indptr) - 1 - len(row_norms)))
     stiffness = np.abs(K.getDiagonal().array_r)
-    dofs = slice(None)
+    dofs: npt.NDArray[np.integer] = np.arange(len(stiffness))
     if space is not None:
         dofs = SubSpace.displacements(space).owned_unknowns.ravel()
     sums = np.array(

@@ -97,8 +97,8 @@ def evaluate_conditions(
     contradictions = np.unique(np.concatenate(comm.allgather(contradictions)), axis=0)
     if len(contradictions):
         raise ValueError(
-            f"Dirichlet conditions contradict each other at {format_points(contradictions)}: a degree of "
-            "freedom can have one value"
+            f"Dirichlet conditions contradict each other at {format_points(contradictions)}: a "
+            "degree of freedom can have one value"
         )
     offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
     offset.setArray(values[:owned])

@@ -476,9 +476,10 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     nodes = np.unique(np.flatnonzero(lacks_mass) // space.dofmap.index_map_bs)
     if count := space.mesh.comm.allreduce(len(nodes), MPI.SUM):
         positions = space.mesh.comm.allgather(space.tabulate_dof_coordinates()[nodes[:3]])
+        examples = format_points(np.concatenate(positions)[:3])
         raise ValueError(
-            f"{count} nodes have no positive lumped mass, among them those at "
-            f"{format_points(np.concatenate(positions)[:3])}: row sums serve piecewise-linear weights"
+            f"{count} nodes have no positive lumped mass, among them those at {examples}: row sums "
+            "serve piecewise-linear weights"
         )
     lumped = PETSc.Mat().createAIJ(M.getSizes(), nnz=1, comm=M.comm)
     lumped.setDiagonal(mass)

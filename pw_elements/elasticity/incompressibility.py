@@ -193,9 +193,9 @@ class TangentRatioMonitor:
                 comm,
                 logging.WARNING,
                 f"the tangent's bulk stiffness is up to {largest:.3g} times its shear stiffness, "
-                f"in {len(midpoints)} cells, first around {format_points(midpoints[:3])}, more than "
-                f"{self._limit:g} times. With displacements and piecewise-linear weights on such "
-                f"cells {HYBRID_SPACES_REMEDY}. "
+                f"in {len(midpoints)} cells, first around {format_points(midpoints[:3])}, more "
+                f"than {self._limit:g} times. With displacements and piecewise-linear weights on "
+                f"such cells {HYBRID_SPACES_REMEDY}. "
                 "Signs of determinants do not tell instability there",
                 ".contact",
             )

@@ -148,8 +148,8 @@ class Sibling:
         x = np.concatenate(self.space.mesh.comm.allgather(x))
         if len(x):
             raise ValueError(
-                f"the nodes at {format_points(x)} have a prescribed displacement, but not all nodes "
-                "on which their coefficients depend: prescribe whole edges"
+                f"the nodes at {format_points(x)} have a prescribed displacement, but not all "
+                "nodes on which their coefficients depend: prescribe whole edges"
             )
         offset = self.inverse * standard.offset
         offset.setArray(offset.array_r * (1 - free.array_r))

@@ -178,11 +178,12 @@ def compile_form(form: ufl.Form, rank: int, name: str) -> fem.Form:
         raise ValueError("the form mixes meshes: its functions and measures have to share one")
     if (mesh := domains[0].ufl_cargo()) is None:
         raise ValueError("the form belongs to no mesh: give its measure a domain")
-    for kind, tags in form.subdomain_data()[domains[0]].items():
+    for integral_type, tags in form.subdomain_data()[domains[0]].items():
         if any(part is not tags[0] for part in tags):
+            entities = integral_type.replace("_", " ")
             raise ValueError(
-                f"the form has several measures of {kind.replace('_', ' ')}s, of which DOLFINx "
-                "takes one: assemble a form of each and add the results"
+                f"the form has several measures of {entities}s, of which DOLFINx takes one: "
+                "assemble a form of each and add the results"
             )
     plain = _replace_metadata(
         form, lambda part: {k: v for k, v in part.metadata().items() if k != STRESS_STATE_KEY}

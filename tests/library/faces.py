@@ -130,8 +130,10 @@ def calls(comm):
             {"residual": F, "u": u, "conditions": conditions, "solver": Direct()}),
         "PetrovGalerkinProblem.solve": (nonlinear.solve, {"load": depth, "increments": 1}),
         "PetrovGalerkinProblem.reactions": (nonlinear.reactions, {}),
-        "Reduction": (Reduction, {"left": w.held.left, "right": w.held.right, "inner_flexibility": None}
-                      | {"offset": w.held.offset, "space": w.U, "supports": w.held.supports}),
+        "Reduction": (
+            Reduction,
+            {"left": w.held.left, "right": w.held.right, "inner_flexibility": None}
+            | {"offset": w.held.offset, "space": w.U, "supports": w.held.supports}),
         "Reduction.expand": (w.held.expand, {"reduced": w.held.right.createVecRight()}),
         "Reduction.dirichlet": (Reduction.dirichlet, {"space": w.U, "conditions": conditions}),
         "Reduction.condensation": (
