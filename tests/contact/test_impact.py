@@ -75,7 +75,7 @@ def test_momentum_changes_by_impulses_and_energy_by_work():
     history = BLOCK.solve_impact(3.0, (1.0, -0.7), 0.4, load=BLOCK.body_force_load(gravity))
     dt, steps = history.step, len(history.time) - 1
     momentum = (BLOCK.mass * history.velocity.array).reshape(-1, 2).sum(axis=0)
-    contact_impulse = history.pairs[0].total_mass.sum(axis=0) * dt
+    contact_impulse = history.pairs[0].total.sum(axis=0) * dt
     # velocities are at half steps: half a step of the load is missing
     load_impulse = BLOCK.total_mass * gravity * dt * (steps - 0.5)
     assert momentum == pytest.approx(
@@ -84,7 +84,7 @@ def test_momentum_changes_by_impulses_and_energy_by_work():
     energies = history.energies
     assert energies.imbalance < 1e-12
     assert energies.normal_work[-1] < -1e-3
-    assert energies.friction_work[-1] < -0.1 * energies.total_mass[0]
+    assert energies.friction_work[-1] < -0.1 * energies.total[0]
     assert np.all(
         np.abs(history.pairs[0].force[..., 0]) <= 0.4 * history.pairs[0].force[..., 1] + 1e-12
     )
@@ -106,7 +106,7 @@ def test_a_rough_plane_stops_a_block_after_v2_over_2_mu_g():
     velocity = (block.mass * history.velocity.array)[::2].sum() / block.total_mass
     assert abs(velocity) < 0.01 * speed
     is_sliding = history.time[:-1] < 0.9 * stopping_time
-    drag = -history.pairs[0].total_mass[is_sliding, 0].mean()
+    drag = -history.pairs[0].total[is_sliding, 0].mean()
     assert drag == pytest.approx(mu * gravity * block.total_mass, rel=0.01)
     assert (history.frames[0].pairs[0].status == STICK).all()
 

@@ -231,7 +231,7 @@ def difference_errors(case, sensitivities, states, groups):
         (lambda: RandomRubber(0), 4),
         (lambda: RandomRubber(1), 1),
         (lambda: RandomRubber(5, dim=3), 1),
-        (lambda: RandomRubber(6, most=4, steps=2), 1),
+        (lambda: RandomRubber(6, max_iterations=4, steps=2), 1),
         (SteelBlock, 2),
     ],
 )
