@@ -30,14 +30,14 @@ def _few_candidates(monkeypatch):
     """The mortar's search asks about few pairs on each of the suite's meshes."""
     if (mortar := sys.modules.get("pw_elements.contact.interface.mortar")) is None:
         return
-    candidates = mortar._candidates
+    candidates = mortar._find_candidate_pairs
 
     def counted(slave, master, along):
         found = candidates(slave, master, along)
         assert len(found[0]) <= CANDIDATES * max(len(slave), len(master))
         return found
 
-    monkeypatch.setattr(mortar, "_candidates", counted)
+    monkeypatch.setattr(mortar, "_find_candidate_pairs", counted)
 
 
 def pytest_addoption(parser):

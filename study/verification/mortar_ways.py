@@ -211,7 +211,7 @@ def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.Dirichle
     one, other = (gathered_trace(space, facets) for facets in (two.slave, two.master))
     nodes, dim = one.nodes, x.shape[1]
     # the slave is pushed along its own inward normal
-    sign = -1.0 if one.outward[:, -1].mean() > 0 else 1.0
+    sign = -1.0 if one.facet_normals[:, -1].mean() > 0 else 1.0
     build = _of_nodes if two.way == "node-to-segment" else _of_multipliers
     coupling = build(two.way, one, other, len(x), sign)
     G, B = (sp.csr_array(sp.kron(of, np.eye(dim)[-1:])) for of in (coupling.rows, coupling.forces))
@@ -254,7 +254,7 @@ def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.Dirichle
         pressure = surface.pressure(multiplier[order])
     else:
         if two.way == "p2-p1":  # linear along each edge
-            place = np.searchsorted(nodes, one.node)
+            place = np.searchsorted(nodes, one.facet_nodes)
             for middle, ends in _edges(one.dim):
                 multiplier[place[:, middle]] = multiplier[place[:, ends]].mean(axis=1)
                 known[place[:, middle]] = known[place[:, ends]].all(axis=1)
@@ -348,8 +348,8 @@ def _duals(at: Indices, N: Array, measure: Array, dim: int) -> Array:
 
 def _of_nodes(way: str, one: Trace, other: Trace, count: int, sign: float) -> _Coupling:  # noqa: ARG001
     """Nodes of the slave, which meet the master's face along the last coordinate."""
-    x = one.positions_of_nodes()
-    _, corners, _ = other.parts
+    x = one.node_positions()
+    _, corners, _ = other.sub_facets
     edges = np.swapaxes(corners[:, 1:, :-1] - corners[:, :1, :-1], 1, 2)
     away = x[:, None, :-1] - corners[None, :, 0, :-1]
     inner = np.einsum("sij,nsj->nsi", np.linalg.inv(edges), away)
@@ -357,8 +357,8 @@ def _of_nodes(way: str, one: Trace, other: Trace, count: int, sign: float) -> _C
     part = L.min(axis=2).argmax(axis=1)
     place = L[np.arange(len(x)), part]
     meets = place.min(axis=1) > _ON
-    at, N = other.functions(part, place)
-    y = other.positions(part, N)
+    at, N = other.evaluate_trial_functions(part, place)
+    y = other.interpolate_positions(part, N)
     m = len(x)
     rows = sp.csr_array((np.ones(m), (np.arange(m), one.nodes)), (m, count)) - sp.csr_array(
         (N.ravel(), (np.repeat(np.arange(m), N.shape[1]), at.ravel())), (m, count)

@@ -119,7 +119,7 @@ def test_patch_where_facets_are_covered_in_part(cell, slave):
     end, h = (0.81, 0.1) if cell in PLANE else (0.83, 1 / 6)
     stack = Stack((5, 4) if cell in PLANE else (3, 2), cell, shape=lambda x: x * [end, 1.0, 1.0])
     load = stack.load(-PRESSURE * np.eye(stack.dim)[stack.up])
-    nodes, corners, _ = gathered_trace(stack.space, stack.sides["lower"]).parts
+    nodes, corners, _ = gathered_trace(stack.space, stack.sides["lower"]).sub_facets
     pressed = -PRESSURE * weights_beyond(corners, end)
     np.add.at(load.array.reshape(-1, stack.dim)[:, stack.up], nodes, pressed)
     state = stack.pressed(slave, 0.3 if cell == "hexahedron" else 0.0, load)

@@ -15,7 +15,7 @@ from pw_elements.contact.interface.mortar import (
     Trace,
     flat_facets,
     gathered_trace,
-    sizes,
+    compute_cell_sizes,
     whole_areas,
 )
 from pw_elements.contact.interface.operators import (

@@ -56,28 +56,28 @@ from pw_elements.spaces import (
 )
 
 # Attributes of surfaces that are vectors (dim,)
-_VECTORS = ("point", "direction", "apex", "centre")
+_SURFACE_VECTOR_ATTRIBUTES = ("point", "direction", "apex", "centre")
 # Cells at a time, to save memory
-_CELLS_AT_ONCE = 20_000
+_CELLS_PER_BLOCK = 20_000
 # Largest distance of a node from where its counterpart should be, over the body's diagonal
-_MATCHING = 1e-6
+_MAX_MATCHING_DISTANCE = 1e-6
 # Distance from the axis of revolution, over the body's diagonal, up to which a node lies on it
-_ON_AXIS = 1e-10
+_AXIS_TOLERANCE = 1e-10
 # Cosine up to which a normal is turned into a symmetry plane
-_NEARLY = 0.9
+_MIN_SYMMETRY_PLANE_COSINE = 0.9
 # Gap of sides that coincide, over the slave's mean sub-facet: that of an octant of a sphere is 0.01
 # with two quadratic facets a side
-_COINCIDE = 0.05
+_MAX_COINCIDENT_GAP = 0.05
 # Mesh gaps per edge length, over interference per body diagonal, above which a warning is logged:
 # they change pressures by a tenth
-_NOISE = 0.03
-_OF_MESHES = (
+_MAX_MESH_GAP_RATIO = 0.03
+_MESH_GAP_WARNING = (
     "contact pair %d: gaps that meshes leave within facets are much of its interference, and "
     "pressures are off by a tenth or more: use finer meshes, or DeformableSurface(..., "
     "coincident=True) and the depth as interference"
 )
 # Mean edge of the slave over the master's where they face each other; a warning is logged above
-_COARSE = 3.0
+_MAX_EDGE_RATIO = 3.0
 
 
 class BodyNodes:
@@ -94,31 +94,34 @@ class BodyNodes:
         on_axis: (nodes, dim), which components are radial ones of nodes on an axis of revolution.
     """
 
-    def __init__(self, given: fem.FunctionSpace, reduction: Reduction) -> None:
-        self.given, self.field = given, SubSpace.displacements(given)
-        self.space = self.field.space
+    def __init__(self, unknowns_space: fem.FunctionSpace, reduction: Reduction) -> None:
+        self.unknowns_space, self.displacements = (
+            unknowns_space,
+            SubSpace.displacements(unknowns_space),
+        )
+        self.space = self.displacements.space
         mesh = self.space.mesh
         dim = mesh.geometry.dim
         self.x: Array = self.space.tabulate_dof_coordinates()[:, :dim]
-        self.column: Indices = free_columns(reduction.right)[self.field.owned]
+        self.reduced_column: Indices = free_columns(reduction.right)[self.displacements.owned]
         v = ufl.TestFunction(self.space)
         normal = assemble_vector(ufl.inner(ufl.FacetNormal(mesh), v) * ufl.ds)
         # a view would keep the vector on the one process whose error holds these nodes
-        self.outward = np.array(normal.array_r).reshape(-1, dim)
-        self.beside = midpoints_around(self.space)
+        self.outward_normal = np.array(normal.array_r).reshape(-1, dim)
+        self.mean_cell_midpoint = midpoints_around(self.space)
         self.diagonal = float(np.linalg.norm(extents(mesh.comm, mesh.geometry.x)))
         self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
 
-    def find_axis(self, known: Assembled | None) -> None:
+    def mark_axis_nodes(self, known: Assembled | None) -> None:
         """Mark radial components on the axis, if the stiffness is known to be axisymmetric."""
         if known is not None and StressState.AXISYMMETRIC.value in known.states:
-            self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _ON_AXIS * self.diagonal
+            self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _AXIS_TOLERANCE * self.diagonal
 
-    def owned(self, whose: str, nodes: Part) -> Local:
-        given = nodes_of(self.given, whose, nodes)
+    def find_owned_nodes(self, whose: str, nodes: Part) -> Local:
+        given = nodes_of(self.unknowns_space, whose, nodes)
         return given[given < self.space.dofmap.index_map.size_local]
 
-    def refuse(self, node: Local, what: str) -> None:
+    def refuse_nodes(self, node: Local, what: str) -> None:
         """Raises a ValueError that names the positions of nodes, if there are any."""
         places = np.concatenate(self.space.mesh.comm.allgather(self.x[node]))
         if len(places):
@@ -150,7 +153,10 @@ def nodal_interface(
     largest = space.mesh.comm.allreduce(np.abs(space.mesh.geometry.x).max(initial=0.0), MPI.MAX)
     shapes = [with_step(shape, largest) for shape in shapes]
     for k, (shape, pair) in enumerate(zip(shapes, pairs, strict=True)):
-        vectors = {f"the {name} of its surface": getattr(shape, name, None) for name in _VECTORS}
+        vectors = {
+            f"the {name} of its surface": getattr(shape, name, None)
+            for name in _SURFACE_VECTOR_ATTRIBUTES
+        }
         for name, vector in {**vectors, "its pivot": pair.pivot}.items():
             if vector is not None and (size := np.size(vector)) != dim:
                 raise ValueError(f"contact pair {k}: {name} has {size} components in {dim}-D")
@@ -161,42 +167,48 @@ def nodal_interface(
             )
     body = BodyNodes(space, reduction)
     names = [f"contact pair {k}" for k in range(len(pairs))]
-    found = [body.owned(name, pair.nodes) for name, pair in zip(names, pairs, strict=True)]
+    found = [
+        body.find_owned_nodes(name, pair.nodes) for name, pair in zip(names, pairs, strict=True)
+    ]
     for name, node in zip(names, found, strict=True):
-        _tell_of_lone(name, node, body)
+        _warn_of_nodes_without_pressure(name, node, body)
     cones, comm = [], space.mesh.comm
     for name, pair, node in zip(names, pairs, found, strict=True):
-        at = _at_nodes(comm, f"the friction of {name}", pair.law.at, body.x[node])
+        at = _evaluate_user_function(comm, f"the friction of {name}", pair.law.at, body.x[node])
         cones.append(Cone([pair.law], [at]))
-    body.find_axis(known)
+    body.mark_axis_nodes(known)
     points, faced = [], []
     mortars: dict[int, SlidingMortar] = {}
     for k, (pair, node, cone) in enumerate(zip(pairs, found, cones, strict=True)):
         if isinstance(pair.surface, DeformableSurface):
-            revolved = _revolved(k, pair.surface, known or Assembled(), dim)
+            revolved = _is_axisymmetric(k, pair.surface, known or Assembled(), dim)
             if deformed:
-                of_pair, shapes[k], mortars[k] = sliding_points(k, pair, node, cone, body, revolved)
+                of_pair, shapes[k], mortars[k] = make_sliding_points(
+                    k, pair, node, cone, body, revolved
+                )
             else:
-                depth = _depth(comm, k, pair, body.x[node])
-                of_pair, shapes[k] = mortar_points(k, pair, node, cone, body, revolved, depth)
+                depth = _evaluate_nominal_interference(comm, k, pair, body.x[node])
+                of_pair, shapes[k] = make_mortar_points(k, pair, node, cone, body, revolved, depth)
         elif isinstance(pair.surface, MatchingNodes):
-            faced.append(body.owned(f"contact pair {k}, opposite side", pair.surface.nodes))
-            opposite = opposite_nodes(k, pair.surface, node, faced[-1], cone.rough, body)
-            of_pair = _points(body, node, cone, opposite)
+            faced.append(
+                body.find_owned_nodes(f"contact pair {k}, opposite side", pair.surface.nodes)
+            )
+            opposite = match_opposite_nodes(k, pair.surface, node, faced[-1], cone.rough, body)
+            of_pair = _make_points(body, node, cone, opposite)
         else:
-            of_pair = _points(body, node, cone, None)
+            of_pair = _make_points(body, node, cone, None)
         points.append(of_pair)
     interfering = [pair.interference is not False for pair in pairs]
     inverse = None if known is None or known.sibling is None else known.sibling.inverse
-    interface = Interface(points, shapes, body.field, interfering, inverse, mortars)
-    _check_nodes(body, np.concatenate([*found, *faced]))
+    interface = Interface(points, shapes, body.displacements, interfering, inverse, mortars)
+    _check_contact_nodes(body, np.concatenate([*found, *faced]))
     interface.check(body.diagonal)
     compare_pairs(interface, pairs, shapes)
-    _warn_of_coarse_steps(interface)
+    _warn_of_large_difference_steps(interface)
     return interface
 
 
-def _warn_of_coarse_steps(interface: Interface) -> None:
+def _warn_of_large_difference_steps(interface: Interface) -> None:
     """Log signed distances whose step of differences is too large for their curvature."""
     comm = interface.comm
     for k, surface in enumerate(interface.surfaces):
@@ -215,7 +227,7 @@ def _warn_of_coarse_steps(interface: Interface) -> None:
             told(comm, logging.WARNING, words, ".contact")
 
 
-def _tell_of_lone(name: str, node: Local, body: BodyNodes) -> None:
+def _warn_of_nodes_without_pressure(name: str, node: Local, body: BodyNodes) -> None:
     """Logs nodes that have no pressure, which files and pictures refuse when all is solved."""
     comm, own = body.space.mesh.comm, body.space.dofmap.index_map
     every = np.concatenate(comm.allgather(own.local_to_global(node)))
@@ -232,34 +244,38 @@ def _tell_of_lone(name: str, node: Local, body: BodyNodes) -> None:
         told(comm, logging.WARNING, words, ".contact")
 
 
-def _check_nodes(body: BodyNodes, node: Local) -> None:
+def _check_contact_nodes(body: BodyNodes, node: Local) -> None:
     unique, times = np.unique(node, return_counts=True)
-    body.refuse(unique[times > 1], "belong to two contact pairs: leave a facet between them")
+    body.refuse_nodes(unique[times > 1], "belong to two contact pairs: leave a facet between them")
     mesh = body.space.mesh
     facet = mesh.topology.dim - 1
     mesh.topology.create_connectivity(facet, mesh.topology.dim)
     facets = exterior_facet_indices(mesh.topology)
     on_boundary = fem.locate_dofs_topological(body.space, facet, facets)
-    body.refuse(node[~np.isin(node, on_boundary)], "lie inside of the body, not on its boundary")
+    body.refuse_nodes(
+        node[~np.isin(node, on_boundary)], "lie inside of the body, not on its boundary"
+    )
     with collective(mesh.comm):
-        if np.any(body.column[node] < -1):
+        if np.any(body.reduced_column[node] < -1):
             raise ValueError(
                 "the reduction combines the displacements of a contact node with others: it may "
                 "prescribe them or keep them"
             )
 
 
-def _depth(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Array | None:
+def _evaluate_nominal_interference(
+    comm: MPI.Comm, number: int, pair: ContactPair, x: Array
+) -> Array | None:
     """The nominal interference (n,) at positions (n, dim); None where sides do not coincide."""
     depth = pair.interference
     if not getattr(pair.surface, "coincident", False):
         return None
     if not arguments.is_function(depth):
         return np.full(len(x), float(depth))  # type: ignore[arg-type]
-    return _at_nodes(comm, f"the interference of contact pair {number}", depth, x)
+    return _evaluate_user_function(comm, f"the interference of contact pair {number}", depth, x)
 
 
-def _at_nodes(
+def _evaluate_user_function(
     comm: MPI.Comm, whose: str, function: Callable[[Array], Array | float], x: Array
 ) -> Array:
     """Return what a user's function says at positions (n, dim); collective.
@@ -277,7 +293,7 @@ def _at_nodes(
         return arguments.field(whose, given, (len(every),), layout)[own]
 
 
-def _revolved(number: int, master: DeformableSurface, known: Assembled, dim: int) -> bool:
+def _is_axisymmetric(number: int, master: DeformableSurface, known: Assembled, dim: int) -> bool:
     """Whether areas are those of a circumference, by what is known of the stiffness if it is."""
     axisymmetric = StressState.AXISYMMETRIC.value in known.states
     if dim == 2 and not known.states and master.revolved is None:
@@ -299,8 +315,8 @@ def midpoints_around(space: fem.FunctionSpace) -> Array:
     dim, owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
     sums = la.vector(space.dofmap.index_map, dim + 1)
     sums.array[:] = 0.0
-    for first in range(0, owned, _CELLS_AT_ONCE):
-        some = slice(first, min(first + _CELLS_AT_ONCE, owned))
+    for first in range(0, owned, _CELLS_PER_BLOCK):
+        some = slice(first, min(first + _CELLS_PER_BLOCK, owned))
         middle = mesh.geometry.x[cell_nodes(mesh)[some], :dim].mean(axis=1)
         parts = np.concatenate([middle, np.ones((len(middle), 1))], axis=1)
         cells = space.dofmap.list[some]
@@ -326,7 +342,7 @@ def free_columns(right: PETSc.Mat) -> Indices:
     return column
 
 
-def _points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) -> Points:
+def _make_points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) -> Points:
     """Points at owned nodes; `opposite` has the global numbers of the nodes that they face."""
     dim = body.x.shape[1]
     own = (node + body.space.dofmap.index_map.local_range[0]).astype(np.int64)
@@ -334,16 +350,16 @@ def _points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) 
     dofs = [(end[:, None] * dim + np.arange(dim)).ravel() for end, _ in ends]
     value = np.repeat([sign for _, sign in ends], len(node) * dim)
     row = np.tile(np.arange(len(node) * dim), len(ends))
-    shape = (len(node) * dim, body.field.sizes[1])
+    shape = (len(node) * dim, body.displacements.sizes[1])
     motion = sp.csr_matrix((value, (row, np.concatenate(dofs))), shape)
     return Points(
         body.x[node],
         cone,
-        body.column[node],
+        body.reduced_column[node],
         motion,
         motion,
-        body.beside[node],
-        body.outward[node],
+        body.mean_cell_midpoint[node],
+        body.outward_normal[node],
         own,
         np.full_like(own, RIGID) if opposite is None else opposite,
         body.on_axis[node],
@@ -351,7 +367,7 @@ def _points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) 
     )
 
 
-def opposite_nodes(
+def match_opposite_nodes(
     number: int, matching: MatchingNodes, node: Local, theirs: Local, rough: Mask, body: BodyNodes
 ) -> Indices:
     """Global number (m,) of the node of the opposite side that each of a pair's nodes faces.
@@ -366,17 +382,19 @@ def opposite_nodes(
     first = body.space.dofmap.index_map.local_range[0]
     known, place, held = (
         np.concatenate(comm.allgather(values))
-        for values in (theirs + np.int64(first), body.x[theirs], body.column[theirs] == -1)
+        for values in (theirs + np.int64(first), body.x[theirs], body.reduced_column[theirs] == -1)
     )
     if not len(known):
         raise ValueError(f"contact pair {number} has no opposite nodes: their marker holds nowhere")
     distance, nearest = cKDTree(place).query(body.x[node] + offset)
-    body.refuse(node[distance > _MATCHING * body.diagonal], "face no node of the opposite side")
+    body.refuse_nodes(
+        node[distance > _MAX_MATCHING_DISTANCE * body.diagonal], "face no node of the opposite side"
+    )
     times = np.bincount(nearest, minlength=len(known))
     comm.Allreduce(MPI.IN_PLACE, times, MPI.SUM)
-    body.refuse(node[times[nearest] > 1], "face the same node of the opposite side")
-    alone = ((body.column[node] == -1) & ~held[nearest]).any(axis=1)
-    body.refuse(
+    body.refuse_nodes(node[times[nearest] > 1], "face the same node of the opposite side")
+    alone = ((body.reduced_column[node] == -1) & ~held[nearest]).any(axis=1)
+    body.refuse_nodes(
         node[alone & rough],
         "have a prescribed displacement that their counterparts have not: exchange both sides",
     )
@@ -400,7 +418,7 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
         )
 
 
-def _sides(
+def _gather_sides(
     number: int, pair: ContactPair, node: Local, body: BodyNodes
 ) -> tuple[Indices, Trace, Trace]:
     """Global numbers of a pair's owned nodes (m,), and both sides of it, with what they must be."""
@@ -412,11 +430,13 @@ def _sides(
         raise ValueError(f"{who} has no nodes: its marker holds nowhere")
     one = gathered_trace(space, facets_between(space, every))
     other = gathered_trace(space, exterior_facets(space.mesh, master.where))
-    if not len(other.node):
+    if not len(other.facet_nodes):
         raise ValueError(f"{who} has no opposite facets: their marker holds nowhere")
-    body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
-    body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
-    if len(places := one.edges()):
+    body.refuse_nodes(
+        node[~np.isin(own, one.facet_nodes)], "belong to no facet that is all in their pair"
+    )
+    body.refuse_nodes(node[np.isin(own, other.facet_nodes)], "belong to both sides of their pair")
+    if len(places := one.find_sharp_edges()):
         raise ValueError(
             f"{who} has an edge at {listed(places)}, where its normal would belong to neither "
             "side: state each side as a pair of its own, one with the nodes of the edge"
@@ -424,34 +444,40 @@ def _sides(
     return own, one, other
 
 
-_APART = (
+_NO_OVERLAP_MESSAGE = (
     "contact pair %d: no part of its facets faces the opposite part: one of both is on the far "
     "side of its body, or they do not overlap"
 )
 
 
-def sliding_points(
+def make_sliding_points(
     number: int, pair: ContactPair, node: Local, cone: Cone, body: BodyNodes, revolved: bool
 ) -> tuple[Points, InitialGap, SlidingMortar]:
     """Points at the owned nodes (m,) of a pair of bodies that slide, as they are at first."""
-    own, one, other = _sides(number, pair, node, body)
+    own, one, other = _gather_sides(number, pair, node, body)
     mortar = SlidingMortar(one, other, revolved)
     met = mortar.meet(mortar.x)
     if not met.faced.any():
-        raise ValueError(_APART % number)
-    free = ~_prescribed(one.nodes, body)
-    near = np.linalg.norm(met.normals * free, axis=1) > _NEARLY  # as `_in_symmetry_planes`
+        raise ValueError(_NO_OVERLAP_MESSAGE % number)
+    free = ~_find_prescribed_components(one.nodes, body)
+    near = (
+        np.linalg.norm(met.normals * free, axis=1) > _MIN_SYMMETRY_PLANE_COSINE
+    )  # as `_in_symmetry_planes`
     mortar.kept[near] = free[near]
     met = mortar.meet(mortar.x)
     among = np.searchsorted(one.nodes, own)
     gap = np.where(met.faced, met.gaps, np.inf)[among]
-    points = replace(_points(body, node, cone, None), **_facing(own, node, other, body))
+    points = replace(
+        _make_points(body, node, cone, None), **_opposite_side_fields(own, node, other, body)
+    )
     return points, InitialGap(body.x[node], gap, met.normals[among]), mortar
 
 
-def _facing(own: Indices, node: Local, other: Trace, body: BodyNodes) -> dict[str, Any]:
-    x = other.positions_of_nodes()
-    order, held = by_position(x), _prescribed(other.nodes, body)
+def _opposite_side_fields(
+    own: Indices, node: Local, other: Trace, body: BodyNodes
+) -> dict[str, Any]:
+    x = other.node_positions()
+    order, held = by_position(x), _find_prescribed_components(other.nodes, body)
     counterpart = np.full(body.x[node].shape, -1, dtype=np.int64)
     for axis in range(x.shape[1]):
         some = np.flatnonzero(held[:, axis])
@@ -465,7 +491,7 @@ def _facing(own: Indices, node: Local, other: Trace, body: BodyNodes) -> dict[st
     }
 
 
-def mortar_points(
+def make_mortar_points(
     number: int,
     pair: ContactPair,
     node: Local,
@@ -480,12 +506,12 @@ def mortar_points(
     that coincide, None of others; `revolved` tells whether areas are those of a circumference.
     """
     comm = body.space.mesh.comm
-    own, one, other = _sides(number, pair, node, body)
+    own, one, other = _gather_sides(number, pair, node, body)
     overlap = Overlap.of(one, other, own, revolved)
     if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
-        raise ValueError(_APART % number)
+        raise ValueError(_NO_OVERLAP_MESSAGE % number)
     coarseness = overlap.mean_edge(overlap.ratio, comm)
-    if coarseness > _COARSE:
+    if coarseness > _MAX_EDGE_RATIO:
         words = (
             f"contact pair {number}: its facets are {coarseness:.1f} times as large as those they "
             "face; let the finer mesh be the pair's, or the opposite body's forces may have either "
@@ -493,7 +519,7 @@ def mortar_points(
         )
         told(comm, logging.WARNING, words, ".contact")
     m, dim = len(node), body.x.shape[1]
-    shape = m, body.field.sizes[1] // dim
+    shape = m, body.displacements.sizes[1] // dim
     area = overlap.per_point(np.ones(len(overlap.measure)), m)
     faced = area > 0
     scale = sp.diags_array(1 / np.where(faced, area, 1.0))
@@ -504,37 +530,41 @@ def mortar_points(
     motion -= overlap.integrals(overlap.weight, at2, N2, shape)
     force = unit - scale @ overlap.integrals(overlap.dual, at3, w2, shape)
     meets = overlap.integrals(overlap.weight, at3, w2, shape)[:, other.nodes] > 0
-    lone = (body.column[node] == -1) & ~(meets @ _prescribed(other.nodes, body))
-    body.refuse(
+    lone = (body.reduced_column[node] == -1) & ~(
+        meets @ _find_prescribed_components(other.nodes, body)
+    )
+    body.refuse_nodes(
         node[faced & cone.rough & lone.any(axis=1)],
         "have a prescribed displacement that none of the nodes which they face has, so that these "
         "would get no friction: exchange both sides",
     )
-    into = _in_symmetry_planes(-one.normals(own), body.column[node] >= 0)
+    into = _turn_into_symmetry_planes(-one.average_normals(own), body.reduced_column[node] >= 0)
     apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
     gap = np.where(faced, np.sum(into * apart, axis=1) * scale.diagonal(), np.inf)
     edge = overlap.mean_edge(overlap.size, comm)
     if depth is not None:
-        body.refuse(
-            node[faced & (np.abs(gap) > _COINCIDE * edge)],
+        body.refuse_nodes(
+            node[faced & (np.abs(gap) > _MAX_COINCIDENT_GAP * edge)],
             "lie away from the opposite side, farther than meshes of one surface do (coincident)",
         )
         gap = np.where(faced, -depth, np.inf)
     elif pair.interference:
         along = np.einsum("qki,qi->qk", into[overlap.point], overlap.apart)
         squares = overlap.per_point(along**2, m) * scale.diagonal()
-        _tell_of_noise(number, squares, gap, body, edge)
+        _warn_of_mesh_gaps(number, squares, gap, body, edge)
     axes = sp.eye_array(dim)
     points = replace(
-        _points(body, node, cone, None),
+        _make_points(body, node, cone, None),
         motion=sp.csr_matrix(sp.kron(scale @ motion + alone, axes)),
         force=sp.csr_matrix(sp.kron(force, axes)),
-        **_facing(own, node, other, body),
+        **_opposite_side_fields(own, node, other, body),
     )
     return points, InitialGap(body.x[node], gap, into)
 
 
-def _tell_of_noise(number: int, squares: Array, gap: Array, body: BodyNodes, edge: float) -> None:
+def _warn_of_mesh_gaps(
+    number: int, squares: Array, gap: Array, body: BodyNodes, edge: float
+) -> None:
     """Logs it where gaps that meshes leave within facets are much of an interference.
 
     `squares` (m,) are the mean squares of distances, of which the mean `gap` (m,) is a part.
@@ -543,21 +573,21 @@ def _tell_of_noise(number: int, squares: Array, gap: Array, body: BodyNodes, edg
     left = (squares - gap**2)[pressed].clip(0)
     sums = np.array([np.sum(left), np.sum(gap[pressed]), len(left)])
     total, depth, count = comm.allreduce(sums, MPI.SUM)
-    if np.sqrt(total * count) * body.diagonal > -_NOISE * edge * depth:
-        told(comm, logging.WARNING, _OF_MESHES % number, ".contact")
+    if np.sqrt(total * count) * body.diagonal > -_MAX_MESH_GAP_RATIO * edge * depth:
+        told(comm, logging.WARNING, _MESH_GAP_WARNING % number, ".contact")
 
 
-def _prescribed(node: Indices, body: BodyNodes) -> Mask:
+def _find_prescribed_components(node: Indices, body: BodyNodes) -> Mask:
     """Which displacements (n, dim) of global nodes are, of whichever process."""
-    return of_owners(body.space, node, (body.column == -1).astype(np.int8)) > 0
+    return of_owners(body.space, node, (body.reduced_column == -1).astype(np.int8)) > 0
 
 
-def _in_symmetry_planes(normal: Array, free: Mask) -> Array:
+def _turn_into_symmetry_planes(normal: Array, free: Mask) -> Array:
     """Normals (n, dim) without components that are prescribed, if these are small.
 
     On a symmetry plane the facets of one side alone are averaged.
     """
     inside = np.where(free, normal, 0.0)
     length = np.linalg.norm(inside, axis=1, keepdims=True)
-    near = length > _NEARLY
+    near = length > _MIN_SYMMETRY_PLANE_COSINE
     return np.asarray(np.where(near, inside / np.where(near, length, 1.0), normal))

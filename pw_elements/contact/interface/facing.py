@@ -20,13 +20,13 @@ _GAUSS_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
 # Least cosine between a slave's mean normal and the outward normal of a facet that it faces
 _MIN_FACING_COSINE = 0.01
 # Least part of a slave's facet that has to face the master
-_MIN_COVERED_PART = 1e-6
+_MIN_COVERED_FRACTION = 1e-6
 # Distances between facets that are in memory at a time
-_BLOCK_SIZE = 1_000_000
+_DISTANCES_PER_BLOCK = 1_000_000
 
 
 @dataclass(frozen=True)
-class Sides:
+class MortarSides:
     """Slave and master (n nodes, the slave's m first): data that no state changes.
 
     Args:
@@ -38,7 +38,7 @@ class Sides:
 
     slave_facets: Indices
     master_facets: Indices
-    kept: Mask
+    allowed_components: Mask
     revolved: bool
 
 
@@ -92,9 +92,9 @@ def measure_gap_and_slip(
     return end.measure_gaps(x_end), slip[:, None] * end.tangents
 
 
-def measure_facing(sides: Sides, x: Array) -> FacedParts:
+def measure_facing(sides: MortarSides, x: Array) -> FacedParts:
     """Return what both sides have of each other where their nodes are at x (n, 2)."""
-    m, f = len(sides.kept), len(sides.slave_facets)
+    m, f = len(sides.allowed_components), len(sides.slave_facets)
     normals = _average_normals(sides, x)
     facet, (low, high), master = _find_faced_parts(sides, x, normals)
     slave_nodes, master_nodes = sides.slave_facets[facet], sides.master_facets[master]
@@ -142,7 +142,7 @@ def _sum_entries(
 
 
 def _find_faced_parts(
-    sides: Sides, x: Array, normals: Array
+    sides: MortarSides, x: Array, normals: Array
 ) -> tuple[Indices, tuple[Array, Array], Indices]:
     """Return the slave's facets (q,), the s that limit what they face, and the master's facets."""
     slave, master = _find_near_facets(sides, x, normals)
@@ -164,7 +164,7 @@ def _find_faced_parts(
     with np.errstate(invalid="ignore"):
         length = np.where(high > low, high - low, 0.0)
     covered = np.bincount(slave, length, minlength=len(sides.slave_facets))[slave]
-    faced = (length > 0) & (covered > _MIN_COVERED_PART)
+    faced = (length > 0) & (covered > _MIN_COVERED_FRACTION)
     return slave[faced], (low[faced], high[faced]), master[faced]
 
 
@@ -180,7 +180,7 @@ def _nearest_root(start: Array, middle: Array, end: Array) -> tuple[Array, Array
         return 0.5 + from_middle, rise + 2 * bend * from_middle
 
 
-def _find_near_facets(sides: Sides, x: Array, normals: Array) -> tuple[Indices, Indices]:
+def _find_near_facets(sides: MortarSides, x: Array, normals: Array) -> tuple[Indices, Indices]:
     """Return pairs of facets, slave's and master's, that look at each other and are near.
 
     Their middles are at most by half of both lengths (the master's longest) farther apart than
@@ -193,7 +193,7 @@ def _find_near_facets(sides: Sides, x: Array, normals: Array) -> tuple[Indices, 
     half, longest = np.linalg.norm(own_edge, axis=1) / 2, np.linalg.norm(edge, axis=1).max()
     outward = edge[:, ::-1] * [1.0, -1.0] / np.linalg.norm(edge, axis=1)[:, None]
     mean_normal = normals[sides.slave_facets].mean(axis=1)
-    rows, pairs = max(1, _BLOCK_SIZE // len(other)), []
+    rows, pairs = max(1, _DISTANCES_PER_BLOCK // len(other)), []
     for first in range(0, len(own), rows):
         block = slice(first, first + rows)
         distance = np.linalg.norm(own[block, None] - other, axis=2)
@@ -205,13 +205,13 @@ def _find_near_facets(sides: Sides, x: Array, normals: Array) -> tuple[Indices, 
     return slave, master
 
 
-def _average_normals(sides: Sides, x: Array) -> Array:
+def _average_normals(sides: MortarSides, x: Array) -> Array:
     """Return unit normals (m, 2) of the chords between the slave's neighbouring nodes."""
-    chord = np.zeros((len(sides.kept), 2))
+    chord = np.zeros((len(sides.allowed_components), 2))
     edge = x[sides.slave_facets[:, 1]] - x[sides.slave_facets[:, 0]]
     for nodes in sides.slave_facets.T:
         np.add.at(chord, nodes, edge)
-    normals = np.where(sides.kept, chord[:, ::-1] * [-1.0, 1.0], 0.0)
+    normals = np.where(sides.allowed_components, chord[:, ::-1] * [-1.0, 1.0], 0.0)
     return np.asarray(normals / np.linalg.norm(normals, axis=1)[:, None])
 
 

@@ -30,118 +30,128 @@ from pw_elements.elasticity import facets_in_cells
 
 # Nodes of the sub-facets of a facet of so many nodes: vertices first, then the middles of edges,
 # and a quadrilateral's own
-_PARTS = {
+_SUB_FACET_NODES = {
     3: ((0, 2), (2, 1)),
     6: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
     9: ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
 }
 # Corners of the simplices that make up a sub-facet with so many
-_SIMPLICES = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
+_SIMPLEX_CORNERS = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
 # Sub-facets of so many corners
-_CELLS = {2: basix.CellType.interval, 3: basix.CellType.triangle, 4: basix.CellType.quadrilateral}
+_SUB_FACET_CELL_TYPES = {
+    2: basix.CellType.interval,
+    3: basix.CellType.triangle,
+    4: basix.CellType.quadrilateral,
+}
 # Cosine between the normals of facets that meet, below which they have an edge between them
-_EDGE = float(np.cos(np.pi / 4)) - 1e-9
+_MAX_SHARP_EDGE_COSINE = float(np.cos(np.pi / 4)) - 1e-9
 
 # Overlaps of less than this part of the slave's sub-facet are none
-_NO_OVERLAP = 1e-12
+_MIN_OVERLAP_FRACTION = 1e-12
 # Sub-facets whose normals have a larger cosine stand across each other, or look the same way
-FACING = -1e-2
+MAX_FACING_COSINE = -1e-2
 # Corners of a sub-facet of a surface, by their number, one after the other along its rim
-_RIM = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
+_CORNERS_ALONG_RIM = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 # Steps of Newton's method, which ends earlier where they change no place in a cell by more
-_NEWTON_STEPS = 25
-_STILL = 1e-14
+_MAX_NEWTON_STEPS = 25
+_NEWTON_TOLERANCE = 1e-14
 # Of products of weights, quadratic functions and, in axisymmetry, the radius, on sub-facets of so
 # many corners; and where quadrilaterals are no parallelograms, so that nothing is a polynomial
-_DEGREE = {2: 4, 3: 4, 4: 6}
-_TWISTED_DEGREE = 10
+_QUADRATURE_DEGREES = {2: 4, 3: 4, 4: 6}
+_NON_PARALLELOGRAM_DEGREE = 10
 # Difference of opposite sides of parallelograms, over their size
-_PARALLEL = 1e-9
+_PARALLELOGRAM_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class Trace:
     """A part of the boundary, gathered from all processes: facets (f) with k nodes each."""
 
-    node: Indices  # (f, k), global; vertices first, then the middles of edges
-    x: Array  # (f, k, dim)
-    outward: Array  # (f, dim), unit normals of the facets, seen as flat
+    facet_nodes: Indices  # (f, k), global; vertices first, then the middles of edges
+    facet_x: Array  # (f, k, dim)
+    facet_normals: Array  # (f, dim), unit normals of the facets, seen as flat
 
     @property
     def dim(self) -> int:
         """Dimension of the space that the surface lies in."""
-        return int(self.x.shape[2])
+        return int(self.facet_x.shape[2])
 
     @cached_property
     def _element(self) -> basix.finite_element.FiniteElement:
-        return basix.create_element(basix.ElementFamily.P, _CELLS[self._local.shape[1]], 2)
+        return basix.create_element(
+            basix.ElementFamily.P, _SUB_FACET_CELL_TYPES[self._sub_facet_nodes.shape[1]], 2
+        )
 
     @cached_property
-    def _local(self) -> Indices:
+    def _sub_facet_nodes(self) -> Indices:
         """Nodes (parts, k) of the sub-facets of a facet."""
-        return np.array(_PARTS[self.node.shape[1]])
+        return np.array(_SUB_FACET_NODES[self.facet_nodes.shape[1]])
 
     @cached_property
-    def parts(self) -> tuple[Indices, Array, Array]:
+    def sub_facets(self) -> tuple[Indices, Array, Array]:
         """Nodes (s, k) of the sub-facets, their corners (s, k, dim), and normals (s, dim)."""
-        parts, k = self._local.shape
-        corners = self.x[:, self._local].reshape(-1, k, self.dim)
-        outward = np.repeat(self.outward, parts, axis=0)
-        normal = across(corners)
+        parts, k = self._sub_facet_nodes.shape
+        corners = self.facet_x[:, self._sub_facet_nodes].reshape(-1, k, self.dim)
+        outward = np.repeat(self.facet_normals, parts, axis=0)
+        normal = compute_cell_normals(corners)
         normal *= np.sign(np.sum(normal * outward, axis=1))[:, None]
-        return self.node[:, self._local].reshape(-1, k), corners, normal
+        return self.facet_nodes[:, self._sub_facet_nodes].reshape(-1, k), corners, normal
 
-    def functions(self, part: Indices, place: Array) -> tuple[Indices, Array]:
+    def evaluate_trial_functions(self, part: Indices, place: Array) -> tuple[Indices, Array]:
         """Nodes (q, n) and quadratic functions (q, n) at weights (q, k) of sub-facets (q,)."""
-        facet, which = np.divmod(part, len(self._local))
-        at = np.einsum("qa,qab->qb", place, self._element.points[self._local][which])
-        values = np.zeros((len(part), self.node.shape[1]))
+        facet, which = np.divmod(part, len(self._sub_facet_nodes))
+        at = np.einsum("qa,qab->qb", place, self._element.points[self._sub_facet_nodes][which])
+        values = np.zeros((len(part), self.facet_nodes.shape[1]))
         if len(part):  # Basix takes no empty arrays
             values = self._element.tabulate(0, at)[0, :, :, 0]
-        return self.node[facet], values
+        return self.facet_nodes[facet], values
 
-    def positions(self, part: Indices, values: Array) -> Array:
+    def interpolate_positions(self, part: Indices, values: Array) -> Array:
         """Positions (q, dim) by quadratic functions (q, k)."""
-        return np.einsum("qk,qkd->qd", values, self.x[part // len(self._local)])
+        return np.einsum("qk,qkd->qd", values, self.facet_x[part // len(self._sub_facet_nodes)])
 
     @cached_property
     def nodes(self) -> Indices:
         """Numbers (n,) of the nodes, sorted."""
-        return np.unique(self.node)
+        return np.unique(self.facet_nodes)
 
     def moved(self, x: Array) -> "Trace":
         """The same surface with its nodes at positions (n, dim)."""
-        return replace(self, x=x[np.searchsorted(self.nodes, self.node)])
+        return replace(self, x=x[np.searchsorted(self.nodes, self.facet_nodes)])
 
-    def normals(self, nodes: Indices) -> Array:
+    def average_normals(self, nodes: Indices) -> Array:
         """Unit normals (..., dim) of nodes (...), means over the sub-facets around by sizes."""
-        around, corners, normal = self.parts
+        around, corners, normal = self.sub_facets
         of = np.searchsorted(self.nodes, around)
         sums = np.zeros((len(self.nodes), self.dim))
-        np.add.at(sums, of, (normal * sizes(corners)[:, None])[:, None, :])
+        np.add.at(sums, of, (normal * compute_cell_sizes(corners)[:, None])[:, None, :])
         sums /= np.linalg.norm(sums, axis=1, keepdims=True)
         return sums[np.searchsorted(self.nodes, nodes)]
 
-    def edges(self) -> Array:
+    def find_sharp_edges(self) -> Array:
         """Positions (n, dim) where facets meet whose own normals differ by more than 45 degrees."""
-        k, element = self.node.shape[1], self._element
+        k, element = self.facet_nodes.shape[1], self._element
         slopes = element.tabulate(1, element.points)[1:, :, :, 0]
-        along = np.einsum("dqk,fkx->fqdx", slopes, self.x).reshape(-1, self.dim - 1, self.dim)
-        normal = across(np.concatenate([np.zeros_like(along[:, :1]), along], axis=1))
-        normal *= np.sign(np.sum(normal * np.repeat(self.outward, k, axis=0), axis=1))[:, None]
+        along = np.einsum("dqk,fkx->fqdx", slopes, self.facet_x).reshape(-1, self.dim - 1, self.dim)
+        normal = compute_cell_normals(np.concatenate([np.zeros_like(along[:, :1]), along], axis=1))
+        normal *= np.sign(np.sum(normal * np.repeat(self.facet_normals, k, axis=0), axis=1))[
+            :, None
+        ]
         # where two facets meet at most: nodes in the plane, the middles of edges in space
         meets = np.concatenate(element.entity_dofs[self.dim - 2]).astype(np.int64)
         normal = normal.reshape(-1, k, self.dim)[:, meets].reshape(-1, self.dim)
-        node, x = self.node[:, meets].ravel(), self.x[:, meets].reshape(-1, self.dim)
+        node, x = self.facet_nodes[:, meets].ravel(), self.facet_x[:, meets].reshape(-1, self.dim)
         order = np.argsort(node, kind="stable")
         one, other = order[:-1], order[1:]
-        sharp = (node[one] == node[other]) & (np.sum(normal[one] * normal[other], axis=1) < _EDGE)
+        sharp = (node[one] == node[other]) & (
+            np.sum(normal[one] * normal[other], axis=1) < _MAX_SHARP_EDGE_COSINE
+        )
         return np.asarray(x[one[sharp]])
 
-    def positions_of_nodes(self) -> Array:
+    def node_positions(self) -> Array:
         """Positions (n, dim) of the nodes."""
-        _, first = np.unique(self.node, return_index=True)
-        return self.x.reshape(-1, self.dim)[first]
+        _, first = np.unique(self.facet_nodes, return_index=True)
+        return self.facet_x.reshape(-1, self.dim)[first]
 
 
 def gathered_trace(space: fem.FunctionSpace, facets: Local) -> Trace:
@@ -159,14 +169,14 @@ def flat_facets(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Array, 
     nodes = np.take_along_axis(behind, places, axis=1)
     x = space.tabulate_dof_coordinates()[:, :dim]
     inside = x[behind].mean(axis=1)
-    flat = across(x[nodes[:, :dim]])
+    flat = compute_cell_normals(x[nodes[:, :dim]])
     flat *= np.sign(np.sum(flat * (x[nodes[:, 0]] - inside), axis=1))[:, None]
     return nodes, x[nodes], flat
 
 
-def across(corners: Array) -> Array:
+def compute_cell_normals(corners: Array) -> Array:
     """Unit normals (n, dim) of intervals, triangles or quadrilaterals, of either sign."""
-    edges = _spanning(corners)
+    edges = _spanning_vectors(corners)
     if corners.shape[2] == 2:
         normal = np.asarray(edges[:, 0, ::-1] * [1.0, -1.0])
     else:
@@ -174,15 +184,15 @@ def across(corners: Array) -> Array:
     return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
 
-def sizes(corners: Array) -> Array:
+def compute_cell_sizes(corners: Array) -> Array:
     """Lengths or areas (n,), of quadrilaterals those of their projection along the normal."""
     if corners.shape[1] == 4:
-        one, other = np.swapaxes(_spanning(corners), 0, 1)
+        one, other = np.swapaxes(_spanning_vectors(corners), 0, 1)
         return np.asarray(np.linalg.norm(np.cross(one, other), axis=1) / 2)
-    return stretches(corners) / (corners.shape[1] - 1)
+    return compute_jacobian_factors(corners) / (corners.shape[1] - 1)
 
 
-def _spanning(corners: Array) -> Array:
+def _spanning_vectors(corners: Array) -> Array:
     """Edges from the first corner, or a quadrilateral's diagonals."""
     if corners.shape[1] == 4:
         return np.asarray(corners[:, [3, 2]] - corners[:, :2])
@@ -190,49 +200,54 @@ def _spanning(corners: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Segments:
+class OverlapSimplices:
     """Overlaps (q), simplices of dimension d, in coordinates along the slave's first edges."""
 
-    slave: Indices  # (q,), number of the slave's sub-facet
-    master: Indices  # (q,)
+    slave_sub_facet: Indices  # (q,), number of the slave's sub-facet
+    master_sub_facet: Indices  # (q,)
     corners: Array  # (q, d + 1, d)
-    on_slave: Array  # (q, k, d), corners of the slave's sub-facet
-    on_master: Array  # (q, k, d), of the master's, projected
+    slave_corners: Array  # (q, k, d), corners of the slave's sub-facet
+    master_corners: Array  # (q, k, d), of the master's, projected
     size: Array  # (q,), lengths or areas in these coordinates
 
 
-def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segments:
+def find_overlaps(slave: Array, master: Array, along: Array, outward: Array) -> OverlapSimplices:
     """Overlaps of two surfaces, given by the corners (s, k, dim) of their sub-facets.
 
     They are projected along unit directions (s, dim) out of the slave's body; `outward` (m, dim)
     are the master's unit normals.
     """
-    one, other = _candidates(slave, master, along)
-    facing = np.sum(along[one] * outward[other], axis=1) < FACING
+    one, other = _find_candidate_pairs(slave, master, along)
+    facing = np.sum(along[one] * outward[other], axis=1) < MAX_FACING_COSINE
     one, other = one[facing], other[facing]
     edges = slave[:, 1 : slave.shape[2]] - slave[:, :1]
     basis = np.concatenate([edges, along[:, None]], axis=1)[one]
     on_slave, on_master = (  # the last coordinate is along the projection
-        _along(basis, part - slave[one, :1])[..., :-1] for part in (slave[one], master[other])
+        _coordinates_along_edges(basis, part - slave[one, :1])[..., :-1]
+        for part in (slave[one], master[other])
     )
-    pair, corners = (_of_lines if slave.shape[2] == 2 else _of_polygons)(on_slave, on_master)
-    size, own = sizes(corners), on_slave[pair]
-    some = size > _NO_OVERLAP * sum(sizes(own[:, part]) for part in _SIMPLICES[own.shape[1]])
+    pair, corners = (_intersect_intervals if slave.shape[2] == 2 else _intersect_polygons)(
+        on_slave, on_master
+    )
+    size, own = compute_cell_sizes(corners), on_slave[pair]
+    some = size > _MIN_OVERLAP_FRACTION * sum(
+        compute_cell_sizes(own[:, part]) for part in _SIMPLEX_CORNERS[own.shape[1]]
+    )
     pair, corners, size = pair[some], corners[some], size[some]
-    return Segments(one[pair], other[pair], corners, on_slave[pair], on_master[pair], size)
+    return OverlapSimplices(one[pair], other[pair], corners, on_slave[pair], on_master[pair], size)
 
 
-def weights(corners: Array, places: Array) -> Array:
+def evaluate_corner_functions(corners: Array, places: Array) -> Array:
     """Linear or bilinear functions (q, g, k) of corners (q, k, d), at places (q, g, d)."""
     k, d = corners.shape[1:]
     edges = corners[:, 1 : d + 1] - corners[:, :1]
-    inner = _along(edges, places - corners[:, :1])
+    inner = _coordinates_along_edges(edges, places - corners[:, :1])
     if k == d + 1:
         return np.concatenate([1 - inner.sum(axis=2, keepdims=True), inner], axis=2)
     apart = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
-    twist = _along(edges, apart[:, None])
+    twist = _coordinates_along_edges(edges, apart[:, None])
     u, v = inner[..., 0].copy(), inner[..., 1].copy()
-    for _ in range(_NEWTON_STEPS):  # u + twist_0 u v and v + twist_1 u v are known
+    for _ in range(_MAX_NEWTON_STEPS):  # u + twist_0 u v and v + twist_1 u v are known
         wrong = [at + twist[..., i] * u * v - inner[..., i] for i, at in enumerate((u, v))]
         a, b = 1 + twist[..., 0] * v, twist[..., 0] * u
         c, e = twist[..., 1] * v, 1 + twist[..., 1] * u
@@ -242,17 +257,17 @@ def weights(corners: Array, places: Array) -> Array:
             (a * wrong[1] - c * wrong[0]) / determinant,
         )
         u, v = u - step[0], v - step[1]
-        if np.abs(step).max(initial=0.0) < _STILL:
+        if np.abs(step).max(initial=0.0) < _NEWTON_TOLERANCE:
             break
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=2)
 
 
-def _along(edges: Array, away: Array) -> Array:
+def _coordinates_along_edges(edges: Array, away: Array) -> Array:
     """Coordinates (q, g, d) of vectors (q, g, d) along edges, the rows of (q, d, d)."""
     return np.swapaxes(np.linalg.solve(*(np.swapaxes(x, 1, 2) for x in (edges, away))), 1, 2)
 
 
-def stretches(corners: Array, weight: Array | None = None) -> Array:
+def compute_jacobian_factors(corners: Array, weight: Array | None = None) -> Array:
     """Lengths or areas (q,) per unit of the reference cell, of cells (q, k, dim) at weights.
 
     Simplices have the same everywhere.
@@ -269,7 +284,7 @@ def stretches(corners: Array, weight: Array | None = None) -> Array:
     return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
 
 
-def _candidates(slave: Array, master: Array, along: Array) -> tuple[Indices, Indices]:
+def _find_candidate_pairs(slave: Array, master: Array, along: Array) -> tuple[Indices, Indices]:
     """Pairs that may overlap: the master's box meets the slave's, which is as long as its reach.
 
     Slaves' boxes are turned along their directions. The master's, along the axes and in the order
@@ -310,36 +325,36 @@ def _candidates(slave: Array, master: Array, along: Array) -> tuple[Indices, Ind
     return one[near], other[near]
 
 
-def _of_lines(slave: Array, master: Array) -> tuple[Indices, Array]:  # noqa: ARG001
+def _intersect_intervals(slave: Array, master: Array) -> tuple[Indices, Array]:  # noqa: ARG001
     """Pairs (q,) that overlap, and their corners (q, 2, 1)."""
     low, high = (np.clip(end(master[:, :, 0], axis=1), 0.0, 1.0) for end in (np.min, np.max))
     pair = np.flatnonzero(high > low)
     return pair, np.stack([low, high], axis=1)[pair, :, None]
 
 
-def _of_polygons(slave: Array, master: Array) -> tuple[Indices, Array]:
+def _intersect_polygons(slave: Array, master: Array) -> tuple[Indices, Array]:
     """Pairs (q,) that overlap, a triangle each, and their corners (q, 3, 2).
 
     The master's polygon is cut off at each side of the slave's in turn (Sutherland and Hodgman,
     https://doi.org/10.1145/360767.360802); what is left is a polygon, cut into a fan.
     """
     n, k = master.shape[:2]
-    rim = slave[:, _RIM[k]]
+    rim = slave[:, _CORNERS_ALONG_RIM[k]]
     polygon: Array = np.zeros((n, 2 * k + 1, 2))
-    polygon[:, :k] = master[:, _RIM[k]]
+    polygon[:, :k] = master[:, _CORNERS_ALONG_RIM[k]]
     count: Indices = np.full(n, k)
     for side in range(k):
         start, end = rim[:, side], rim[:, (side + 1) % k]
         inwards = np.stack([start[:, 1] - end[:, 1], end[:, 0] - start[:, 0]], axis=1)
         height = np.einsum("nd,nmd->nm", inwards, polygon - start[:, None])
-        polygon, count = _cut(polygon, count, height)
+        polygon, count = _clip_polygons(polygon, count, height)
     fans = [np.flatnonzero(count > j + 2) for j in range(2 * k - 1)]
     pair = np.concatenate(fans)
     cut = [polygon[some][:, [0, j + 1, j + 2]] for j, some in enumerate(fans)]
     return pair, np.concatenate(cut)
 
 
-def _cut(polygon: Array, count: Indices, height: Array) -> tuple[Array, Indices]:
+def _clip_polygons(polygon: Array, count: Indices, height: Array) -> tuple[Array, Indices]:
     """Polygons (n, most, 2) of `count` (n,) corners, less what has a negative height (n, most)."""
     n, most, _ = polygon.shape
     kept, size = np.zeros_like(polygon), np.zeros(n, dtype=np.int64)
@@ -376,36 +391,46 @@ class Overlap:
     @classmethod
     def of(cls, one: Trace, other: Trace, own: Indices, revolved: bool) -> "Overlap":
         """Makes the overlap of both traces, for points of global numbers `own` (m,)."""
-        (nodes, corners, _), (their_nodes, their_corners, outward) = one.parts, other.parts
+        (nodes, corners, _), (their_nodes, their_corners, outward) = (
+            one.sub_facets,
+            other.sub_facets,
+        )
         mine = np.flatnonzero(np.isin(nodes, own).any(axis=1))
-        along = one.normals(nodes[mine]).mean(axis=1)
+        along = one.average_normals(nodes[mine]).mean(axis=1)
         along /= np.linalg.norm(along, axis=1, keepdims=True)
-        found = segments(corners[mine], their_corners, along, outward)
+        found = find_overlaps(corners[mine], their_corners, along, outward)
         order = np.argsort(own)
         place = np.searchsorted(own, nodes, sorter=order)
         point = order[np.minimum(place, len(own) - 1)] if len(own) else np.zeros_like(nodes)
         point = np.where(np.isin(nodes, own), point, -1)
-        degree = _DEGREE[corners.shape[1]]
-        if _twisted(found.on_slave) or _twisted(found.on_master):
-            degree = _TWISTED_DEGREE
-        points, rule = basix.make_quadrature(_CELLS[one.dim], degree)
+        degree = _QUADRATURE_DEGREES[corners.shape[1]]
+        if _has_non_parallelogram(found.slave_corners) or _has_non_parallelogram(
+            found.master_corners
+        ):
+            degree = _NON_PARALLELOGRAM_DEGREE
+        points, rule = basix.make_quadrature(_SUB_FACET_CELL_TYPES[one.dim], degree)
         barycentric = np.column_stack([1 - points.sum(axis=1), points])
         rule = rule / rule.sum()
-        slave, master = (np.repeat(k, len(rule)) for k in (mine[found.slave], found.master))
+        slave, master = (
+            np.repeat(k, len(rule)) for k in (mine[found.slave_sub_facet], found.master_sub_facet)
+        )
         places = np.einsum("ga,qad->qgd", barycentric, found.corners)
         w1, w2 = (
-            weights(on, places).reshape(len(slave), on.shape[1])
-            for on in (found.on_slave, found.on_master)
+            evaluate_corner_functions(on, places).reshape(len(slave), on.shape[1])
+            for on in (found.slave_corners, found.master_corners)
         )
-        seen = np.repeat(found.on_slave, len(rule), axis=0)
-        stretch = stretches(corners[slave], w1) / stretches(seen, w1)
-        size, theirs = sizes(corners)[slave], sizes(their_corners)[master]
+        seen = np.repeat(found.slave_corners, len(rule), axis=0)
+        stretch = compute_jacobian_factors(corners[slave], w1) / compute_jacobian_factors(seen, w1)
+        size, theirs = compute_cell_sizes(corners)[slave], compute_cell_sizes(their_corners)[master]
         measure = stretch * np.outer(found.size, rule).ravel()
-        (at1, N1), (at2, N2) = one.functions(slave, w1), other.functions(master, w2)
-        x1, x2 = one.positions(slave, N1), other.positions(master, N2)
+        (at1, N1), (at2, N2) = (
+            one.evaluate_trial_functions(slave, w1),
+            other.evaluate_trial_functions(master, w2),
+        )
+        x1, x2 = one.interpolate_positions(slave, N1), other.interpolate_positions(master, N2)
         if revolved:
             measure = measure * 2 * np.pi * x1[:, 0]
-        dual = _duals(slave, w1, measure)
+        dual = _evaluate_duals(slave, w1, measure)
         functions = ((at1, N1), (at2, N2), (their_nodes[master], w2))
         return cls(point[slave], w1, dual, measure, size, size / theirs, x1 - x2, functions)
 
@@ -434,28 +459,30 @@ class Overlap:
 
 def whole_areas(trace: Trace, revolved: bool) -> Array:
     """Integrals (n,) of the weights of a trace's nodes over all of it, seen as an overlap's are."""
-    nodes, corners, _ = trace.parts
+    nodes, corners, _ = trace.sub_facets
     k = corners.shape[1]
-    points, rule = basix.make_quadrature(_CELLS[k], _DEGREE[k])
-    hats = basix.create_element(basix.ElementFamily.P, _CELLS[k], 1).tabulate(0, points)[0, :, :, 0]
+    points, rule = basix.make_quadrature(_SUB_FACET_CELL_TYPES[k], _QUADRATURE_DEGREES[k])
+    hats = basix.create_element(basix.ElementFamily.P, _SUB_FACET_CELL_TYPES[k], 1).tabulate(
+        0, points
+    )[0, :, :, 0]
     part, w = np.repeat(np.arange(len(corners)), len(rule)), np.tile(hats, (len(corners), 1))
-    measure = stretches(corners[part], w) * np.tile(rule, len(corners))
+    measure = compute_jacobian_factors(corners[part], w) * np.tile(rule, len(corners))
     if revolved:
-        _, N = trace.functions(part, w)
-        measure = measure * 2 * np.pi * trace.positions(part, N)[:, 0]
+        _, N = trace.evaluate_trial_functions(part, w)
+        measure = measure * 2 * np.pi * trace.interpolate_positions(part, N)[:, 0]
     place = np.searchsorted(trace.nodes, nodes[part])
     return np.asarray(np.bincount(place.ravel(), (w * measure[:, None]).ravel()), dtype=float)
 
 
-def _twisted(corners: Array) -> bool:
+def _has_non_parallelogram(corners: Array) -> bool:
     """Whether any cells (q, k, d) are quadrilaterals, but no parallelograms."""
     if corners.shape[1] < 4:
         return False
     apart = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
-    return bool(np.abs(apart).max(initial=0.0) > _PARALLEL)
+    return bool(np.abs(apart).max(initial=0.0) > _PARALLELOGRAM_TOLERANCE)
 
 
-def _duals(part: Indices, weight: Array, measure: Array) -> Array:
+def _evaluate_duals(part: Indices, weight: Array, measure: Array) -> Array:
     """D M^-1 w, (q, k), at quadrature points of sub-facets (q,)."""
     if not len(part):
         return weight

@@ -26,10 +26,10 @@ from pw_elements.contact.model import ContactPair, RigidBody, Surface
 
 # Points at which a surface is asked, in a box around a pair's nodes, and how far that reaches
 # beyond them, over the diagonal of the box
-_SURFACE_POINTS, _MARGIN = 32, 0.5
+_N_SURFACE_POINTS, _BOX_MARGIN = 32, 0.5
 # Nodes of a pair at which functions of positions are asked, and normal forces for laws of friction
-_NODES = 32
-_FORCES: Array = 10.0 ** np.linspace(-6, 6, 13)
+_N_NODES = 32
+_PROBE_FORCES: Array = 10.0 ** np.linspace(-6, 6, 13)
 
 
 def compare_pairs(
@@ -75,13 +75,15 @@ def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
 
 def probe_friction(interface: Interface, number: int, pair: ContactPair) -> Array:
     """Return coefficients of a pair's law at some of its nodes, under many forces; collective."""
-    x = spread_rows(interface.in_order(number, interface.position), _NODES)
+    x = spread_rows(interface.in_order(number, interface.position), _N_NODES)
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
 
     def coefficients(points: Array) -> Array:
         at = np.broadcast_to(pair.law.at(points), len(x))
-        return np.array([pair.law.limit(at, np.full(len(x), one))[0] / one for one in _FORCES])
+        return np.array(
+            [pair.law.limit(at, np.full(len(x), one))[0] / one for one in _PROBE_FORCES]
+        )
 
     whose = f"the friction of contact pair {number}"
     return _evaluate_or_nan(interface.comm, whose, coefficients, columns)[0].ravel()
@@ -92,7 +94,7 @@ def probe_interference(interface: Interface, number: int, pair: ContactPair) -> 
     depth: Any = pair.interference
     if not arguments.is_function(depth):
         return np.array([float(depth)])
-    x = spread_rows(interface.in_order(number, interface.position), _NODES)
+    x = spread_rows(interface.in_order(number, interface.position), _N_NODES)
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
     whose = f"the interference of contact pair {number}"
@@ -125,9 +127,9 @@ def _spread_points(nodes: Array) -> Array:
     numbers, which fill a box evenly.
     """
     lower, upper = nodes.min(axis=0), nodes.max(axis=0)
-    margin = _MARGIN * (np.linalg.norm(upper - lower) or np.abs(upper).max() or 1.0)
+    margin = _BOX_MARGIN * (np.linalg.norm(upper - lower) or np.abs(upper).max() or 1.0)
     dim = nodes.shape[1]
     root = np.real(max(np.roots([1.0] + [0.0] * (dim - 1) + [-1.0, -1.0]), key=np.real))
     steps = root ** -np.arange(1.0, dim + 1)
-    shares = np.outer(np.arange(1.0, _SURFACE_POINTS + 1), steps) % 1.0
+    shares = np.outer(np.arange(1.0, _N_SURFACE_POINTS + 1), steps) % 1.0
     return lower - margin + shares * (upper - lower + 2 * margin)

@@ -20,60 +20,60 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.interface.facing import FacedParts, Sides, measure_facing
-from pw_elements.contact.interface.mortar import FACING, Trace
+from pw_elements.contact.interface.facing import FacedParts, MortarSides, measure_facing
+from pw_elements.contact.interface.mortar import MAX_FACING_COSINE, Trace
 
 # Of a cubic, such as two weights and a radius, along segments; directions are no polynomials
-_PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+_GAUSS_POINTS, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 # Pieces of the straight path on which slip is integrated
 PATH_PIECES = 8
 # Part of a facet that has to face the other side: of less the duals are lost in round-off
-_COVERED = 1e-6
+_MIN_COVERED_FRACTION = 1e-6
 
 
-class Varying:
+class AutoDiffArray:
     """Numbers (n,) and derivatives (n, k): automatic differentiation in forward mode."""
 
     __array_ufunc__ = None  # arrays leave operations to this class
 
-    def __init__(self, value: Array, slope: Array) -> None:
-        self.value, self.slope = value, slope
+    def __init__(self, value: Array, derivative: Array) -> None:
+        self.value, self.derivative = value, derivative
 
-    def __add__(self, other: "Numbers") -> "Varying":
-        if isinstance(other, Varying):
-            return Varying(self.value + other.value, self.slope + other.slope)
-        return Varying(self.value + other, self.slope)
+    def __add__(self, other: "Numbers") -> "AutoDiffArray":
+        if isinstance(other, AutoDiffArray):
+            return AutoDiffArray(self.value + other.value, self.derivative + other.derivative)
+        return AutoDiffArray(self.value + other, self.derivative)
 
-    def __mul__(self, other: "Numbers") -> "Varying":
-        if isinstance(other, Varying):
-            slope = self.slope * other.value[:, None] + other.slope * self.value[:, None]
-            return Varying(self.value * other.value, slope)
-        return Varying(self.value * other, (self.slope.T * other).T)
+    def __mul__(self, other: "Numbers") -> "AutoDiffArray":
+        if isinstance(other, AutoDiffArray):
+            slope = self.derivative * other.value[:, None] + other.derivative * self.value[:, None]
+            return AutoDiffArray(self.value * other.value, slope)
+        return AutoDiffArray(self.value * other, (self.derivative.T * other).T)
 
-    def __pow__(self, power: float) -> "Varying":
+    def __pow__(self, power: float) -> "AutoDiffArray":
         rise = power * self.value ** (power - 1)
-        return Varying(self.value**power, self.slope * rise[:, None])
+        return AutoDiffArray(self.value**power, self.derivative * rise[:, None])
 
-    def __getitem__(self, rows: Indices) -> "Varying":
-        return Varying(self.value[rows], self.slope[rows])
+    def __getitem__(self, rows: Indices) -> "AutoDiffArray":
+        return AutoDiffArray(self.value[rows], self.derivative[rows])
 
-    def __neg__(self) -> "Varying":
+    def __neg__(self) -> "AutoDiffArray":
         return self * -1.0
 
-    def __sub__(self, other: "Numbers") -> "Varying":
+    def __sub__(self, other: "Numbers") -> "AutoDiffArray":
         return self + -other
 
-    def __rsub__(self, other: "Numbers") -> "Varying":
+    def __rsub__(self, other: "Numbers") -> "AutoDiffArray":
         return -self + other
 
-    def __truediv__(self, other: "Numbers") -> "Varying":
+    def __truediv__(self, other: "Numbers") -> "AutoDiffArray":
         return self * other**-1.0
 
     __radd__, __rmul__ = __add__, __mul__
 
 
 # what formulas take: with derivatives or without
-Numbers: TypeAlias = Varying | Array | float
+Numbers: TypeAlias = AutoDiffArray | Array | float
 Vector: TypeAlias = tuple[Any, Any]  # of numbers
 
 
@@ -85,13 +85,15 @@ def _dot(a: Vector, b: Vector) -> Any:  # noqa: ANN401
     return a[0] * b[0] + a[1] * b[1]
 
 
-def stacked(numbers: Sequence[Varying]) -> tuple[Array, Array]:
+def stack_values_and_derivatives(numbers: Sequence[AutoDiffArray]) -> tuple[Array, Array]:
     """Values (q, j) and derivatives (q, j, k) of numbers (q,) with derivatives (q, k)."""
-    parts = ([v.value for v in numbers], [v.slope for v in numbers])
+    parts = ([v.value for v in numbers], [v.derivative for v in numbers])
     return np.stack(parts[0], axis=1), np.stack(parts[1], axis=1)
 
 
-def matrix(values: Array, row: Indices, column: Indices, shape: tuple[int, int]) -> sp.csr_array:
+def sum_into_matrix(
+    values: Array, row: Indices, column: Indices, shape: tuple[int, int]
+) -> sp.csr_array:
     """Sums of values by their places, which are of the values' shape or broadcast to it."""
     where = tuple(np.broadcast_to(place, values.shape).ravel() for place in (row, column))
     return sp.csr_array(sp.coo_array((values.ravel(), where), shape))
@@ -165,7 +167,7 @@ class Meeting:
 
         def along(direction: Array) -> sp.csr_array:
             node = np.arange(m)[:, None]
-            return matrix(direction, node, 2 * node + np.arange(2), (m, 2 * m))
+            return sum_into_matrix(direction, node, 2 * node + np.arange(2), (m, 2 * m))
 
         gap_rate = along(n) @ self.changes
         gap_rate += sp.diags_array(np.sum(t * self.places, axis=1)) @ self.angles
@@ -198,20 +200,20 @@ class SlidingMortar:
 
     def __init__(self, one: Trace, other: Trace, revolved: bool) -> None:
         self.nodes = np.concatenate([one.nodes, other.nodes])
-        self.x = np.concatenate([one.positions_of_nodes(), other.positions_of_nodes()])
+        self.x = np.concatenate([one.node_positions(), other.node_positions()])
         self.slaves, self._revolved = len(one.nodes), revolved
-        self._one = _directed(one)
-        self._other = _directed(other) + self.slaves
+        self._slave_facets = _orient_facets(one)
+        self._master_facets = _orient_facets(other) + self.slaves
         self.kept = np.ones((self.slaves, 2), dtype=bool)
-        a, b = self._one.T
+        a, b = self._slave_facets.T
         # nodes before and behind, which are themselves at ends
-        self._before, self._behind = (np.arange(self.slaves) for _ in range(2))
-        self._before[b], self._behind[a] = a, b
+        self._previous_node, self._next_node = (np.arange(self.slaves) for _ in range(2))
+        self._previous_node[b], self._next_node[a] = a, b
 
     @property
-    def sides(self) -> Sides:
+    def sides(self) -> MortarSides:
         """Facets and directions that no state changes."""
-        return Sides(self._one, self._other, self.kept, self._revolved)
+        return MortarSides(self._slave_facets, self._master_facets, self.kept, self._revolved)
 
     def measure_facing(self, x: Array) -> FacedParts:
         """Return what checks of states need at positions (n, 2), by code of its own."""
@@ -219,8 +221,8 @@ class SlidingMortar:
 
     def meet(self, x: Array) -> Meeting:
         """Where nodes are at positions (n, 2)."""
-        n, m, f = len(x), self.slaves, len(self._one)
-        one, nodes, (W, dW), (Q, dQ) = self._segments(x)
+        n, m, f = len(x), self.slaves, len(self._slave_facets)
+        one, nodes, (W, dW), (Q, dQ) = self._integrate_segments(x)
         own, theirs = nodes[:, 1:3], nodes[:, 4:]
         local = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, 12)  # columns of derivatives
         # integrals W_aa, W_ab and W_bb of each facet, and what of them is in its ends' areas
@@ -228,24 +230,29 @@ class SlidingMortar:
         np.add.at(whole, one, W)
         lumped = np.array([[1, 1, 0], [0, 1, 1]])
         integral = 3 * np.arange(f)[:, None] + np.arange(3)
-        areas_of = matrix(
-            np.tile(lumped, (f, 1, 1)), self._one[:, :, None], integral[:, None], (m, 3 * f)
+        areas_of = sum_into_matrix(
+            np.tile(lumped, (f, 1, 1)),
+            self._slave_facets[:, :, None],
+            integral[:, None],
+            (m, 3 * f),
         )
         areas = areas_of @ whole.ravel()
         faced = areas > 0
         over = 1 / (areas + ~faced)
-        rise = matrix(dW, integral[one][:, :, None], local[:, None], (3 * f, 2 * n))
+        rise = sum_into_matrix(dW, integral[one][:, :, None], local[:, None], (3 * f, 2 * n))
         # duals over areas, which depend on five numbers each: a's at a and b, and b's
         given = np.column_stack([whole[one], areas[own]])
         units = np.tile(np.eye(5)[:, None], (len(given), 1))
-        aa, ab, bb, A, B = (Varying(given[:, v], units[v]) for v in range(5))
+        aa, ab, bb, A, B = (AutoDiffArray(given[:, v], units[v]) for v in range(5))
         determinant = aa * bb - ab**2.0
         a_over, b_over = (aa + ab) / (determinant * A), (ab + bb) / (determinant * B)
         duals, bent = (
             each.reshape(-1, 2, 2, *each.shape[2:])
-            for each in stacked([bb * a_over, -ab * a_over, -ab * b_over, aa * b_over])
+            for each in stack_values_and_derivatives(
+                [bb * a_over, -ab * a_over, -ab * b_over, aa * b_over]
+            )
         )
-        parts = matrix(duals @ Q, own[:, :, None], theirs[:, None] - m, (m, n - m))
+        parts = sum_into_matrix(duals @ Q, own[:, :, None], theirs[:, None] - m, (m, n - m))
 
         def turned(force: Array) -> sp.csr_array:
             row = (2 * (theirs - m)[:, :, None] + np.arange(2))[..., None]
@@ -253,15 +260,15 @@ class SlidingMortar:
             through = np.einsum("qjx,qjiv,qik->qkxv", force[own], bent, Q)
             variable = np.concatenate([integral[one], 3 * f + own], axis=1)[:, None, None]
             rises = sp.vstack([rise, areas_of @ rise])
-            by_variable = matrix(through, row, variable, (2 * (n - m), 3 * f + m))
-            return matrix(direct, row, local[:, None, None], (2 * (n - m), 2 * n)) + (
+            by_variable = sum_into_matrix(through, row, variable, (2 * (n - m), 3 * f + m))
+            return sum_into_matrix(direct, row, local[:, None, None], (2 * (n - m), 2 * n)) + (
                 by_variable @ rises
             )
 
         D, dD = (v[:, [[0, 1], [1, 2]]] for v in (W, dW))
         rows = sp.diags_array(over) @ (
-            matrix(D, own[:, :, None], own[:, None], (m, n))
-            - matrix(Q, own[:, :, None], theirs[:, None], (m, n))
+            sum_into_matrix(D, own[:, :, None], own[:, None], (m, n))
+            - sum_into_matrix(Q, own[:, :, None], theirs[:, None], (m, n))
         )
         places = rows @ x
 
@@ -272,10 +279,10 @@ class SlidingMortar:
             changed -= np.einsum("qjkc,qkx->qjxc", dQ, y[theirs])
             row = (2 * own[:, :, None] + np.arange(2))[..., None]
             changed = changed * over[own][:, :, None, None]
-            return matrix(changed, row, local[:, None, None], (2 * m, 2 * n))
+            return sum_into_matrix(changed, row, local[:, None, None], (2 * m, 2 * n))
 
         changes = differentiate_rows(x) + sp.kron(rows, sp.eye_array(2))
-        normals, angles = self._normals(x)
+        normals, angles = self._average_normals(x)
         return Meeting(
             faced,
             normals,
@@ -289,43 +296,48 @@ class SlidingMortar:
             turned,
         )
 
-    def _normals(self, x: Array) -> tuple[Array, sp.csr_array]:
+    def _average_normals(self, x: Array) -> tuple[Array, sp.csr_array]:
         """Unit normals (m, 2), and the derivative (m, 2 n) of their angles."""
-        chord = x[self._behind] - x[self._before]
+        chord = x[self._next_node] - x[self._previous_node]
         across = np.stack([-chord[:, 1], chord[:, 0]], axis=1)
         node = np.arange(self.slaves)[:, None]
         turn = across / np.sum(chord**2, axis=1, keepdims=True)
         turn[~self.kept.all(axis=1)] = 0.0
-        ends = np.stack([self._behind, self._before], axis=1)
+        ends = np.stack([self._next_node, self._previous_node], axis=1)
         column = 2 * ends[:, :, None] + np.arange(2)
         signed = turn[:, None] * np.array([1, -1])[:, None]
         shape = len(chord), x.size
-        normals = np.stack(self._unit(tuple(across.T), slice(None)), axis=1)
-        return normals, matrix(signed, node[:, :, None], column, shape)
+        normals = np.stack(self._unit_normal(tuple(across.T), slice(None)), axis=1)
+        return normals, sum_into_matrix(signed, node[:, :, None], column, shape)
 
-    def _segments(self, x: Array) -> tuple[Indices, Indices, tuple, tuple]:
+    def _integrate_segments(self, x: Array) -> tuple[Indices, Indices, tuple, tuple]:
         """Segments (q): slaves' facets, six nodes each, and integrals with their derivatives.
 
         Nodes are those before, at and behind the slave's facet, and at the master's. Integrals are
         W_aa, W_ab, W_bb, (q, 3), and Q, (q, 2, 2), derivatives (..., 12) by the nodes' positions.
         """
-        one, other = self._pairs(x)
-        (a, b), (c, d) = self._one[one].T, self._other[other].T
-        nodes = np.stack([self._before[a], a, b, self._behind[b], c, d], axis=1)
+        one, other = self._find_near_facets(x)
+        (a, b), (c, d) = self._slave_facets[one].T, self._master_facets[other].T
+        nodes = np.stack([self._previous_node[a], a, b, self._next_node[b], c, d], axis=1)
         corners: Any = [(x[node, 0], x[node, 1]) for node in nodes.T]
-        low, high = self._find_limits(corners, nodes)
+        low, high = self._find_facing_limits(corners, nodes)
         length = np.maximum(0.0, np.minimum(high, 1.0) - np.maximum(low, -1.0)) / 2
-        covered = np.bincount(one, length, minlength=len(self._one))[one]
-        some = (length > 0) & (covered > _COVERED)
+        covered = np.bincount(one, length, minlength=len(self._slave_facets))[one]
+        some = (length > 0) & (covered > _MIN_COVERED_FRACTION)
         one, nodes = one[some], nodes[some]
         units: Any = np.eye(12).reshape(6, 2, 1, 12) + np.zeros((len(one), 1))
         corners = [
-            tuple(Varying(x[node, axis], unit[axis]) for axis in (0, 1))
+            tuple(AutoDiffArray(x[node, axis], unit[axis]) for axis in (0, 1))
             for node, unit in zip(nodes.T, units, strict=True)
         ]
-        W, Q = self._integrals(corners, nodes, (low[some] < -1, high[some] > 1))
-        value, slope = stacked(Q)
-        return one, nodes, stacked(W), (value.reshape(-1, 2, 2), slope.reshape(-1, 2, 2, 12))
+        W, Q = self._integrate_products(corners, nodes, (low[some] < -1, high[some] > 1))
+        value, slope = stack_values_and_derivatives(Q)
+        return (
+            one,
+            nodes,
+            stack_values_and_derivatives(W),
+            (value.reshape(-1, 2, 2), slope.reshape(-1, 2, 2, 12)),
+        )
 
     def make_reference(self, x: Array) -> SlidingReference:
         """Return what slip counts from, at positions (m + k, 2)."""
@@ -338,11 +350,11 @@ class SlidingMortar:
         On each piece of the path a slave node moves along what is closest to it at the end of the
         piece: t·(x_j - x_p) there, less the same at the beginning of the piece.
         """
-        slip, before, tangents = np.zeros(self.slaves), start, self._tangents(start)
+        slip, before, tangents = np.zeros(self.slaves), start, self._average_tangents(start)
         for share in np.arange(1, PATH_PIECES + 1) / PATH_PIECES:
             now = (1 - share) * start + share * end
-            ends, parts = self._find_closest(now)
-            turned = self._tangents(now)
+            ends, parts = self._find_closest_points(now)
+            turned = self._average_tangents(now)
             for x, along, sign in ((now, turned, 1.0), (before, tangents, -1.0)):
                 closest = np.einsum("jk,jkx->jx", parts, x[ends])
                 slip += sign * np.sum(along * (x[: self.slaves] - closest), axis=1)
@@ -355,11 +367,11 @@ class SlidingMortar:
         On the straight path between positions (n, 2), in `2 PATH_PIECES` pieces. What is next to
         an end of the master is on neither side.
         """
-        rims = np.setdiff1d(*self._other.T), np.setdiff1d(*self._other.T[::-1])
+        rims = np.setdiff1d(*self._master_facets.T), np.setdiff1d(*self._master_facets.T[::-1])
         deepest, outside = np.zeros(self.slaves), np.zeros(self.slaves, dtype=bool)
         for piece, share in enumerate(np.linspace(0, 1, 2 * PATH_PIECES + 1)):
             x = (1 - share) * start + share * end
-            ends, parts = self._find_closest(x)
+            ends, parts = self._find_closest_points(x)
             edge = x[ends[:, 1]] - x[ends[:, 0]]
             away = x[: self.slaves] - np.einsum("jk,jkx->jx", parts, x[ends])
             height = np.sum(edge[:, ::-1] * [1, -1] * away, axis=1)
@@ -373,30 +385,33 @@ class SlidingMortar:
     def measure_facets(self) -> Array:
         """Return the length (m,) of the shortest facet at each slave node, undeformed."""
         shortest = np.full(self.slaves, np.inf)
-        edges = np.diff(self.x[self._one], axis=1)[:, 0]
-        for end in self._one.T:
+        edges = np.diff(self.x[self._slave_facets], axis=1)[:, 0]
+        for end in self._slave_facets.T:
             np.minimum.at(shortest, end, np.linalg.norm(edges, axis=1))
         return shortest
 
-    def _tangents(self, x: Array) -> Array:
-        normals = self._normals(x)[0]
+    def _average_tangents(self, x: Array) -> Array:
+        normals = self._average_normals(x)[0]
         return np.stack([-normals[:, 1], normals[:, 0]], axis=1)
 
-    def _find_closest(self, x: Array) -> tuple[Indices, Array]:
+    def _find_closest_points(self, x: Array) -> tuple[Indices, Array]:
         """Return the master's nodes (m, 2) and their parts (m, 2) in the slave's closest points."""
-        first, edge = x[self._other[:, 0]], x[self._other[:, 1]] - x[self._other[:, 0]]
+        first, edge = (
+            x[self._master_facets[:, 0]],
+            x[self._master_facets[:, 1]] - x[self._master_facets[:, 0]],
+        )
         away = x[: self.slaves, None] - first
         along = np.clip(np.sum(away * edge, axis=2) / np.sum(edge**2, axis=1), 0.0, 1.0)
         nearest = np.linalg.norm(away - along[..., None] * edge, axis=2).argmin(axis=1)
         share = along[np.arange(self.slaves), nearest]
-        return self._other[nearest], np.stack([1 - share, share], axis=1)
+        return self._master_facets[nearest], np.stack([1 - share, share], axis=1)
 
-    def _unit(self, across: Vector, node: Any) -> Vector:  # noqa: ANN401
+    def _unit_normal(self, across: Vector, node: Any) -> Vector:  # noqa: ANN401
         kept = across[0] * self.kept[node, 0], across[1] * self.kept[node, 1]
         over = _dot(kept, kept) ** -0.5
         return kept[0] * over, kept[1] * over
 
-    def _pairs(self, x: Array) -> tuple[Indices, Indices]:
+    def _find_near_facets(self, x: Array) -> tuple[Indices, Indices]:
         """Facets that may see each other, for they are near and look at each other.
 
         Middles are at most by half of both lengths (the master's longest) farther apart than the
@@ -404,23 +419,23 @@ class SlidingMortar:
         """
         (own, half), (middles, halves) = (
             (ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2)
-            for ends in (x[self._one], x[self._other])
+            for ends in (x[self._slave_facets], x[self._master_facets])
         )
         tree = cKDTree(middles)
         found = tree.query_ball_point(own, half + halves.max() + tree.query(own)[0])
         one = np.repeat(np.arange(len(own)), [len(near) for near in found])
         other = np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
-        (a, b), edge = self._one.T, np.diff(x[self._other], axis=1)[:, 0]
-        n, _ = self._normals(x)
+        (a, b), edge = self._slave_facets.T, np.diff(x[self._master_facets], axis=1)[:, 0]
+        n, _ = self._average_normals(x)
         out = edge[:, ::-1] * [1, -1] / np.linalg.norm(edge, axis=1, keepdims=True)
-        facing = np.sum((n[a] + n[b])[one] * out[other], axis=1) > -2 * FACING
+        facing = np.sum((n[a] + n[b])[one] * out[other], axis=1) > -2 * MAX_FACING_COSINE
         return one[facing], other[facing]
 
-    def _frame(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Vector, ...]:
+    def _middles_and_halves(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Vector, ...]:
         """Middles and halves of chords and of normals along them."""
         before, a, b, behind = corners[:4]
         normals = [
-            self._unit((low[1] - high[1], high[0] - low[0]), nodes[:, k])
+            self._unit_normal((low[1] - high[1], high[0] - low[0]), nodes[:, k])
             for k, (low, high) in ((1, (before, b)), (2, (a, behind)))
         ]
         return tuple(
@@ -429,7 +444,7 @@ class SlidingMortar:
             for sign in (1.0, -1.0)
         )
 
-    def _find_limits(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Array, Array]:
+    def _find_facing_limits(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Array, Array]:
         """Return what of [-1, 1] on the slave's facets (q,) faces the master's, low and high.
 
         They may be beyond -1 and 1. On the side of a master's node p on which its facet is,
@@ -438,7 +453,7 @@ class SlidingMortar:
         """
         limits = []
         for outside, (c0, c1, c2) in zip(
-            (-1.0, 1.0), self._quadratics(corners, nodes), strict=True
+            (-1.0, 1.0), self._limit_quadratics(corners, nodes), strict=True
         ):
             root = _smaller_root(c0, c1, c2)
             changes = np.abs(root) <= 1  # false for none
@@ -446,12 +461,14 @@ class SlidingMortar:
             limits.append(np.where(changes, np.where(c1 > 0, root, -outside * np.inf), inside))
         return limits[0], limits[1]
 
-    def _quadratics(self, corners: Sequence[Vector], nodes: Indices) -> list[tuple[Any, Any, Any]]:
+    def _limit_quadratics(
+        self, corners: Sequence[Vector], nodes: Indices
+    ) -> list[tuple[Any, Any, Any]]:
         """Return c_0, c_1, c_2 of f(s) = (x(s) - p) x n(s), for the master's second and first node.
 
         x and n are on the slave's facets and their normals: both run against each other.
         """
-        middle, half, mean, change = self._frame(corners, nodes)
+        middle, half, mean, change = self._middles_and_halves(corners, nodes)
         coefficients = []
         for node in (corners[5], corners[4]):
             away = middle[0] - node[0], middle[1] - node[1]
@@ -459,7 +476,7 @@ class SlidingMortar:
             coefficients.append((_cross(away, mean), c1, _cross(half, change)))
         return coefficients
 
-    def _integrals(
+    def _integrate_products(
         self, corners: Sequence[Vector], nodes: Indices, whole: tuple[Mask, Mask]
     ) -> tuple[list[Any], list[Any]]:
         """Integrals (q,) of two of the slave's weights, and of one with one of the master's.
@@ -467,14 +484,14 @@ class SlidingMortar:
         Where a segment reaches as far as its facet, `whole` (q,) tells it of each end.
         """
         q, ends = len(nodes), list[Any]()
-        middle, half, mean, change = self._frame(corners, nodes)
-        quadratics = self._quadratics(corners, nodes)
+        middle, half, mean, change = self._middles_and_halves(corners, nodes)
+        quadratics = self._limit_quadratics(corners, nodes)
         for coefficients, all_, side in zip(quadratics, whole, (-1.0, 1.0), strict=True):
-            ends.append(_where(all_, side, _smaller_root(*coefficients)))
-        each, t = np.repeat(np.arange(q), len(_PLACES)), np.tile(_PLACES, q)
+            ends.append(_set_constant_where(all_, side, _smaller_root(*coefficients)))
+        each, t = np.repeat(np.arange(q), len(_GAUSS_POINTS)), np.tile(_GAUSS_POINTS, q)
         extent = (ends[1] - ends[0]) * 0.5
         at = ((ends[0] + ends[1]) * 0.5)[each] + extent[each] * t
-        measure = (extent * _dot(half, half) ** 0.5)[each] * np.tile(_WEIGHTS, q)
+        measure = (extent * _dot(half, half) ** 0.5)[each] * np.tile(_GAUSS_WEIGHTS, q)
         place, direction = (
             (mid[0][each] + way[0][each] * at, mid[1][each] + way[1][each] * at)
             for mid, way in ((middle, half), (mean, change))
@@ -487,11 +504,12 @@ class SlidingMortar:
         along = _cross(apart, direction) / _cross(edge, direction)
         w = (1 - at) * 0.5, (1 + at) * 0.5
 
-        def integral(v: Varying) -> Varying:
+        def integral(v: AutoDiffArray) -> AutoDiffArray:
             parts = (
-                values.reshape(q, len(_PLACES), *values.shape[1:]) for values in vars(v).values()
+                values.reshape(q, len(_GAUSS_POINTS), *values.shape[1:])
+                for values in vars(v).values()
             )
-            return Varying(*(part.sum(axis=1) for part in parts))
+            return AutoDiffArray(*(part.sum(axis=1) for part in parts))
 
         own = [integral(measure * w[i] * w[j]) for i, j in ((0, 0), (0, 1), (1, 1))]
         return own, [integral(measure * w_i * v) for w_i in w for v in (1 - along, along)]
@@ -504,15 +522,15 @@ def _smaller_root(c0: Any, c1: Any, c2: Any) -> Any:  # noqa: ANN401
         return c0 * -2.0 / (c1 + (c1**2.0 - c0 * c2 * 4.0) ** 0.5 * sign)
 
 
-def _where(fixed: Mask, value: float, numbers: Varying) -> Varying:
+def _set_constant_where(fixed: Mask, value: float, numbers: AutoDiffArray) -> AutoDiffArray:
     """A value where it is fixed, and numbers elsewhere, which may be none where it is."""
-    slope = np.where(fixed[:, None], 0.0, numbers.slope)
-    return Varying(np.where(fixed, value, numbers.value), slope)
+    slope = np.where(fixed[:, None], 0.0, numbers.derivative)
+    return AutoDiffArray(np.where(fixed, value, numbers.value), slope)
 
 
-def _directed(trace: Trace) -> Indices:
+def _orient_facets(trace: Trace) -> Indices:
     """Nodes (f, 2) of the sub-facets, by places among the trace's; what is outside on the right."""
-    nodes, corners, outward = trace.parts
+    nodes, corners, outward = trace.sub_facets
     edge = corners[:, 1] - corners[:, 0]
     right = np.sum(edge[:, ::-1] * [1, -1] * outward, axis=1) > 0
     place = np.searchsorted(trace.nodes, nodes)

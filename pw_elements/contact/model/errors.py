@@ -11,7 +11,7 @@ from pw_elements.contact.model.state import ContactState
 from pw_elements.solvers import SingularSystem
 
 # Part of the largest friction that counts as all of it, next to a failure
-_USED_UP = 0.9
+_EXHAUSTED_FRACTION = 0.9
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def exhausted_friction(state: ContactState) -> str:
     for k, pair in enumerate(state.pairs):
         capacity = pair.friction_capacity
         carried = float(np.linalg.norm(pair.force_tangential, axis=1).sum())
-        if capacity > 0 and carried >= _USED_UP * capacity:
+        if capacity > 0 and carried >= _EXHAUSTED_FRACTION * capacity:
             words.append(
                 f"Friction of contact pair {k} is used up: beside the normal forces found, whose "
                 f"sum is {pair.force_normal.sum():.4g}, its nodes carry {carried:.4g} of at most "

@@ -54,7 +54,7 @@ class Motion:
                 raise ValueError(f"{name} {given!r} of a motion: it has to be a vector")
         if self.force is not None and len(self.force) != len(self.translation):
             raise ValueError("translation and force of a motion differ in length")
-        for k, (moved, pushed) in enumerate(zip(*self._parts, strict=True)):
+        for k, (moved, pushed) in enumerate(zip(*self._components, strict=True)):
             who, way, push = f"component {k} of a motion", "translation", "force"
             if k == len(self.translation):
                 who, way, push = "a motion", "rotation", "torque"
@@ -67,17 +67,17 @@ class Motion:
                 )
 
     @property
-    def _parts(self) -> tuple[list[float | None], list[float]]:
+    def _components(self) -> tuple[list[float | None], list[float]]:
         force = [0.0] * len(self.translation) if self.force is None else self.force
         return [*self.translation, self.rotation], [*force, self.torque]
 
     def prescribed(self) -> Array:
         """Translations and angle (dim + 1,), NaN where they are free."""
-        return np.array([np.nan if u is None else u for u in self._parts[0]], dtype=float)
+        return np.array([np.nan if u is None else u for u in self._components[0]], dtype=float)
 
     def forces(self) -> Array:
         """Total forces and torque (dim + 1,), zero where none is given."""
-        return np.array(self._parts[1], dtype=float)
+        return np.array(self._components[1], dtype=float)
 
 
 @dataclass(frozen=True)
