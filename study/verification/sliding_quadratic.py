@@ -21,10 +21,10 @@ from pw_elements.arrays import Array, Indices
 from pw_elements.contact import ContactPair
 from pw_elements.contact.interface import FacedParts, SlidingMortar, Trace
 from pw_elements.contact.interface.sliding import (
-    Meeting,
     AutoDiffArray,
-    sum_into_matrix,
+    Meeting,
     stack_values_and_derivatives,
+    sum_into_matrix,
 )
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import ContactState

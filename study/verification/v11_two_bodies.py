@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements import Spaces, SurfaceNodes, assemble_matrix, prescribe
 from pw_elements.contact import STICK, Motion
-from pw_elements.contact.interface import Trace, gathered_trace, compute_cell_sizes
+from pw_elements.contact.interface import Trace, compute_cell_sizes, gathered_trace
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped
 from pw_elements.spaces import exterior_facets

@@ -13,9 +13,9 @@ from pw_elements.contact.interface.facing import (
 from pw_elements.contact.interface.mortar import (
     Overlap,
     Trace,
+    compute_cell_sizes,
     flat_facets,
     gathered_trace,
-    compute_cell_sizes,
     whole_areas,
 )
 from pw_elements.contact.interface.operators import (
