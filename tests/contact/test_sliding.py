@@ -282,7 +282,7 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_told(caplog, monkey
 
     def by_closest_points(mortar, x):
         reference = make_reference(mortar, x)
-        ends, parts = mortar._find_closest(x)
+        ends, parts = mortar._find_closest_points(x)
         rows = reference.rows.tolil()
         for j in np.flatnonzero(~reference.faced):
             rows[j, j], rows[j, ends[j]] = 1.0, -parts[j]
