@@ -147,7 +147,7 @@ def test_sides_that_do_not_coincide_are_named():
     coincident = replace(pair, surface=replace(pair.surface, coincident=True))
     with pytest.raises(ValueError, match="farther than meshes of one surface do"):
         stack.contact(coincident)
-    with pytest.raises(ValueError, match="is a depth where sides are coincident"):
+    with pytest.raises(ValueError, match="interference of coincident sides is a depth"):
         replace(coincident, interference=True)
 
 

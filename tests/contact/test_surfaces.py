@@ -150,7 +150,7 @@ def test_a_step_of_differences_that_is_too_large_is_told(caplog):
         caplog.clear()
         problem = body.problem(ContactPair(at(1, 1.0), surface), held)
         state = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
-        return state.pairs[0].force[1], "half the step of differences" in caplog.text
+        return state.pairs[0].force[1], "halving the step of differences" in caplog.text
 
     exact, told = force(SignedDistance(distance, gradient, step=1.0))
     assert not told

@@ -71,8 +71,8 @@ _AXIS_TOLERANCE = 1e-10
 # Smallest cosine between a normal and its projection into a symmetry plane for which the normal is
 # replaced by it
 _MIN_SYMMETRY_PLANE_COSINE = 0.9
-# Largest gap between coincident sides, over the mean edge of the slave's sub-facets; it is 0.01 on an
-# octant of a sphere with two quadratic facets along each side
+# Largest gap between coincident sides, over the mean edge of the slave's sub-facets; the ratio is
+# 0.01 on an octant of a sphere with two quadratic facets along each side
 _MAX_COINCIDENT_GAP = 0.05
 # Limit of mesh gaps per edge length over interference per body diagonal; above it pressures change
 # by a tenth, and a warning is logged
