@@ -23,20 +23,25 @@ from ufl.algorithms import compute_form_data, expand_derivatives
 from ufl.algorithms.check_arities import ArityMismatch
 
 from pw_elements.algebra.problem_checks import check_solver, is_finite
-from pw_elements.algebra.reduction import prescribed
+from pw_elements.algebra.reduction import evaluate_conditions
 from pw_elements.arrays import Array
-from pw_elements.checks import answer, arguments, collective, same_everywhere
-from pw_elements.progress import doing, told
+from pw_elements.checks import (
+    arguments,
+    call_user_function,
+    check_same_arguments,
+    collective_errors,
+)
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import Direct, LinearSolver, NotConverged, SingularSystem, is_matrix_free
 from pw_elements.spaces import (
-    Assembled,
+    AssemblyRecord,
     Spaces,
-    compiled_form,
-    equilibration,
+    add_estimated_degrees,
+    add_sub_cell_rules,
+    compile_form,
+    equilibration_scale,
+    has_split_pressure,
     is_hybrid,
-    is_split,
-    with_cell_rules,
-    with_degrees,
 )
 
 # Newton's method is done with a correction below this, over the largest value of u: it is
@@ -66,7 +71,7 @@ _MOST_PARTS = 16
 
 
 @dataclass(frozen=True)
-class Increment:
+class SolvedIncrement:
     """The work that an increment took, or a part of one.
 
     Args:
@@ -74,37 +79,37 @@ class Increment:
         corrections: largest change of a nodal value in each iteration, over the largest value.
     """
 
-    share: float
-    corrections: tuple[float, ...]
+    load_factor: float
+    relative_corrections: tuple[float, ...]
 
 
-class System:
+class ResidualSystem:
     """Residual and tangent, compiled forms, at an unknown function, assembled in place."""
 
     def __init__(self, u: fem.Function, residual: fem.Form, tangent: fem.Form) -> None:
-        self.u, self._residual, self._tangent = u, residual, tangent
+        self.u, self._residual_form, self._tangent_form = u, residual, tangent
         self.blocked = False  # whether the matrix is stored by nodes, see `assemble_matrix`
 
     @cached_property
-    def matrix(self) -> PETSc.Mat:
+    def tangent(self) -> PETSc.Mat:
         nodal = not is_hybrid(self.u.function_space) and self.u.function_space.dofmap.bs > 1
-        matrix = petsc.create_matrix(self._tangent, "baij" if self.blocked and nodal else None)
+        matrix = petsc.create_matrix(self._tangent_form, "baij" if self.blocked and nodal else None)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        return Assembled(self._tangent).mark(matrix)
+        return AssemblyRecord(self._tangent_form).attach(matrix)
 
-    def take(self, x: PETSc.Vec) -> None:
+    def set_unknowns(self, x: PETSc.Vec) -> None:
         self.u.x.array[: x.getLocalSize()] = x.array_r
         self.u.x.scatter_forward()
 
-    def forces(self) -> PETSc.Vec:
-        forces = petsc.assemble_vector(self._residual)
+    def assemble_residual(self) -> PETSc.Vec:
+        forces = petsc.assemble_vector(self._residual_form)
         forces.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-        return Assembled(self._residual).mark(forces)
+        return AssemblyRecord(self._residual_form).attach(forces)
 
-    def assemble(self) -> None:
-        self.matrix.zeroEntries()
-        petsc.assemble_matrix(self.matrix, self._tangent)
-        self.matrix.assemble()
+    def assemble_tangent(self) -> None:
+        self.tangent.zeroEntries()
+        petsc.assemble_matrix(self.tangent, self._tangent_form)
+        self.tangent.assemble()
 
 
 class Newton:
@@ -115,7 +120,7 @@ class Newton:
 
     def __init__(
         self,
-        system: System,
+        system: ResidualSystem,
         fixed: npt.NDArray[np.integer],
         prescribed: PETSc.Vec,
         linear: bool,
@@ -127,28 +132,31 @@ class Newton:
         self._x.setArray(system.u.x.array[: self._x.getLocalSize()])
         self.corrections: list[float] = []
         self._singular: SingularSystem | None = None
-        system.assemble()
-        for name, values in (("the tangent", system.matrix), ("the residual", system.forces())):
+        system.assemble_tangent()
+        for name, values in (
+            ("the tangent", system.tangent),
+            ("the residual", system.assemble_residual()),
+        ):
             size = values.norm(PETSc.NormType.INFINITY)
             if np.isfinite(size):  # the iteration says where it is not
-                arguments.check_range(f"{name} at the start", size)
-        self._scale = equilibration(system.u.function_space, system.matrix)
-        system.matrix.diagonalScale(self._scale, self._scale)
+                arguments.check_magnitude(f"{name} at the start", size)
+        self._scale = equilibration_scale(system.u.function_space, system.tangent)
+        system.tangent.diagonalScale(self._scale, self._scale)
         self._x.pointwiseDivide(self._x, self._scale)
         self._prescribed = prescribed.duplicate()
         self._prescribed.pointwiseDivide(prescribed, self._scale)
         self._before = self._x.copy()
-        diagonal = system.matrix.getDiagonal()
+        diagonal = system.tangent.getDiagonal()
         # what makes equations of conditions
         self._stiffness = diagonal.norm(PETSc.NormType.NORM_1) / diagonal.getSize() or 1.0
         self._norm = 0.0
-        self._prepared = solver.prepare(system.matrix)
+        self._prepared = solver.prepare(system.tangent)
 
     def solve(self) -> None:
         """Solves, or raises NotConverged or SingularSystem; u is worth nothing then."""
         snes = PETSc.SNES().create(self._prescribed.comm)
         snes.setFunction(self._equations, self._prescribed.duplicate())
-        snes.setJacobian(self._linearised, self._system.matrix)
+        snes.setJacobian(self._linearised, self._system.tangent)
         snes.setType("newtonls")
         snes.setKSP(self._prepared.ksp)
         snes.setTolerances(max_it=_ITERATIONS)
@@ -168,21 +176,21 @@ class Newton:
     def _take(self, x: PETSc.Vec) -> None:
         values = x.duplicate()
         values.pointwiseMult(x, self._scale)
-        self._system.take(values)
+        self._system.set_unknowns(values)
 
     def _equations(self, _: PETSc.SNES, x: PETSc.Vec, out: PETSc.Vec) -> None:
         self._take(x)
-        forces = self._system.forces().array_r * self._scale.array_r
+        forces = self._system.assemble_residual().array_r * self._scale.array_r
         off = x.array_r[self._fixed] - self._prescribed.array_r[self._fixed]
         forces[self._fixed] = self._stiffness * off
         out.setArray(forces)
 
     def _linearised(self, _: PETSc.SNES, x: PETSc.Vec, *__: PETSc.Mat) -> None:
         self._take(x)
-        self._system.assemble()
-        self._system.matrix.diagonalScale(self._scale, self._scale)
-        self._system.matrix.zeroRows(self._rows, diag=self._stiffness)
-        self._norm = self._system.matrix.norm(PETSc.NormType.INFINITY)
+        self._system.assemble_tangent()
+        self._system.tangent.diagonalScale(self._scale, self._scale)
+        self._system.tangent.zeroRows(self._rows, diag=self._stiffness)
+        self._norm = self._system.tangent.norm(PETSc.NormType.INFINITY)
         try:
             self._prepared.set_up()
         except SingularSystem as error:
@@ -197,7 +205,9 @@ class Newton:
             self._before.aypx(-1.0, now)
             self.corrections.append(_largest(self._before) / (_largest(now) or 1.0))
             correction = f"correction {self.corrections[-1]:.1e}, residual {residual:.1e}"
-            told(now.comm, logging.DEBUG, f"iteration {iteration}: {correction}", ".problems")
+            log_on_root(
+                now.comm, logging.DEBUG, f"iteration {iteration}: {correction}", ".problems"
+            )
         now.copy(self._before)
         small = iteration and (self._linear or self.corrections[-1] <= _CORRECTION)
         if residual == 0 or (small and self._relative_residual(snes) <= _RESIDUAL):
@@ -266,7 +276,7 @@ class PetrovGalerkinProblem:
         NumberingError: if trial and test space number their nodes differently.
     """
 
-    @same_everywhere
+    @check_same_arguments
     def __init__(
         self,
         residual: ufl.Form,
@@ -274,18 +284,18 @@ class PetrovGalerkinProblem:
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC] = (),
         solver: LinearSolver | None = None,
     ) -> None:
-        arguments.of_type("u", u, fem.Function, "fem.Function(V) is an unknown")
-        arguments.of_type("the residual", residual, ufl.Form, "an integrand times a measure")
+        arguments.check_type("u", u, fem.Function, "fem.Function(V) is an unknown")
+        arguments.check_type("the residual", residual, ufl.Form, "an integrand times a measure")
         check_solver(solver)
         if isinstance(solver, str) or is_matrix_free(solver):
             raise ValueError(
                 'Iterative() and "auto" solve with one free matrix under supports, not with '
                 "Newton's tangents: use Direct()"
             )
-        self.u, self.increments = u, tuple[Increment, ...]()
+        self.u, self.increments = u, tuple[SolvedIncrement, ...]()
         self._space, self._conditions = u.function_space, conditions
         self._comm: MPI.Comm = self._space.mesh.comm
-        if is_split(self._space):
+        if has_split_pressure(self._space):
             raise ValueError(
                 "the pressure of this space is split, and no residual ties it: use "
                 "Spaces.hybrid(mesh) without parts"
@@ -298,7 +308,7 @@ class PetrovGalerkinProblem:
             )
         Spaces(self._space, weights[0].ufl_function_space())
         try:
-            form = with_degrees(with_cell_rules(residual))
+            form = add_estimated_degrees(add_sub_cell_rules(residual))
             compute_form_data(form)  # in which UFL looks whether all terms have the weights
             tangent = expand_derivatives(ufl.derivative(form, u, ufl.TrialFunction(self._space)))
         except (Exception, ArityMismatch) as error:  # UFL's is no Exception
@@ -306,14 +316,14 @@ class PetrovGalerkinProblem:
         if tangent.empty():
             raise ValueError("the residual does not depend on u: it has to be stated with u itself")
         self.form, self._is_linear = form, u not in tangent.coefficients()
-        prescribed(self._space, conditions)  # what is wrong is refused at once
-        self.system = System(
-            u, compiled_form(form, 1, "a residual"), compiled_form(tangent, 2, "a tangent")
+        evaluate_conditions(self._space, conditions)  # what is wrong is refused at once
+        self.system = ResidualSystem(
+            u, compile_form(form, 1, "a residual"), compile_form(tangent, 2, "a tangent")
         )
         self._solver: LinearSolver = Direct() if solver is None else solver
         self._held: dict[fem.Constant, Array] = {}
 
-    @same_everywhere
+    @check_same_arguments
     def solve(self, load: Load | None = None, increments: int = 1) -> fem.Function:
         """Solves for u, starting from its present values.
 
@@ -333,7 +343,7 @@ class PetrovGalerkinProblem:
             TypeError, ValueError: for an invalid load, or conditions that contradict each
                 other or are not finite.
         """
-        arguments.whole("increments", increments, 1)
+        arguments.check_integer("increments", increments, 1)
         path = self._path(load)
         total, size, done = increments * _MOST_PARTS, _MOST_PARTS, 0
         self.increments = ()
@@ -345,11 +355,11 @@ class PetrovGalerkinProblem:
             share = (done + size) / total
             self._apply(path, share)
             try:
-                with doing(self._comm, f"load {share:.3g}"):
+                with report_activity(self._comm, f"load {share:.3g}"):
                     self._newton(share)
             except (NotConverged, SingularSystem) as failed:
                 words = f"not from {done / total:.4g} to {share:.4g}: {failed}"
-                told(self._comm, logging.INFO, words, ".problems")
+                log_on_root(self._comm, logging.INFO, words, ".problems")
                 self.u.x.array[:] = last
                 self._apply(path, done / total)
                 if load is None or size == 1:
@@ -363,7 +373,7 @@ class PetrovGalerkinProblem:
         self._keep(load)
         return self.u
 
-    @same_everywhere
+    @check_same_arguments
     def reactions(self) -> PETSc.Vec:
         """Residual (n,) at all nodes: at prescribed ones what the supports exert on the body.
 
@@ -374,11 +384,11 @@ class PetrovGalerkinProblem:
         third order in the size of cells, if a load's moment is that of its density (with nodal
         loads at deformed nodes: to second order).
         """
-        return self.system.forces()
+        return self.system.assemble_residual()
 
     def _path(self, load: Load | None) -> Callable[[float], None]:
         """The function that sets the load to a share of it; local."""
-        if arguments.is_function(load):
+        if arguments.is_user_function(load):
             return load
         ways = []
         for constant in _constants(load):
@@ -392,8 +402,8 @@ class PetrovGalerkinProblem:
         return to
 
     def _apply(self, path: Callable[[float], None], share: float) -> None:
-        with collective(self._comm) as same:
-            answer(self._comm, "the load", path, share)
+        with collective_errors(self._comm) as same:
+            call_user_function(self._comm, "the load", path, share)
             same["what the residual and the conditions hold"] = (
                 self.form.constants(),
                 self._conditions,
@@ -404,25 +414,25 @@ class PetrovGalerkinProblem:
 
     def _newton(self, share: float) -> None:
         """Solves for u under the load as it is; where that fails, u is worth nothing."""
-        free, values = prescribed(self._space, self._conditions)
+        free, values = evaluate_conditions(self._space, self._conditions)
         fixed = np.flatnonzero(~free)
         newton = Newton(self.system, fixed, values, self._is_linear, self._solver)
         newton.solve()
-        self.increments += (Increment(share, tuple(newton.corrections)),)
+        self.increments += (SolvedIncrement(share, tuple(newton.corrections)),)
         words = f"load {share:.4g}: {len(newton.corrections)} iterations"
-        told(self._comm, logging.INFO, words, ".problems")
+        log_on_root(self._comm, logging.INFO, words, ".problems")
 
 
 def _constants(load: Load | None) -> Sequence[fem.Constant]:
     if isinstance(load, fem.Constant):
         return [load]
-    if load is None or arguments.is_function(load):
+    if load is None or arguments.is_user_function(load):
         return ()
     remedy = "give a fem.Constant, a list of these, or a function of the share"
-    arguments.of_type("the load", load, Sequence, remedy)
+    arguments.check_type("the load", load, Sequence, remedy)
     assert isinstance(load, Sequence)
     for constant in load:
-        arguments.of_type("a load", constant, fem.Constant, remedy)
+        arguments.check_type("a load", constant, fem.Constant, remedy)
     return load
 
 

@@ -17,29 +17,29 @@ from dolfinx import fem
 
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.arrays import Mask
-from pw_elements.checks import arguments, collective, listed, same_everywhere
+from pw_elements.checks import arguments, check_same_arguments, collective_errors, format_points
 from pw_elements.solvers import (
-    NO_SUPPORTS,
-    Masked,
-    Projection,
+    NO_SUPPORTS_MESSAGE,
+    ConstrainedOperator,
+    ConstraintProjection,
     SingularSystem,
     Supports,
-    add,
-    block_diagonal,
+    add_scaled,
+    block_diagonal_matrix,
     diagonal_blocks,
     python_matrix,
-    selection,
-    unblocked,
+    selection_matrix,
+    to_aij,
 )
 from pw_elements.spaces import (
-    Assembled,
+    AssemblyRecord,
     Spaces,
-    equilibration,
-    fields_of,
+    equilibration_scale,
+    has_split_pressure,
     is_hybrid,
-    is_split,
-    numbered,
-    tied,
+    list_fields,
+    local_numbers,
+    tie_pressures,
 )
 
 # Largest difference of values that are prescribed as the same, over the largest of them
@@ -49,19 +49,21 @@ _SAME_VALUE = 1e-9
 _ZERO_ENTRY = 1e-13
 
 
-def prescribed(
+def evaluate_conditions(
     space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
 ) -> tuple[Mask, PETSc.Vec]:
     """Which owned degrees of freedom are free, and the prescribed values (zero where free)."""
-    arguments.space(space)
+    arguments.check_space(space)
     each = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     owned, comm = index_map.size_local * block, space.mesh.comm
     values = np.zeros(owned + index_map.num_ghosts * block)
     free = np.ones(owned, dtype=bool)
     difference = np.zeros(owned)
-    with collective(comm):
-        arguments.of_type("the list of conditions", each, Sequence, "`prescribe` makes its items")
+    with collective_errors(comm):
+        arguments.check_type(
+            "the list of conditions", each, Sequence, "`prescribe` makes its items"
+        )
         for condition in each:
             _check_condition(condition, space)
             own = np.zeros(len(values))
@@ -75,19 +77,19 @@ def prescribed(
         if not np.isfinite(values[:owned]).all():
             raise ValueError("a prescribed value is not a finite number")
         size = np.abs(values[:owned]).max(initial=0.0)
-        arguments.check_range("the largest prescribed value", float(size), least=0.0)
+        arguments.check_magnitude("the largest prescribed value", float(size), minimum=0.0)
     places = np.zeros((0, space.mesh.geometry.dim))
-    for field in fields_of(space):
-        largest = comm.allreduce(np.abs(values[field.owned]).max(initial=0.0), MPI.MAX)
-        twice = (difference[field.owned] > _SAME_VALUE * largest).any(axis=1)
+    for field in list_fields(space):
+        largest = comm.allreduce(np.abs(values[field.owned_unknowns]).max(initial=0.0), MPI.MAX)
+        twice = (difference[field.owned_unknowns] > _SAME_VALUE * largest).any(axis=1)
         if twice.any():
             x = field.space.tabulate_dof_coordinates()[: len(twice)][twice]
             places = np.vstack([places, x[:, : places.shape[1]]])
     places = np.unique(np.concatenate(comm.allgather(places)), axis=0)
     if len(places):
         raise ValueError(
-            f"Dirichlet conditions contradict each other at {listed(places)}: a degree of freedom "
-            "can have one value"
+            f"Dirichlet conditions contradict each other at {format_points(places)}: a degree of "
+            "freedom can have one value"
         )
     offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
     offset.setArray(values[:owned])
@@ -95,7 +97,7 @@ def prescribed(
 
 
 def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> None:
-    arguments.of_type("a condition", condition, fem.DirichletBC, "`prescribe` makes one")
+    arguments.check_type("a condition", condition, fem.DirichletBC, "`prescribe` makes one")
     theirs = condition.function_space
     other, own = theirs.dofmap.index_map, space.dofmap.index_map
     same_nodes = (other.size_global, other.size_local) == (own.size_global, own.size_local)
@@ -106,23 +108,23 @@ def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> No
         )
 
 
-def check_any(chosen: Mask, space: fem.FunctionSpace, otherwise: str) -> None:
+def require_any_dof(chosen: Mask, space: fem.FunctionSpace, otherwise: str) -> None:
     if space.mesh.comm.allreduce(int(chosen.sum()), MPI.SUM) == 0:
         raise ValueError(otherwise)
 
 
 def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
     """Q (n, n): inverse of K_ii, whose blocks belong to one node each, and zeros."""
-    chosen = selection(inner, K.createVecLeft())
+    chosen = selection_matrix(inner, K.createVecLeft())
     K_ii = chosen.transposeMatMult(K.matMult(chosen))
     (nodes, own), (sizes, _) = diagonal_blocks(K_ii, block), K_ii.getSizes()
     blocks = np.zeros((sizes[0] // block, block, block))
     blocks[nodes] = own
     largest = PETSc.NormType.INFINITY
     size = K_ii.norm(largest)
-    add(K_ii, -1.0, block_diagonal(blocks, sizes, K.comm))
+    add_scaled(K_ii, -1.0, block_diagonal_matrix(blocks, sizes, K.comm))
     coupled = K_ii.norm(largest) > _ZERO_ENTRY * size
-    with collective(K.comm.tompi4py()):
+    with collective_errors(K.comm.tompi4py()):
         if coupled:
             raise ValueError(
                 "the stiffness couples nodes that are to be condensed: no two of them may share a "
@@ -130,7 +132,7 @@ def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
             )
         if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ZERO_ENTRY):
             raise SingularSystem("a node that is to be condensed has no stiffness")
-    inverse = block_diagonal(np.linalg.inv(blocks), sizes, K.comm)
+    inverse = block_diagonal_matrix(np.linalg.inv(blocks), sizes, K.comm)
     return chosen.matMult(inverse).matMult(chosen.transpose(PETSc.Mat()))
 
 
@@ -163,19 +165,19 @@ class Reduction:
     left: PETSc.Mat
     right: PETSc.Mat
     offset: PETSc.Vec
-    inner: PETSc.Mat | None = None
+    inner_flexibility: PETSc.Mat | None = None
     space: fem.FunctionSpace | None = None
     supports: Supports | None = None
 
-    @same_everywhere
+    @check_same_arguments
     def __post_init__(self) -> None:
-        with collective(arguments.processes(self.offset, self.space)):
+        with collective_errors(arguments.find_communicator(self.offset, self.space)):
             remedy = "`Reduction.dirichlet` and `condensation` make it"
             for name, kind in get_type_hints(type(self)).items():
                 part = getattr(self, name)
-                arguments.of_type(f"its part `{name}`", part, kind, remedy)
+                arguments.check_type(f"its part `{name}`", part, kind, remedy)
                 if isinstance(part, PETSc.Object):
-                    arguments.refuse_empty(f"its part `{name}`", part)
+                    arguments.check_petsc_object(f"its part `{name}`", part)
             sizes = self.right.getSizes()
             if self.left.getSizes() != sizes or self.offset.getSizes() != sizes[0]:
                 raise ValueError(
@@ -183,7 +185,7 @@ class Reduction:
                 )
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def dirichlet(
         cls,
         space: fem.FunctionSpace | Spaces,
@@ -204,16 +206,16 @@ class Reduction:
         parts = None
         if isinstance(space, Spaces):
             space, parts = space.trial, space.parts
-        free, offset = prescribed(space, conditions)
-        check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
-        if is_split(space):
-            kept = tied(space, parts, free)
+        free, offset = evaluate_conditions(space, conditions)
+        require_any_dof(free, space, "the Dirichlet conditions leave no degree of freedom free")
+        if has_split_pressure(space):
+            kept = tie_pressures(space, parts, free)
             return cls(kept, kept, offset, space=space)
-        kept = selection(free, offset)
+        kept = selection_matrix(free, offset)
         return cls(kept, kept, offset, space=space, supports=Supports(space, free))
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def condensation(
         cls,
         K: PETSc.Mat,
@@ -238,32 +240,32 @@ class Reduction:
                 not finite.
             SingularSystem: if an inner node has no stiffness.
         """
-        arguments.space(space)
+        arguments.check_space(space)
         check_problem({"the stiffness": K}, space=space)
         if is_hybrid(space):
             raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
-        K = unblocked(K)
-        free, offset = prescribed(space, conditions)
+        K = to_aij(K)
+        free, offset = evaluate_conditions(space, conditions)
         block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
         comm = space.mesh.comm
         inner = np.zeros(len(free), dtype=bool)
-        with collective(comm):
+        with collective_errors(comm):
             known = index_map.size_local + index_map.num_ghosts
-            chosen = numbered(comm, "the nodes to be condensed", nodes, known)
+            chosen = local_numbers(comm, "the nodes to be condensed", nodes, known)
             inner.reshape(-1, block)[chosen[chosen < index_map.size_local]] = True
             if np.any(inner & ~free):
                 raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
-        check_any(free & ~inner, space, "there is nothing but inner and prescribed nodes")
+        require_any_dof(free & ~inner, space, "there is nothing but inner and prescribed nodes")
         Q = _inner_flexibility(K, inner, block)
-        kept = selection(free & ~inner, offset)
+        kept = selection_matrix(free & ~inner, offset)
         right, left = kept.copy(), kept.copy()
         different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
         right.axpy(-1.0, Q.matMult(K.matMult(kept)), different)
         left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(kept)), different)
         return cls(left, right, offset, Q, space)
 
-    @same_everywhere
-    def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
+    @check_same_arguments
+    def for_load(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
         """Makes the reduction for a load f (n,) that acts on inner nodes, too.
 
         Args:
@@ -274,11 +276,11 @@ class Reduction:
             TypeError, ValueError: if K and f do not match the reduction.
         """
         self._check_system(K, f)
-        if self.inner is None:
+        if self.inner_flexibility is None:
             return self
-        return replace(self, offset=self.offset - self.inner * (K * self.offset - f))
+        return replace(self, offset=self.offset - self.inner_flexibility * (K * self.offset - f))
 
-    @same_everywhere
+    @check_same_arguments
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
         """Reduces a matrix K (n, n) to L^T K R, (n_r, n_r).
 
@@ -286,10 +288,10 @@ class Reduction:
             TypeError, ValueError: if K is not a matrix that matches the reduction.
         """
         self._check_system(K)
-        reduced = self.left.transposeMatMult(unblocked(K).matMult(self.right))
-        return Assembled.of(K).mark(reduced)
+        reduced = self.left.transposeMatMult(to_aij(K).matMult(self.right))
+        return AssemblyRecord.read(K).attach(reduced)
 
-    @same_everywhere
+    @check_same_arguments
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
         """Reduces a load to L^T (f - K a_0).
 
@@ -305,7 +307,7 @@ class Reduction:
         self.left.multTranspose(f - K * self.offset, reduced)
         return reduced
 
-    @same_everywhere
+    @check_same_arguments
     def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """R a_r + a_0.
 
@@ -316,39 +318,39 @@ class Reduction:
             TypeError, ValueError: if it is not a vector (n_r,).
         """
         expected = self.right.getSizes()[1]
-        arguments.petsc_vector("the reduced vector", reduced, "the reduced system", expected)
+        arguments.check_petsc_vector("the reduced vector", reduced, "the reduced system", expected)
         return self.right * reduced + self.offset
 
     def _check_system(self, K: PETSc.Mat, *loads: PETSc.Vec) -> None:
         sizes = self.offset.getSizes()
-        with collective(self.offset.comm.tompi4py()):
-            arguments.matrix("the matrix", K, "the reduction", sizes)
+        with collective_errors(self.offset.comm.tompi4py()):
+            arguments.check_matrix("the matrix", K, "the reduction", sizes)
             for f in loads:
-                arguments.petsc_vector("the load", f, "the reduction", sizes)
+                arguments.check_petsc_vector("the load", f, "the reduction", sizes)
 
 
-def masked(reduction: Reduction) -> Reduction:
+def full_size_reduction(reduction: Reduction) -> Reduction:
     """The reduction that keeps all unknowns and sets prescribed ones to zero."""
     if reduction.supports is None:
-        raise ValueError(NO_SUPPORTS)
+        raise ValueError(NO_SUPPORTS_MESSAGE)
     unknowns, free = reduction.right.getSize()
     if free == unknowns:  # nothing is prescribed: contact alone holds the body
         return reduction
-    kept = selection(reduction.supports.free, reduction.offset, renumbered=False)
+    kept = selection_matrix(reduction.supports.free, reduction.offset, renumbered=False)
     return replace(reduction, left=kept, right=kept)
 
 
-def supported(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
+def constrained_operator(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
     """The matrix of `masked` supports without assembling it: ones where values are prescribed."""
     if reduction.supports is None:
-        raise ValueError(NO_SUPPORTS)
+        raise ValueError(NO_SUPPORTS_MESSAGE)
     space = reduction.supports.space
-    projection = Projection(reduction.supports.free, space.dofmap.index_map_bs)
+    projection = ConstraintProjection(reduction.supports.free, space.dofmap.index_map_bs)
     scale = reduction.right.getDiagonal() if is_hybrid(space) else None  # see `equilibrated`
-    return python_matrix(K.getSizes(), Masked(K, projection, scale), K.comm)
+    return python_matrix(K.getSizes(), ConstrainedOperator(K, projection, scale), K.comm)
 
 
-def equilibrated(reduction: Reduction, K: PETSc.Mat) -> Reduction:
+def scale_pressures(reduction: Reduction, K: PETSc.Mat) -> Reduction:
     """The reduction with pressures of hybrid spaces scaled to a displacement's size.
 
     In consistent units displacement and pressure may be 15 orders of magnitude apart, and
@@ -356,7 +358,7 @@ def equilibrated(reduction: Reduction, K: PETSc.Mat) -> Reduction:
     """
     if reduction.space is None or not is_hybrid(reduction.space):
         return reduction
-    scale = equilibration(reduction.space, K)
+    scale = equilibration_scale(reduction.space, K)
     left, right = reduction.left.copy(), reduction.right.copy()
     for side in (left, right):
         side.diagonalScale(scale)

@@ -27,31 +27,31 @@ from scipy.spatial import cKDTree
 from ufl.core.expr import Expr
 
 from pw_elements.algebra import is_finite
-from pw_elements.arrays import Array, Indices, Local, Mask
-from pw_elements.checks import arguments, collective, same_everywhere
+from pw_elements.arrays import Array, Indices, LocalIndices, Mask
+from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.elasticity.body import Body, Scalar, boundary_measure
 from pw_elements.spaces import (
     Marker,
     Part,
     Spaces,
     assemble_vector,
-    exterior_facets,
+    gather_from_owners,
     is_hybrid,
+    locate_any_nodes,
+    locate_exterior_facets,
     macro_element,
-    of_owners,
     quadratic_element,
     scalar_space,
-    some_nodes_of,
 )
 
 # Shares of a mid-side node's Galerkin force that stay with it and go to either vertex
 _STAYS = 3 / 4
 _GOES = 1 / 8
 
-Area = Literal["geometric", "own"]
+Area = Literal["geometric", "weight"]
 
 
-@same_everywhere
+@check_same_arguments
 def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     """Matrix T, (n, n), that evens out the nodal forces of the standard quadratic element.
 
@@ -79,7 +79,7 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
 
 def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
     """T^T, (n, n), or T^-T, which has the same pattern: see `force_transfer`."""
-    arguments.space(space)
+    arguments.check_space(space)
     element, whole = space.element.basix_element, space.ufl_element()
     cell = space.mesh.topology.cell_name()
     if whole != quadratic_element(cell, tuple(whole.reference_value_shape)):
@@ -128,7 +128,7 @@ class BoundaryForces:
     force: Array
 
 
-@same_everywhere
+@check_same_arguments
 def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> BoundaryForces:
     """Nodal forces at the nodes that a marker selects, sorted by their coordinates.
 
@@ -146,19 +146,19 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
         ValueError: if there is no such node, the marker fails or does not return truth values, or
             the vector is not finite or does not belong to the space.
     """
-    arguments.space(space)
-    with collective(space.mesh.comm):
-        arguments.petsc_vector("the vector of forces", forces, "the space", space)
+    arguments.check_space(space)
+    with collective_errors(space.mesh.comm):
+        arguments.check_petsc_vector("the vector of forces", forces, "the space", space)
     if not is_finite(forces):
         raise ValueError("the vector of forces is not finite")
-    nodes = some_nodes_of(space, "the line", where)
+    nodes = locate_any_nodes(space, "the line", where)
     values = forces.array_r.reshape(-1, space.dofmap.index_map_bs)
     return BoundaryForces(*_in_order(space, nodes, values)[:2])
 
 
 @dataclass(frozen=True)
 class SurfaceNodes:
-    """Nodes of a part of the boundary, in the order of `by_position`, on every process.
+    """Nodes of a part of the boundary, in the order of `order_by_position`, on every process.
 
     Areas are lengths times thickness in the plane, and of the whole circumference in
     axisymmetry.
@@ -174,7 +174,7 @@ class SurfaceNodes:
     """
 
     position: Array
-    own_area: Array
+    weight_area: Array
     tributary_area: Array
     edges: Indices
     rim: Mask
@@ -182,8 +182,8 @@ class SurfaceNodes:
     facets: Indices
 
     @classmethod
-    @same_everywhere
-    def of(cls, body: Body, where: Part, stretch: Expr | None = None) -> "SurfaceNodes":
+    @check_same_arguments
+    def from_body(cls, body: Body, where: Part, stretch: Expr | None = None) -> "SurfaceNodes":
         """Nodes of a part of the boundary.
 
         A `ContactPair` with the same marker has the same nodes if the marker ends at vertices.
@@ -199,14 +199,14 @@ class SurfaceNodes:
             ValueError: if there are none, the marker fails or does not return truth values, or a
                 number is none of a facet.
         """
-        arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
-        arguments.of_type("stretch", stretch, Expr | None, "SurfaceNodes.stretch(u) makes it")
+        arguments.check_type("body", body, Body, "Body(spaces, material, state) makes one")
+        arguments.check_type("stretch", stretch, Expr | None, "SurfaceNodes.stretch(u) makes it")
         depth = body._depth() if stretch is None else body._depth() * stretch
-        return cls.scalar(_scalar(body.spaces.displacements), where, depth)
+        return cls.from_scalar_spaces(_scalar(body.spaces.displacements), where, depth)
 
     @classmethod
-    @same_everywhere
-    def scalar(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
+    @check_same_arguments
+    def from_scalar_spaces(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
         """Nodes of a part of the boundary of a scalar problem.
 
         Args:
@@ -217,10 +217,10 @@ class SurfaceNodes:
         Raises:
             ValueError: as `of`, or if the spaces are not scalar.
         """
-        arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
+        arguments.check_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
         if spaces.trial.ufl_element().reference_value_shape != ():
             raise ValueError("the spaces have components: it takes those of a scalar")
-        depth = arguments.positive_coefficient("depth", depth, spaces.mesh.comm)
+        depth = arguments.check_positive_coefficient("depth", depth, spaces.mesh.comm)
         position, own, node = _areas(spaces, where, depth)
         other, tributary = position, own
         if spaces.test.ufl_element() != macro_element(spaces.mesh.topology.cell_name()):
@@ -241,14 +241,14 @@ class SurfaceNodes:
         and the true pressure:
 
             spaces = Spaces.petrov_galerkin(mesh, 0)
-            nominal = SurfaceNodes.scalar(spaces, top).pressure(pair.force_normal)
-            deformed = SurfaceNodes.scalar(spaces, top, SurfaceNodes.stretch(u))
+            nominal = SurfaceNodes.from_scalar_spaces(spaces, top).pressure(pair.force_normal)
+            deformed = SurfaceNodes.from_scalar_spaces(spaces, top, SurfaceNodes.stretch(u))
             true = deformed.pressure(pair.force_normal)
 
         Args:
             u: displacements, or these and a pressure, with the values of when areas are taken.
         """
-        arguments.of_type("u", u, fem.Function, "as_function(U, a) makes a function of a vector")
+        arguments.check_type("u", u, fem.Function, "as_function(U, a) makes a function of a vector")
         space = u.function_space
         moved = ufl.split(u)[0] if is_hybrid(space) else u
         if moved.ufl_shape != (space.mesh.geometry.dim,):
@@ -267,8 +267,8 @@ class SurfaceNodes:
             ValueError: if they are not one for each node.
         """
         force = self._checked(force)
-        weightless = self.own_area < 1e-9 * self.tributary_area
-        area = np.where(weightless, np.nan, self.own_area)
+        weightless = self.weight_area < 1e-9 * self.tributary_area
+        area = np.where(weightless, np.nan, self.weight_area)
         return (force.T / area).T
 
     def tributary_pressure(self, force: Array) -> Array:
@@ -348,24 +348,26 @@ class SurfaceNodes:
         return given
 
 
-def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.intp]:
+def order_by_position(position: Array, tie_break: Array | None = None) -> npt.NDArray[np.intp]:
     """Order of nodes (m, dim) by their first coordinate, then the next.
 
     Round-off of mid-side positions depends on the partition; the order does not. Nodes that
     coincide are in the order of a second position `beside`, if it is given.
     """
     size = np.ptp(position, axis=0).max(initial=0.0) if len(position) else 0.0
-    keys = position if beside is None else np.hstack([position, beside])
+    keys = position if tie_break is None else np.hstack([position, tie_break])
     return np.lexsort(np.round(keys / (size or 1.0), 9).T[::-1])
 
 
-def facet_nodes(space: fem.FunctionSpace, facets: Local) -> Local:
+def facet_nodes(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
     """Local numbers (f, k) of the nodes of exterior facets, in the order of Basix' own facets."""
-    cells, places = facets_in_cells(space, facets)
+    cells, places = locate_facets_in_cells(space, facets)
     return np.asarray(space.dofmap.list[cells[:, None], places])
 
 
-def facets_in_cells(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Local]:
+def locate_facets_in_cells(
+    space: fem.FunctionSpace, facets: LocalIndices
+) -> tuple[LocalIndices, LocalIndices]:
     """Cell (f,) of each exterior facet, and places (f, k) of its nodes there."""
     dim = space.mesh.topology.dim
     topology, layout = space.mesh.topology, space.dofmap.dof_layout
@@ -380,7 +382,7 @@ def facets_in_cells(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Loc
     return cells, closure[local]
 
 
-def facets_between(space: fem.FunctionSpace, nodes: Indices) -> Local:
+def facets_with_all_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
     """Local numbers of exterior facets of owned cells with all nodes among global ones (m,)."""
     index_map, topology = space.dofmap.index_map, space.mesh.topology
     local = index_map.global_to_local(nodes)
@@ -396,14 +398,14 @@ def _areas(spaces: Spaces, where: Part, depth: Scalar) -> tuple[Array, Array, In
     space, mesh = spaces.trial, spaces.mesh
     weights = depth * ufl.TestFunction(spaces.test) * boundary_measure(mesh, where)
     area = assemble_vector(weights).array_r
-    facets = exterior_facets(mesh, where)
+    facets = locate_exterior_facets(mesh, where)
     nodes = fem.locate_dofs_topological(space, mesh.topology.dim - 1, facets)
     position, areas, node = _in_order(space, nodes, area)
     return position[:, : mesh.geometry.dim], areas, node
 
 
 def _in_order(
-    space: fem.FunctionSpace, nodes: Local, values: Array
+    space: fem.FunctionSpace, nodes: LocalIndices, values: Array
 ) -> tuple[Array, Array, Indices]:
     """Positions (m, 3) of all processes' nodes, owners' values there, and global numbers."""
     index_map = space.dofmap.index_map
@@ -411,13 +413,13 @@ def _in_order(
     numbers = nodes + np.int64(index_map.local_range[0])
     own = space.tabulate_dof_coordinates()[nodes], values[nodes], numbers
     position, *rest = (np.concatenate(space.mesh.comm.allgather(part)) for part in own)
-    order = by_position(position)
+    order = order_by_position(position)
     return position[order], rest[0][order], rest[1][order]
 
 
 def _facets(space: fem.FunctionSpace, where: Part, node: Indices) -> Indices:
     """Facets (f, k) of all processes as places of their nodes among `node` (m,)."""
-    facets = facet_nodes(space, exterior_facets(space.mesh, where))
+    facets = facet_nodes(space, locate_exterior_facets(space.mesh, where))
     numbers = space.dofmap.index_map.local_to_global(facets.ravel()).reshape(facets.shape)
     order = np.argsort(node)
     every = np.concatenate(space.mesh.comm.allgather(numbers))
@@ -451,7 +453,7 @@ class NodalFlux:
     flux: Array
 
 
-@same_everywhere
+@check_same_arguments
 def nodal_flux(
     spaces: Spaces, reactions: PETSc.Vec, where: Part, area: Area = "geometric", depth: Scalar = 1.0
 ) -> NodalFlux:
@@ -473,7 +475,7 @@ def nodal_flux(
         reactions: vector (n,), of `reactions` or `PetrovGalerkinProblem.reactions`.
         where: part of the boundary, as in `boundary_measure`.
         area: by which reactions are divided: "geometric", the node's share of the surface, or
-            "own", the integral of its test function: the same for piecewise-linear weights.
+            "weight", the integral of its test function: the same for piecewise-linear weights.
         depth: factor of the lengths or areas of the mesh, such as a thickness or 2 pi r.
 
     Raises:
@@ -481,20 +483,20 @@ def nodal_flux(
         ValueError: for a vector that is not finite or of another space, an unknown area, a depth
             that is not positive, or a part of the boundary without facets.
     """
-    arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
+    arguments.check_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
     space = spaces.trial
-    with collective(space.mesh.comm):
-        arguments.petsc_vector("the vector of reactions", reactions, "the space", space)
+    with collective_errors(space.mesh.comm):
+        arguments.check_petsc_vector("the vector of reactions", reactions, "the space", space)
     if not arguments.is_one_of(area, get_args(Area)):
-        raise ValueError(f"area {area!r}: it is 'geometric' or 'own'")
+        raise ValueError(f"area {area!r}: it is 'geometric' or 'weight'")
     if not is_finite(reactions):
         raise ValueError("the vector of reactions is not finite")
-    surface = SurfaceNodes.scalar(_scalar(spaces), where, depth)
+    surface = SurfaceNodes.from_scalar_spaces(_scalar(spaces), where, depth)
     values = reactions.array_r.reshape(-1, space.dofmap.index_map_bs)
-    reaction = of_owners(space, surface.node, values)
+    reaction = gather_from_owners(space, surface.node, values)
     if not space.num_sub_spaces:
         reaction = reaction[:, 0]
-    read = surface.pressure if area == "own" else surface.tributary_pressure
+    read = surface.pressure if area == "weight" else surface.tributary_pressure
     return NodalFlux(surface, reaction, read(reaction))
 
 

@@ -13,10 +13,16 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction, is_finite
-from pw_elements.checks import arguments, collective, listed, same_everywhere, sizes_of
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments,
+    collective_errors,
+    format_points,
+    vector_sizes,
+)
 from pw_elements.elasticity.forces import transposed_transfer
-from pw_elements.solvers import unblocked
-from pw_elements.spaces import Assembled
+from pw_elements.solvers import to_aij
+from pw_elements.spaces import AssemblyRecord
 
 # A sum of positive shares below this, over one, is none
 _NO_SHARE = 1e-9
@@ -26,7 +32,7 @@ _NO_SHARE = 1e-9
 class Sibling:
     """The standard element of a space in the basis that T defines: symmetric, with even forces.
 
-        sibling = Sibling.of(U)
+        sibling = Sibling.from_space(U)
         K, f = sibling.matrix(K_standard), sibling.load(f_standard)
         a = solve(K, f, sibling.dirichlet(conditions))
         u = sibling.displacement(a)
@@ -52,8 +58,8 @@ class Sibling:
     inverse: PETSc.Mat
 
     @classmethod
-    @same_everywhere
-    def of(cls, space: fem.FunctionSpace) -> "Sibling":
+    @check_same_arguments
+    def from_space(cls, space: fem.FunctionSpace) -> "Sibling":
         """The sibling of a quadratic Lagrange space.
 
         Args:
@@ -64,7 +70,7 @@ class Sibling:
         """
         return cls(space, transposed_transfer(space), transposed_transfer(space, inverse=True))
 
-    @same_everywhere
+    @check_same_arguments
     def matrix(self, standard: PETSc.Mat) -> PETSc.Mat:
         """T A T^T of the standard element's stiffness or mass A (n, n).
 
@@ -74,13 +80,13 @@ class Sibling:
         Raises:
             TypeError, ValueError: if it is not a matrix of the space, or has another test space.
         """
-        with collective(self.space.mesh.comm):
-            arguments.matrix("the matrix", standard, "the space", sizes_of(self.space))
+        with collective_errors(self.space.mesh.comm):
+            arguments.check_matrix("the matrix", standard, "the space", vector_sizes(self.space))
             self._check("the matrix", standard)
-        known = replace(Assembled.of(standard), sibling=self)
-        return known.mark(unblocked(standard).ptap(self.basis))
+        known = replace(AssemblyRecord.read(standard), sibling=self)
+        return known.attach(to_aij(standard).ptap(self.basis))
 
-    @same_everywhere
+    @check_same_arguments
     def load(self, standard: PETSc.Vec) -> PETSc.Vec:
         """T f of the standard element's load, or of any nodal forces, f (n,).
 
@@ -94,9 +100,9 @@ class Sibling:
         self._check_vector("the load", standard)
         load = self.basis.createVecRight()
         self.basis.multTranspose(standard, load)
-        return replace(Assembled.of(standard), sibling=self).mark(load)
+        return replace(AssemblyRecord.read(standard), sibling=self).attach(load)
 
-    @same_everywhere
+    @check_same_arguments
     def displacement(self, coefficients: PETSc.Vec) -> PETSc.Vec:
         """Displacements u = T^T a, (n,).
 
@@ -109,7 +115,7 @@ class Sibling:
         self._check_vector("the coefficients", coefficients)
         return self.basis * coefficients
 
-    @same_everywhere
+    @check_same_arguments
     def coefficients(self, displacement: PETSc.Vec) -> PETSc.Vec:
         """Coefficients a = T^-T u, (n,), of displacements or velocities.
 
@@ -122,7 +128,7 @@ class Sibling:
         self._check_vector("the displacement", displacement)
         return self.inverse * displacement
 
-    @same_everywhere
+    @check_same_arguments
     def dirichlet(self, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]) -> Reduction:
         """Supports that prescribe coefficients in place of displacements.
 
@@ -142,24 +148,27 @@ class Sibling:
         places = np.concatenate(self.space.mesh.comm.allgather(places))
         if len(places):
             raise ValueError(
-                f"the nodes at {listed(places)} have a prescribed displacement, but not all nodes "
-                "on which their coefficients depend: prescribe whole edges"
+                f"the nodes at {format_points(places)} have a prescribed displacement, but not all "
+                "nodes on which their coefficients depend: prescribe whole edges"
             )
         offset = self.inverse * standard.offset
         offset.setArray(offset.array_r * (1 - free.array_r))
         return replace(standard, offset=offset)
 
     def _check_vector(self, name: str, vector: PETSc.Vec) -> None:
-        with collective(self.space.mesh.comm):
-            arguments.petsc_vector(name, vector, "the space", self.space)
+        with collective_errors(self.space.mesh.comm):
+            arguments.check_petsc_vector(name, vector, "the space", self.space)
             self._check(name, vector)
         if not is_finite(vector):
             raise ValueError(f"{name} is not finite")
 
     def _check(self, name: str, thing: PETSc.Mat | PETSc.Vec) -> None:
         """Raises ValueError for what is not the standard element's; local."""
-        known = Assembled.of(thing)
-        if known.weights is not None and known.weights.element != self.space._cpp_object.element:
+        known = AssemblyRecord.read(thing)
+        if (
+            known.test_space is not None
+            and known.test_space.element != self.space._cpp_object.element
+        ):
             raise ValueError(
                 f"{name} was made with other weight functions than the standard element's: the "
                 "sibling transforms what Spaces.galerkin gives"

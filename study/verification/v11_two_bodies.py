@@ -18,8 +18,8 @@ from pw_elements import Spaces, SurfaceNodes, assemble_matrix, prescribe
 from pw_elements.contact import STICK, Motion
 from pw_elements.contact.interface import Trace, compute_cell_sizes, gathered_trace
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import curved, mapped
-from pw_elements.spaces import exterior_facets
+from pw_elements.meshes import curved_mesh, move_nodes
+from pw_elements.spaces import locate_exterior_facets
 from study.core.cases import Case
 from study.core.store import Result
 from study.line_mesh import on_lines
@@ -104,7 +104,7 @@ def _two_blocks(way: str, dim: int, width: float) -> TwoBodies:
         ends = [[0.0] * up + [bottom], [1.0] * up + [bottom + 1]]
         return build(MPI.COMM_SELF, ends, [n, n + 1, n][:dim], CellType[cell])
 
-    narrow = mapped(block(count[0], 1.0), lambda x: x * [width, 1.0, 1.0])
+    narrow = move_nodes(block(count[0], 1.0), lambda x: x * [width, 1.0, 1.0])
     mesh, low = joined(block(count[1], 0.0), narrow)
     state = StressState.PLANE_STRAIN if dim == 2 else StressState.SOLID
     sides = _sides(mesh, low, lambda x: np.isclose(x[up], 1.0))
@@ -285,11 +285,11 @@ def _two_spheres(way: str, edges: float, ratio: float) -> tuple[TwoBodies, list[
     lines = graded(edges)
     other = graded(edges * ratio)
     lower = box("tetrahedron", lines.beside, lines.beside, lines.below)
-    upper = curved(
+    upper = curved_mesh(
         box("tetrahedron", other.beside, other.beside, -other.below[::-1]),
         lambda x: x + (x[:, :1] ** 2 + x[:, 1:2] ** 2) / (2 * RADIUS) * [0.0, 0.0, 1.0],
     )
-    mesh, low = joined(curved(lower, lambda x: x), upper)
+    mesh, low = joined(curved_mesh(lower, lambda x: x), upper)
 
     def near(x: Array) -> Mask:
         return np.abs(x[2]) < (x[0] ** 2 + x[1] ** 2) / (2 * RADIUS) + 1e-9
@@ -324,7 +324,7 @@ def calculix(case: str, tracked: str) -> Result:
     u = two.K.createVecRight()
     u.setArray(moved[number].ravel())
     residual = (assemble_matrix(body.stiffness()) * u).array_r.reshape(x.shape)
-    surface = SurfaceNodes.of(two.body, two.slave)
+    surface = SurfaceNodes.from_body(two.body, two.slave)
     opposite = gathered_trace(two.space, two.master).nodes
     force = np.zeros_like(x)
     for nodes in (surface.node, opposite):
@@ -418,8 +418,8 @@ def _halves(
 
     (x, depth, zone), (x2, height, _) = lines(edges), lines(max(1, round(ratio * edges)))
     comm = MPI.COMM_SELF
-    lower = curved(on_lines(comm, x, -depth[::-1], "triangle", "left_right"), lambda x: x)
-    upper = curved(on_lines(comm, x2, height, "triangle", "left_right"), rounded)
+    lower = curved_mesh(on_lines(comm, x, -depth[::-1], "triangle", "left_right"), lambda x: x)
+    upper = curved_mesh(on_lines(comm, x2, height, "triangle", "left_right"), rounded)
     mesh, low = joined(lower, upper)
     sides = _sides(mesh, low, lambda x: np.abs(x[1]) < x[0] ** 2 / (2 * RADIUS) + 1e-9)
     two = TwoBodies.of(way, mesh, low, moduli, POISSONS_RATIO, StressState.PLANE_STRAIN, sides)
@@ -435,7 +435,7 @@ def _within(two: TwoBodies, near: Callable[[Array], Mask]) -> TwoBodies:
 
 def _sides(mesh: Mesh, low: Mask, near: Callable[[Array], Mask]) -> tuple[Facets, Facets]:
     """Facets of the lower and of the upper body."""
-    facets, dim = exterior_facets(mesh, near), mesh.topology.dim
+    facets, dim = locate_exterior_facets(mesh, near), mesh.topology.dim
     behind = mesh.topology.connectivity(dim - 1, dim)
     of_lower = low[behind.array[behind.offsets[facets]]]
     return facets[of_lower], facets[~of_lower]
@@ -546,7 +546,7 @@ def _result(
     }
     if dim == 3:
         galerkin = replace(two.body, spaces=Spaces.galerkin(two.space.mesh))
-        standard = SurfaceNodes.of(galerkin, two.slave).pressure(np.zeros(len(at)))
+        standard = SurfaceNodes.from_body(galerkin, two.slave).pressure(np.zeros(len(at)))
         errors = compared(np.where(near, error, np.nan) / scale, standard)
         scalars |= {f"pressure_error_{of}": size for of, size in errors.items()}
     if slowly.any():

@@ -11,7 +11,7 @@ from dolfinx.mesh import Mesh
 from pw_elements import Material, SurfaceNodes, prescribe
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case
 from study.core.store import Result
@@ -49,13 +49,13 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
     (solved,) = solve_contact(body.K, load, body.supports([middle]), [foundation], space)
     (contact,) = solved.pairs
 
-    surface = SurfaceNodes.of(body.body, _lower_side)
+    surface = SurfaceNodes.from_body(body.body, _lower_side)
     force = contact.force_normal
     own, tributary = surface.pressure(force), surface.tributary_pressure(force)
     displacement = solved.displacement.array_r.reshape(-1, 2)
     exact = _displacement(space.tabulate_dof_coordinates(), StressState(state))
     scalars = {
-        "error_force": np.abs(force - PRESSURE * surface.own_area).max() / force.max(),
+        "error_force": np.abs(force - PRESSURE * surface.weight_area).max() / force.max(),
         "error_pressure_own": np.nanmax(np.abs(own / PRESSURE - 1)),
         "error_pressure_tributary": np.abs(tributary / PRESSURE - 1).max(),
         "error_displacement": np.abs(displacement - exact).max() / np.abs(exact).max(),
@@ -92,8 +92,8 @@ def _mesh(kind: str, cell: str) -> Mesh:
     build = triangles if cell == "triangle" else quadrilaterals
     mesh = build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), DIVISIONS)
     if kind == "distorted":
-        return mapped(mesh, _moved)
-    return curved(mesh, _bent) if kind == "curved" else mesh
+        return move_nodes(mesh, _moved)
+    return curved_mesh(mesh, _bent) if kind == "curved" else mesh
 
 
 def _moved(x: Array) -> Array:

@@ -22,7 +22,7 @@ from pw_elements import (
 from pw_elements.contact import OPEN, SLIP, ContactPair, FreeBody, Plane, solve_contact
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case
 from study.core.store import Result
@@ -64,7 +64,7 @@ def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result
 
     (contact,) = states[-1].pairs
     force_n, force_t = contact.force_normal, -contact.force_tangential @ _uphill()
-    surface = SurfaceNodes.of(wedge.body, _base)
+    surface = SurfaceNodes.from_body(wedge.body, _base)
     pressure, closed = surface.pressure(force_n), contact.status != OPEN
     ratio = wedge_ratio(WEDGE_SLOPE, friction)
     scalars = {
@@ -137,7 +137,7 @@ def _mesh(divisions: tuple[int, int], cell: str) -> Mesh:
         return moved
 
     build = triangles if cell == "triangle" else quadrilaterals
-    return mapped(build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions), raised)
+    return move_nodes(build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions), raised)
 
 
 def _weight(wedge: Discretisation) -> PETSc.Vec:

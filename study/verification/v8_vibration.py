@@ -24,7 +24,7 @@ from pw_elements import (
 )
 from pw_elements.algebra import VibrationModes
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from pw_elements.spaces import Marker
 from study.core.cases import Case
 from study.core.store import Result
@@ -114,7 +114,7 @@ def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
         )
         quality = _quality(vibration)
         quality["residual"] = max(quality["residual"], critical.residuals.max())
-        quality["imaginary"] = max(quality["imaginary"], critical.imaginary)
+        quality["imaginary"] = max(quality["imaginary"], critical.imaginary_ratio)
         return np.concatenate([stress, critical.factors]), quality, body
 
     theory = Strip(MATERIAL.youngs_modulus, MATERIAL.poissons_ratio, STRIP_LENGTH)
@@ -136,8 +136,8 @@ def free(element: str, state: str) -> Result:
     modes = _modes(body, axis, MODES + 1, "transposed")
     eigenvalues = np.abs(modes.eigenvalues)
     scalars = {
-        "zero": eigenvalues[: modes.rigid].max() / eigenvalues[modes.rigid],
-        "rigid_error": float(modes.rigid - RIGID[kind]),
+        "zero": eigenvalues[: modes.n_rigid].max() / eigenvalues[modes.n_rigid],
+        "rigid_error": float(modes.n_rigid - RIGID[kind]),
     }
     scalars |= _quality(modes)
     return Result(scalars, dimensionless(scalars), dofs=body.K.getSize()[0])
@@ -267,9 +267,9 @@ def _converging(
 
 def _quality(modes: VibrationModes) -> dict[str, float]:
     return {
-        "rigid": float(modes.rigid),
+        "rigid": float(modes.n_rigid),
         "residual": modes.residuals.max(),
-        "imaginary": modes.imaginary,
+        "imaginary": modes.imaginary_ratio,
     }
 
 
@@ -312,7 +312,9 @@ def _mesh(
         return moved
 
     build = triangles if cell == "triangle" else quadrilaterals
-    return mapped(build(MPI.COMM_SELF, (inner, 0.0), (inner + sizes[0], sizes[1]), divisions), bent)
+    return move_nodes(
+        build(MPI.COMM_SELF, (inner, 0.0), (inner + sizes[0], sizes[1]), divisions), bent
+    )
 
 
 def _box(_: str) -> Mesh:

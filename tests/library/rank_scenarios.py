@@ -57,24 +57,24 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.elasticity import nodal_load
-from pw_elements.meshes import curved, mapped, triangles
-from tests.contact.cases import Block, at
+from pw_elements.meshes import curved_mesh, move_nodes, triangles
+from tests.contact.cases import BlockOnFloor, on_plane
 
 COMM = MPI.COMM_WORLD
-FOOT, TOP, FLOOR, STILL = at(1, 0.0), at(1, 2.0), Plane((0, 0), (0, 1)), Motion((0, 0))
+FOOT, TOP, FLOOR, STILL = on_plane(1, 0.0), on_plane(1, 2.0), Plane((0, 0), (0, 1)), Motion((0, 0))
 NAN, INF = float("nan"), float("inf")
 
 
-class World:
+class RankProblem:
     """A block on a floor, and the process that differs: the last one with nodes on the floor."""
 
     def __init__(self):
-        self.block = Block(8, comm=COMM)
+        self.block = BlockOnFloor(8, comm=COMM)
         self.U, self.K, self.mesh = self.block.space, self.block.K, self.block.mesh
         self.spaces, self.load, self.free = (
             self.block.body.spaces,
-            self.block.pressure,
-            self.block.free,
+            self.block.pressure_load,
+            self.block.no_supports,
         )
         owned = self.block.x[: self.U.dofmap.index_map.size_local]
         mine = COMM.rank if np.isclose(owned[:, 1], 0.0).any() else -1
@@ -238,7 +238,7 @@ def set_on(function, value):
 
 # fmt: off
 # A statement that is wrong on one process, and its use by all: w.one(wrong, right)
-REFUSED = {
+REFUSED_ON_ONE = {
     "modulus -1": lambda w: w.body(w.one(-1.0, 1.0), 0.3),
     "modulus nan": lambda w: w.body(w.one(NAN, 1.0), 0.3),
     "modulus a word": lambda w: w.body(w.one("x", 1.0), 0.3),
@@ -304,7 +304,7 @@ REFUSED = {
 }
 
 # Right statements and functions that differ
-DIFFERENT = {
+DIFFERENT_ON_ONE = {
     "modulus": lambda w: w.body(w.one(2.0, 1.0), 0.3),
     "modulus by the last digit": lambda w: w.body(w.one(1.0 + 2**-52, 1.0), 0.3),
     "density": lambda w: w.body(1.0, 0.3, w.one(2.0, 1.0)),
@@ -346,15 +346,16 @@ DIFFERENT = {
     "marker of supports": lambda w: prescribe(w.U, 0, w.one(TOP, FOOT)),
     "marker of a load": lambda w: nodal_load(w.U, w.one(TOP, FOOT), (1.0, 0.0)),
     "marker of facets": lambda w: boundary_measure(w.mesh, w.one(TOP, FOOT)),
-    "marker of a surface": lambda w: SurfaceNodes.of(w.block.body, w.one(TOP, FOOT)),
+    "marker of a surface": lambda w: SurfaceNodes.from_body(w.block.body, w.one(TOP, FOOT)),
     "marker of forces": lambda w: forces_along(w.U, w.load, w.one(FOOT, TOP)),
     "prescribed value": lambda w: prescribe(w.U, 0, FOOT, w.one(0.1, 0.0)),
     "prescribed component": lambda w: prescribe(w.U, w.one(1, 0), FOOT),
     "prescribed constant": lambda w: Reduction.dirichlet(
         w.U, [prescribe(w.U, 0, FOOT, w.constant(w.one(0.1, 0.0)))]),
     "conditions": lambda w: Reduction.dirichlet(w.U, w.foot[: w.one(1, 2)]),
-    "image": lambda w: mapped(square(), w.one(lambda x: 1.1 * x, lambda x: x)),
-    "image of a curved mesh": lambda w: curved(square(), w.one(lambda x: 1.1 * x, lambda x: x)),
+    "image": lambda w: move_nodes(square(), w.one(lambda x: 1.1 * x, lambda x: x)),
+    "image of a curved mesh": lambda w: curved_mesh(
+        square(), w.one(lambda x: 1.1 * x, lambda x: x)),
     "divisions": lambda w: triangles(COMM, (0, 0), (1, 1), (4, w.one(5, 4))),
     "path in time": lambda w: w.impact(paths=w.one(lambda t: (0, 2 * t), lambda t: (0, t))),
     "path of another time": lambda w: w.impact(
@@ -384,7 +385,7 @@ DIFFERENT = {
 }
 
 # What is no number, or fails, on one process
-NOT_A_NUMBER = {
+NAN_ON_ONE = {
     "gap": lambda w: w.contact(floor(surface=Hidden(w.one(NAN, 0.0)))),
     "gap far away": lambda w: w.contact(floor(surface=Hidden(0.0, w.one(NAN, 0.0)))),
     "closest points": lambda w: w.residual(Bent(w.one(NAN, 0.0))),
@@ -401,7 +402,7 @@ NOT_A_NUMBER = {
     "velocity": lambda w: w.impact(velocity=w.vector(NAN)),
     "load in time": lambda w: w.impact(load=lambda t: w.vector(NAN)),
     "path": lambda w: w.impact(paths=lambda t: (0, w.one(NAN, 0.0))),
-    "image": lambda w: mapped(square(), lambda x: w.one(NAN, 1.0) * x),
+    "image": lambda w: move_nodes(square(), lambda x: w.one(NAN, 1.0) * x),
     "prescribed function": lambda w: Reduction.dirichlet(w.U, [fem.dirichletbc(
         w.function(w.one(NAN, 0.0), w.U), fem.locate_dofs_geometrical(w.U, FOOT))]),
     "guess": lambda w: w.nonlinear(w.one(NAN, 0.0)),
@@ -420,13 +421,14 @@ NOT_A_NUMBER = {
         ufl.as_vector([0.0, 1.0]) * w.function(w.one(NAN, 1.0)))), w.held),
     "thickness": lambda w: Body(
         w.spaces, Material(1.0), "plane stress", w.function(w.one(NAN, 1.0))),
-    "coefficients": lambda w: Sibling.of(Spaces.galerkin(w.mesh).trial).displacement(w.vector(NAN)),
+    "coefficients": lambda w: Sibling.from_space(Spaces.galerkin(w.mesh).trial).displacement(
+        w.vector(NAN)),
     "mass": lambda w: lumped_mass(diagonal(w, w.vector(NAN)), w.U),
     "force": lambda w: reactions(w.K, w.vector(NAN), w.load),
 }
 
 # Functions that communicate, and differences that are legitimate: all come to the same end
-SAME_END = {
+SAME_OUTCOME = {
     "surface talks": lambda w: w.contact(floor(surface=Talking(0.0))),
     "surface talks at large strains": lambda w: w.residual(Talking(0.0)),
     "distance talks": lambda w: w.contact(floor(surface=SignedDistance(lambda x: talk(x[:, 1])))),
@@ -488,5 +490,5 @@ def constant_load(w, value):
         load.value = value * share
 
     return w.residual(
-        load=act, conditions=[prescribe(w.U, 0, lambda x: at(0, 0.0)(x) & (x[1] > 1), load)]
+        load=act, conditions=[prescribe(w.U, 0, lambda x: on_plane(0, 0.0)(x) & (x[1] > 1), load)]
     )

@@ -61,9 +61,9 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.elasticity import nodal_load
-from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from pw_elements.spaces import macro_element
-from tests.contact.cases import at
+from tests.contact.cases import on_plane
 from tests.library.faces import calls
 
 COMM = MPI.COMM_SELF
@@ -74,7 +74,7 @@ FLOOR, STILL, UP, NODE = Plane((0, 0), (0, 1)), Motion((0, 0)), (0.0, 1.0), np.a
 TOUCHING = DeformableSurface([0], coincident=True)
 LOW, HIGH = (0.0, 0.0), (1.0, 1.0)
 ACROSS = triangles(COMM, (-1.0, 0.0), HIGH, (2, 1))  # the axis
-left, right = at(0, 0.0), at(0, 2.0)
+left, right = on_plane(0, 0.0), on_plane(0, 2.0)
 
 
 def everywhere(x):
@@ -82,7 +82,7 @@ def everywhere(x):
 
 
 def below(x):
-    return at(1, 0.0)(x) & (x[0] > 0.9)
+    return on_plane(1, 0.0)(x) & (x[0] > 0.9)
 
 
 def nowhere(x):
@@ -113,7 +113,7 @@ def moved_later():
 
 
 def bent_inwards():
-    mesh = moved(curved(square(1), lambda x: x), (0.6, -0.4), (0.5, 0.5))
+    mesh = moved(curved_mesh(square(1), lambda x: x), (0.6, -0.4), (0.5, 0.5))
     Body(Spaces.galerkin(mesh), STEEL, PLANE)
 
 
@@ -228,7 +228,7 @@ class World:
 
     @cached_property
     def surface(self):
-        return SurfaceNodes.of(self.body, below)
+        return SurfaceNodes.from_body(self.body, below)
 
     @cached_property
     def problem(self):
@@ -287,7 +287,7 @@ class World:
         return ufl.inner(elsewhere, self.v) * ufl.dx(domain=self.mesh)
 
     def two_loads(self):
-        below, beside = (boundary_measure(self.mesh, at(axis, 0.0)) for axis in (1, 0))
+        below, beside = (boundary_measure(self.mesh, on_plane(axis, 0.0)) for axis in (1, 0))
         return self.body.surface_load(UP, below) + self.body.surface_load((1.0, 0), beside)
 
 
@@ -323,7 +323,7 @@ VALUES = {
         [lambda x: True, lambda x: x[1], lambda x: 0 * x[1].astype(int), np.transpose, print],
     ),
     "the image of the mesh ": (
-        lambda w, image: curved(w.mesh, image),
+        lambda w, image: curved_mesh(w.mesh, image),
         [np.transpose, lambda x: x[0], lambda x: x * NAN, lambda x: x.astype(str)],
     ),
     "option mg_levels_1_ksp_max_it = ": (
@@ -432,7 +432,7 @@ REFUSED = [
     ("count = 0: has to be a whole number", lambda w: w.buckles(count=0)),
     ("the force transfer T exists for quadratic", lambda w: force_transfer(w.P1)),
     ("the vector of forces has 7 degrees of freedom", lambda w: forces_along(w.U, w.short, left)),
-    ("TypeError: body is None: Body(spaces", lambda w: SurfaceNodes.of(None, below)),
+    ("TypeError: body is None: Body(spaces", lambda w: SurfaceNodes.from_body(None, below)),
     ("2 values for the 5 nodes", lambda w: w.surface.pressure(np.ones(2))),
     ("values are object of the shape ()", lambda w: w.surface.pressure(None)),
     ("values are float64 of the shape ()", lambda w: w.surface.tributary_pressure(1.0)),
@@ -444,11 +444,11 @@ REFUSED = [
     ("diagonal pattern 'up'", lambda w: triangles(COMM, LOW, HIGH, (1, 1), "up")),
     ("lower 'ab': it needs 2 finite", lambda w: quadrilaterals(COMM, "ab", "cd", (1, 1))),
     ("a rectangle from (1.0, 1.0) to (0.0,", lambda w: quadrilaterals(COMM, HIGH, LOW, (1, 1))),
-    ("the image of the mesh failed", lambda w: mapped(square(), None)),
-    ("the image of the mesh gave float64", lambda w: mapped(square(), lambda x: x.T)),
-    ("the image of the mesh is not finite", lambda w: mapped(square(), lambda x: x * NAN)),
+    ("the image of the mesh failed", lambda w: move_nodes(square(), None)),
+    ("the image of the mesh gave float64", lambda w: move_nodes(square(), lambda x: x.T)),
+    ("the image of the mesh is not finite", lambda w: move_nodes(square(), lambda x: x * NAN)),
     ("DegenerateMesh: a node of the mesh has a coordinate of 2e+200, and volumes", lambda w: Body(
-        Spaces.galerkin(mapped(square(), lambda x: 1e200 * x)), STEEL, PLANE)),
+        Spaces.galerkin(move_nodes(square(), lambda x: 1e200 * x)), STEEL, PLANE)),
     ("the stiffness has entries that are not", lambda w: w.contact(K=spoilt(w.K, NAN))),
     ("the reduction has 90 degrees of freedom", lambda w: w.contact(K=empty())),
     ("the reduction belongs to another mesh than", lambda w: w.contact(K=w.twin[0])),
@@ -519,7 +519,7 @@ REFUSED = [
     ("limits", lambda w: draw(w.mesh, limits=(1,))),
     ("the vector of reactions has 90 degrees of", lambda w: w.flux(r=w.f)),
     ("the vector of reactions is not finite", lambda w: w.flux(value=NAN)),
-    ("area 'mine': it is 'geometric' or 'own'", lambda w: w.flux(area="mine")),
+    ("area 'mine': it is 'geometric' or 'weight'", lambda w: w.flux(area="mine")),
     ("depth = 0.0: has to be positive", lambda w: w.flux(depth=0.0)),
     ("the form has several measures of exterior facets", lambda w: assemble_vector(w.two_loads())),
     ("the apex of a parabola (0, nan)", lambda w: Parabola((0, NAN), 1.0)),
@@ -541,25 +541,26 @@ REFUSED = [
     ("the normal of a surface is not", lambda w: Sphere((0, 0), 1.0).normal(np.zeros((1, 2)))),
     ("the state belongs to other contact nodes", lambda w: w.problem.step(w.state_of_twin, w.f)),
     ("one of the mass and the stiffness belongs to the symmetric",
-     lambda w: w.modes(K=Sibling.of(w.standard.trial).matrix(w.galerkin[0]), M=w.galerkin[2])),
+     lambda w: w.modes(
+         K=Sibling.from_space(w.standard.trial).matrix(w.galerkin[0]), M=w.galerkin[2])),
     ("the mass was made with other weight functions", lambda w: w.modes(M=w.galerkin[2])),
     ("the mass is one in axisymmetric, the stiffness in plane stress",
      lambda w: w.modes(M=assemble_matrix(w.revolved.mass()))),
     ("the load is one in axisymmetric, the stiffness in plane stress",
      lambda w: solve(w.K, assemble_vector(w.revolved.body_load(UP)), w.held)),
-    ("the force transfer T exists", lambda w: Sibling.of(w.spaces.test)),
+    ("the force transfer T exists", lambda w: Sibling.from_space(w.spaces.test)),
     ("parts", lambda w: Spaces.hybrid(w.mesh, w.parts_of_another)),
     ("the depth or thickness is not", lambda w: w.flux(depth=-1 - w.x)),
     ("the space is a part of another", lambda w: prescribe(w.U.sub(0), 0, left)),
     ("the vector of forces is not finite", lambda w: forces_along(w.U, w.vector(NAN), left)),
     ("the coefficients is not finite",
-     lambda w: Sibling.of(w.standard.trial).displacement(w.vector(NAN))),
+     lambda w: Sibling.from_space(w.standard.trial).displacement(w.vector(NAN))),
     ("the displacement has the shape ()", lambda w: w.body.strain(w.function(1.0))),
     ("the displacement does not belong to the body's mesh",
      lambda w: w.body.stress(fem.Function(w.twin[3]))),
     ("values are a constant: there is", lambda w: draw(w.mesh, w.constant(1.0))),
     ("the path '\\x00' has a null character", lambda w: w.problem.load("\0")),
-    ("TypeError: the image is of the type Mat", lambda w: mapped(square(), w.K)),
+    ("TypeError: the image is of the type Mat", lambda w: move_nodes(square(), w.K)),
     ("its part `left` is an empty matrix", lambda w: replace(w.held, left=PETSc.Mat())),
     ("component 0 of a motion's translation = [0, 1]", lambda w: Motion([[0, 1], [2]])),
     ("option ksp_max_it = -3: it has to be a whole number, at least 1.",
@@ -580,7 +581,7 @@ def said(call, *arguments):
 def test_what_rows_change_is_right_without_it(w):
     assert w.contact()[0].residuals.largest() < 1e-9
     assert w.problem.step(w.start, w.f).increment == 1
-    assert w.modes().rigid == 0
+    assert w.modes().n_rigid == 0
     assert w.buckles().factors[0] > 0
     assert np.abs(w.surface.pressure(np.ones(5))).max() > 0
     assert w.condensed(NODE) is not None

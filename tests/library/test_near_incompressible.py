@@ -21,8 +21,8 @@ from pw_elements.elasticity.incompressibility import (
     has_straight_cells,
     max_bulk_over_shear,
 )
-from pw_elements.meshes import curved, triangles
-from tests.contact.cases import at_large_strains, neo_hookean
+from pw_elements.meshes import curved_mesh, triangles
+from tests.contact.cases import finite_strain_residual, neo_hookean_stress
 from tests.library.near_incompressible import DIVISIONS, distorted_mesh, samples
 
 WORDS = "may be singular there"
@@ -65,7 +65,7 @@ def skewed_box():
 MESHES = {  # mesh, nu without and nu with a word of singular stiffnesses
     "straight triangles": (lambda: distorted_mesh("triangle", 2, 0.2, 0), 0.49999, None),
     "straight, of degree 2": (
-        lambda: curved(distorted_mesh("triangle", 2, 0.2, 0), lambda x: x),
+        lambda: curved_mesh(distorted_mesh("triangle", 2, 0.2, 0), lambda x: x),
         0.49999,
         None,
     ),
@@ -103,10 +103,10 @@ def test_straight_and_parallel_cells_are_recognised():
     for cell in DIVISIONS:
         straight = distorted_mesh(cell, 2, 0.2, 0)
         assert has_straight_cells(straight)
-        assert has_straight_cells(curved(straight, lambda x: x))
+        assert has_straight_cells(curved_mesh(straight, lambda x: x))
         assert not has_straight_cells(distorted_mesh(cell, 2, 1e-3, 0, mid_nodes=True))
     assert has_parallel_cells(skewed_box())
-    assert has_parallel_cells(curved(skewed_box(), lambda x: x))
+    assert has_parallel_cells(curved_mesh(skewed_box(), lambda x: x))
     assert not has_parallel_cells(distorted_mesh("hexahedron", 2, 0.01, 0))
 
 
@@ -124,7 +124,7 @@ def test_ratio_of_a_linear_elastic_tangent_is_that_of_its_moduli(cell, nu):
 
 
 def energy(F, shear, lame):
-    """Per volume, of `neo_hookean`."""
+    """Per volume, of `neo_hookean_stress`."""
     log = np.log(np.linalg.det(F))
     return shear * (np.sum(F**2) / 2 - log) + lame * log**2 / 2
 
@@ -153,7 +153,7 @@ def test_ratio_of_a_deformed_tangent_is_that_of_the_energy(seed):
     dim, lame = 2 + seed % 2, 10 ** rng.uniform(0, 3)
     mesh = distorted_mesh("triangle" if dim == 2 else "tetrahedron", 1, 0.0, 0)
     spaces = Spaces.petrov_galerkin(mesh)
-    u, residual = at_large_strains(spaces, lambda F: neo_hookean(F, 1.0, lame))
+    u, residual = finite_strain_residual(spaces, lambda F: neo_hookean_stress(F, 1.0, lame))
     F = np.eye(dim) + rng.uniform(-0.3, 0.3, (dim, dim))
     u.interpolate(lambda x: (F - np.eye(dim)) @ x[:dim] + 2.0)
     found = TangentRatio(residual, u).of_cells()
@@ -169,7 +169,9 @@ def test_pressure_alone_is_no_stiffness_of_shape():
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     spaces = Spaces.petrov_galerkin(mesh)
     for lame, scale in ((100.0, 0.9), (100.0, 1.05), (5.0, 0.5)):
-        u, residual = at_large_strains(spaces, lambda F, lame=lame: neo_hookean(F, 1.0, lame))
+        u, residual = finite_strain_residual(
+            spaces, lambda F, lame=lame: neo_hookean_stress(F, 1.0, lame)
+        )
         u.interpolate(lambda x, scale=scale: (scale - 1) * x[:2])
         expected = ratio_by_differences(scale * np.eye(2), 1.0, lame)
         found = TangentRatio(residual, u).of_cells()

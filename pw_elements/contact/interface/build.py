@@ -21,8 +21,8 @@ from scipy.spatial import cKDTree
 
 from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction
-from pw_elements.arrays import Array, Indices, Local, Mask
-from pw_elements.checks import answer, arguments, collective, listed
+from pw_elements.arrays import Array, Indices, LocalIndices, Mask
+from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
 from pw_elements.contact.interface.mortar import Overlap, Trace, gathered_trace
 from pw_elements.contact.interface.operators import (
     DEFORMABLE,
@@ -46,17 +46,22 @@ from pw_elements.contact.model import (
     step_error,
     with_step,
 )
-from pw_elements.elasticity import StressState, by_position, facet_nodes, facets_between
-from pw_elements.progress import told
+from pw_elements.elasticity import (
+    StressState,
+    facet_nodes,
+    facets_with_all_nodes,
+    order_by_position,
+)
+from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
-    Assembled,
+    AssemblyRecord,
     Part,
     SubSpace,
     assemble_vector,
-    exterior_facets,
+    gather_from_owners,
     is_hybrid,
-    nodes_of,
-    of_owners,
+    locate_exterior_facets,
+    locate_nodes,
 )
 
 # Attributes of surfaces that are vectors (dim,)
@@ -113,7 +118,9 @@ class BodyNodes:
         mesh = self.space.mesh
         dim = mesh.geometry.dim
         self.x: Array = self.space.tabulate_dof_coordinates()[:, :dim]
-        self.reduced_column: Indices = free_columns(reduction.right)[self.displacements.owned]
+        self.reduced_column: Indices = free_columns(reduction.right)[
+            self.displacements.owned_unknowns
+        ]
         v = ufl.TestFunction(self.space)
         normal = assemble_vector(ufl.inner(ufl.FacetNormal(mesh), v) * ufl.ds)
         # a copy, since a view in a traceback would keep the vector alive on one process only
@@ -122,28 +129,28 @@ class BodyNodes:
         self.diagonal = float(np.linalg.norm(extents(mesh.comm, mesh.geometry.x)))
         self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
 
-    def mark_axis_nodes(self, assembly: Assembled | None) -> None:
+    def mark_axis_nodes(self, assembly: AssemblyRecord | None) -> None:
         """Mark radial components on the axis, if the stiffness is known to be axisymmetric."""
-        if assembly is not None and StressState.AXISYMMETRIC.value in assembly.states:
+        if assembly is not None and StressState.AXISYMMETRIC.value in assembly.stress_states:
             self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _AXIS_TOLERANCE * self.diagonal
 
-    def find_owned_nodes(self, whose: str, nodes: Part) -> Local:
+    def find_owned_nodes(self, whose: str, nodes: Part) -> LocalIndices:
         """Return the nodes of a part that this process owns; `whose` names the part in errors."""
-        selected = nodes_of(self.unknowns_space, whose, nodes)
+        selected = locate_nodes(self.unknowns_space, whose, nodes)
         return selected[selected < self.space.dofmap.index_map.size_local]
 
-    def refuse_nodes(self, nodes: Local, reason: str) -> None:
+    def refuse_nodes(self, nodes: LocalIndices, reason: str) -> None:
         """Raise ValueError with the positions of nodes, if any process has some; collective."""
         positions = np.concatenate(self.space.mesh.comm.allgather(self.x[nodes]))
         if len(positions):
-            raise ValueError(f"contact nodes at {listed(positions)} {reason}")
+            raise ValueError(f"contact nodes at {format_points(positions)} {reason}")
 
 
 def nodal_interface(
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
     reduction: Reduction,
-    known: Assembled | None = None,
+    known: AssemblyRecord | None = None,
     deformed: bool = False,
 ) -> Interface:
     """Build the interface of contact pairs, and check all that is known before a computation.
@@ -201,7 +208,7 @@ def nodal_interface(
     mortars: dict[int, SlidingMortar] = {}
     for k, (pair, node, cone) in enumerate(zip(pairs, nodes, cones, strict=True)):
         if isinstance(pair.surface, DeformableSurface):
-            revolved = _is_axisymmetric(k, pair.surface, known or Assembled(), dim)
+            revolved = _is_axisymmetric(k, pair.surface, known or AssemblyRecord(), dim)
             if deformed:
                 pair_points, shapes[k], mortars[k] = make_sliding_points(
                     k, pair, node, cone, body, revolved
@@ -236,8 +243,10 @@ def _warn_of_large_difference_steps(interface: Interface) -> None:
         if not isinstance(surface, SignedDistance):
             continue
         x = interface.gathered(interface.position[interface.pair == k])
-        with collective(comm):
-            error = answer(comm, f"the surface of contact pair {k}", step_error, surface, x)
+        with collective_errors(comm):
+            error = call_user_function(
+                comm, f"the surface of contact pair {k}", step_error, surface, x
+            )
         if error > MAX_STEP_ERROR:
             words = (
                 f"contact pair {k}: halving the step of differences, {surface.step:.3g}, changes "
@@ -245,10 +254,10 @@ def _warn_of_large_difference_steps(interface: Interface) -> None:
                 "normals likewise. Give a smaller step (a small part of the smallest radius), no "
                 "step, or the gradient"
             )
-            told(comm, logging.WARNING, words, ".contact")
+            log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-def _warn_of_nodes_without_pressure(name: str, nodes: Local, body: BodyNodes) -> None:
+def _warn_of_nodes_without_pressure(name: str, nodes: LocalIndices, body: BodyNodes) -> None:
     """Log nodes of a pair that belong to none of its facets; collective.
 
     Such nodes have no pressure, so that files and pictures would refuse the states after the
@@ -256,20 +265,20 @@ def _warn_of_nodes_without_pressure(name: str, nodes: Local, body: BodyNodes) ->
     """
     comm, index_map = body.space.mesh.comm, body.space.dofmap.index_map
     pair_nodes = np.concatenate(comm.allgather(index_map.local_to_global(nodes)))
-    on_facets = facet_nodes(body.space, facets_between(body.space, pair_nodes))
+    on_facets = facet_nodes(body.space, facets_with_all_nodes(body.space, pair_nodes))
     on_facets = np.concatenate(comm.allgather(index_map.local_to_global(np.unique(on_facets))))
     isolated = body.x[nodes[~np.isin(index_map.local_to_global(nodes), on_facets)]]
     positions = np.concatenate(comm.allgather(isolated))
     if len(positions):
         words = (
-            f"{name}: its nodes at {listed(positions)} belong to no facet that has all "
+            f"{name}: its nodes at {format_points(positions)} belong to no facet that has all "
             "of its nodes in the pair: they may bear forces, but have no pressure, and "
             "ContactFields, write and plot will refuse the states. Let the pair end at vertices"
         )
-        told(comm, logging.WARNING, words, ".contact")
+        log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-def _check_contact_nodes(body: BodyNodes, nodes: Local) -> None:
+def _check_contact_nodes(body: BodyNodes, nodes: LocalIndices) -> None:
     """Raise ValueError for shared, inner or combined nodes of all pairs; collective."""
     unique, count = np.unique(nodes, return_counts=True)
     body.refuse_nodes(unique[count > 1], "belong to two contact pairs: leave a facet between them")
@@ -280,7 +289,7 @@ def _check_contact_nodes(body: BodyNodes, nodes: Local) -> None:
     on_boundary = fem.locate_dofs_topological(body.space, facet_dim, facets)
     inside = nodes[~np.isin(nodes, on_boundary)]
     body.refuse_nodes(inside, "lie inside of the body, not on its boundary")
-    with collective(mesh.comm):
+    with collective_errors(mesh.comm):
         if np.any(body.reduced_column[nodes] < -1):
             raise ValueError(
                 "the reduction combines the displacements of a contact node with others: it may "
@@ -295,7 +304,7 @@ def _evaluate_nominal_interference(
     depth = pair.interference
     if not getattr(pair.surface, "coincident", False):
         return None
-    if not arguments.is_function(depth):
+    if not arguments.is_user_function(depth):
         return np.full(len(x), float(depth))  # type: ignore[arg-type]
     return _evaluate_user_function(comm, f"the interference of contact pair {number}", depth, x)
 
@@ -312,14 +321,16 @@ def _evaluate_user_function(
     points = np.zeros((3, len(all_x)))
     points[: x.shape[1]] = all_x.T
     layout = "it takes points as columns (3, n) and gives (n,)"
-    with collective(comm):
-        values = answer(comm, whose, function, points) if len(all_x) else points[0]
+    with collective_errors(comm):
+        values = call_user_function(comm, whose, function, points) if len(all_x) else points[0]
         if arguments.is_number(values):  # the same everywhere
             values = np.full(len(all_x), values, dtype=float)
-        return arguments.field(whose, values, (len(all_x),), layout)[owned]
+        return arguments.check_function_values(whose, values, (len(all_x),), layout)[owned]
 
 
-def _is_axisymmetric(number: int, master: DeformableSurface, assembly: Assembled, dim: int) -> bool:
+def _is_axisymmetric(
+    number: int, master: DeformableSurface, assembly: AssemblyRecord, dim: int
+) -> bool:
     """Return whether areas are those of the whole circumference.
 
     The stiffness' record decides where it has a stress state, else the user's `revolved`.
@@ -327,16 +338,16 @@ def _is_axisymmetric(number: int, master: DeformableSurface, assembly: Assembled
     Raises:
         ValueError: if neither tells, or if they contradict each other.
     """
-    axisymmetric = StressState.AXISYMMETRIC.value in assembly.states
-    if dim == 2 and not assembly.states and master.revolved is None:
+    axisymmetric = StressState.AXISYMMETRIC.value in assembly.stress_states
+    if dim == 2 and not assembly.stress_states and master.revolved is None:
         raise ValueError(
             f"contact pair {number}: the stiffness has no record of whether it is axisymmetric, "
             "unlike that of a Body; give DeformableSurface(..., revolved=True or False)"
         )
-    if assembly.states and master.revolved not in (None, axisymmetric):
+    if assembly.stress_states and master.revolved not in (None, axisymmetric):
         raise ValueError(
             f"contact pair {number}: its surface has revolved={master.revolved}, but the stiffness "
-            f"is one in {' and '.join(sorted(assembly.states))}"
+            f"is one in {' and '.join(sorted(assembly.stress_states))}"
         )
     return bool(axisymmetric or master.revolved)
 
@@ -374,7 +385,9 @@ def free_columns(right: PETSc.Mat) -> Indices:
     return column
 
 
-def _make_points(body: BodyNodes, nodes: Local, cone: Cone, opposite: Indices | None) -> Points:
+def _make_points(
+    body: BodyNodes, nodes: LocalIndices, cone: Cone, opposite: Indices | None
+) -> Points:
     """Return contact points at owned nodes (m,).
 
     `opposite` has the global numbers (m,) of the nodes that they face, None of a rigid surface.
@@ -405,8 +418,8 @@ def _make_points(body: BodyNodes, nodes: Local, cone: Cone, opposite: Indices | 
 def match_opposite_nodes(
     number: int,
     matching: MatchingNodes,
-    nodes: Local,
-    opposite: Local,
+    nodes: LocalIndices,
+    opposite: LocalIndices,
     has_friction: Mask,
     body: BodyNodes,
 ) -> Indices:
@@ -460,8 +473,8 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
     Weight functions are identified by their values at a quarter of an edge, where quadratic ones
     are as low as -1/8.
     """
-    assembled = Assembled.of(K)
-    if (test := assembled.weights) is None:
+    assembled = AssemblyRecord.read(K)
+    if (test := assembled.test_space) is None:
         return
     element = (test.sub([0]) if is_hybrid(space) else test).element.basix_element
     quarter = np.eye(1, space.mesh.topology.dim) / 4
@@ -473,7 +486,7 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
 
 
 def _gather_sides(
-    number: int, pair: ContactPair, nodes: Local, body: BodyNodes
+    number: int, pair: ContactPair, nodes: LocalIndices, body: BodyNodes
 ) -> tuple[Indices, Trace, Trace]:
     """Return global numbers of a pair's owned nodes (m,), and traces of slave and master.
 
@@ -487,8 +500,8 @@ def _gather_sides(
     pair_nodes = np.concatenate(space.mesh.comm.allgather(owned))
     if not len(pair_nodes):
         raise ValueError(f"{name} has no nodes: its marker holds nowhere")
-    slave_trace = gathered_trace(space, facets_between(space, pair_nodes))
-    master_trace = gathered_trace(space, exterior_facets(space.mesh, master.where))
+    slave_trace = gathered_trace(space, facets_with_all_nodes(space, pair_nodes))
+    master_trace = gathered_trace(space, locate_exterior_facets(space.mesh, master.where))
     if not len(master_trace.facet_nodes):
         raise ValueError(f"{name} has no opposite facets: their marker holds nowhere")
     without_facet = nodes[~np.isin(owned, slave_trace.facet_nodes)]
@@ -497,8 +510,8 @@ def _gather_sides(
     body.refuse_nodes(on_master, "belong to both sides of their pair")
     if len(edge_positions := slave_trace.find_sharp_edges()):
         raise ValueError(
-            f"{name} has an edge at {listed(edge_positions)}, where its normal would belong to "
-            "neither side: state each side as a pair of its own, one with the nodes of the edge"
+            f"{name} has an edge at {format_points(edge_positions)}, where its normal would belong "
+            "to neither side: state each side as a pair of its own, one with the nodes of the edge"
         )
     return owned, slave_trace, master_trace
 
@@ -510,7 +523,7 @@ _NO_OVERLAP_MESSAGE = (
 
 
 def make_sliding_points(
-    number: int, pair: ContactPair, nodes: Local, cone: Cone, body: BodyNodes, revolved: bool
+    number: int, pair: ContactPair, nodes: LocalIndices, cone: Cone, body: BodyNodes, revolved: bool
 ) -> tuple[Points, InitialGap, SlidingMortar]:
     """Return points, initial gap and mortar at owned nodes (m,) of a pair that may slide far.
 
@@ -535,11 +548,11 @@ def make_sliding_points(
 
 
 def _opposite_side_fields(
-    owned: Indices, nodes: Local, master: Trace, body: BodyNodes
+    owned: Indices, nodes: LocalIndices, master: Trace, body: BodyNodes
 ) -> dict[str, Any]:
     """Return the fields of `Points` that describe the master: faced, opposite, counterpart."""
     x = master.node_positions()
-    order, prescribed = by_position(x), _find_prescribed_components(master.nodes, body)
+    order, prescribed = order_by_position(x), _find_prescribed_components(master.nodes, body)
     counterpart = np.full(body.x[nodes].shape, -1, dtype=np.int64)
     for axis in range(x.shape[1]):
         candidates = np.flatnonzero(prescribed[:, axis])
@@ -556,7 +569,7 @@ def _opposite_side_fields(
 def make_mortar_points(
     number: int,
     pair: ContactPair,
-    nodes: Local,
+    nodes: LocalIndices,
     cone: Cone,
     body: BodyNodes,
     revolved: bool,
@@ -587,7 +600,7 @@ def make_mortar_points(
             "face; let the finer mesh be the pair's, or the opposite body's forces may have either "
             "sign"
         )
-        told(comm, logging.WARNING, words, ".contact")
+        log_on_root(comm, logging.WARNING, words, ".contact")
     m, dim = len(nodes), body.x.shape[1]
     shape = m, body.displacements.sizes[1] // dim
     area = overlap.per_point(np.ones(len(overlap.measure)), m)
@@ -650,12 +663,12 @@ def _warn_of_mesh_gaps(
     sums = np.array([np.sum(variance), np.sum(gap[pressed]), len(variance)])
     total, depth, count = comm.allreduce(sums, MPI.SUM)
     if np.sqrt(total * count) * body.diagonal > -_MAX_MESH_GAP_RATIO * edge * depth:
-        told(comm, logging.WARNING, _MESH_GAP_WARNING % number, ".contact")
+        log_on_root(comm, logging.WARNING, _MESH_GAP_WARNING % number, ".contact")
 
 
 def _find_prescribed_components(nodes: Indices, body: BodyNodes) -> Mask:
     """Return which displacements (n, dim) of global nodes (n,) are prescribed; collective."""
-    return of_owners(body.space, nodes, (body.reduced_column == -1).astype(np.int8)) > 0
+    return gather_from_owners(body.space, nodes, (body.reduced_column == -1).astype(np.int8)) > 0
 
 
 def _turn_into_symmetry_planes(normal: Array, free: Mask) -> Array:

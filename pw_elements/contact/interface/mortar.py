@@ -26,8 +26,8 @@ import scipy.sparse as sp
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
-from pw_elements.arrays import Array, Indices, Local
-from pw_elements.elasticity import facets_in_cells
+from pw_elements.arrays import Array, Indices, LocalIndices
+from pw_elements.elasticity import locate_facets_in_cells
 
 # Nodes of each sub-facet of a facet, by the number of the facet's nodes: vertices come first, then
 # the middles of edges, then the centre of a quadrilateral
@@ -170,7 +170,7 @@ class Trace:
         return self.facet_x.reshape(-1, self.dim)[index]
 
 
-def gathered_trace(space: fem.FunctionSpace, facets: Local) -> Trace:
+def gathered_trace(space: fem.FunctionSpace, facets: LocalIndices) -> Trace:
     """Return the trace of exterior facets (local numbers) of all processes; collective."""
     nodes, x, outward = flat_facets(space, facets)
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
@@ -178,12 +178,14 @@ def gathered_trace(space: fem.FunctionSpace, facets: Local) -> Trace:
     return Trace(*(np.concatenate(part) for part in parts))
 
 
-def flat_facets(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Array, Array]:
+def flat_facets(
+    space: fem.FunctionSpace, facets: LocalIndices
+) -> tuple[LocalIndices, Array, Array]:
     """Return nodes (f, k) of exterior facets, their positions, and outward unit normals (f, dim).
 
     Normals are those of facets treated as flat.
     """
-    dim, (cells, local_nodes) = space.mesh.topology.dim, facets_in_cells(space, facets)
+    dim, (cells, local_nodes) = space.mesh.topology.dim, locate_facets_in_cells(space, facets)
     cell_nodes = space.dofmap.list[cells]
     nodes = np.take_along_axis(cell_nodes, local_nodes, axis=1)
     x = space.tabulate_dof_coordinates()[:, :dim]

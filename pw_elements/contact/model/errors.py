@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pw_elements.arrays import Array
-from pw_elements.checks import listed
+from pw_elements.checks import format_points
 from pw_elements.contact.model.state import ContactState
 from pw_elements.solvers import SingularSystem
 
@@ -105,7 +105,7 @@ class NotFound(ContactFailed):
             message: with one {}, which the positions replace.
             positions: (k, dim), undeformed.
         """
-        return cls(message.format(listed(positions)))
+        return cls(message.format(format_points(positions)))
 
 
 class Cycling(NotFound):

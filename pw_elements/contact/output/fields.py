@@ -24,20 +24,32 @@ import scipy.sparse as sp
 import ufl
 from dolfinx import fem, io
 
-from pw_elements.arrays import Array, Indices, Local
-from pw_elements.checks import arguments, collective, listed, same_everywhere, sizes_of
+from pw_elements.arrays import Array, Indices, LocalIndices
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments,
+    collective_errors,
+    format_points,
+    vector_sizes,
+)
 from pw_elements.contact.interface import Overlap, SlidingMortar, Trace, gathered_trace, whole_areas
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import HELD, OPEN
 from pw_elements.contact.output.storage import checked_path
-from pw_elements.elasticity import Body, StressState, SurfaceNodes, boundary_measure, facets_between
+from pw_elements.elasticity import (
+    Body,
+    StressState,
+    SurfaceNodes,
+    boundary_measure,
+    facets_with_all_nodes,
+)
 from pw_elements.files import FolderReplacement
 from pw_elements.spaces import (
     SubSpace,
     as_function,
     assemble_vector,
+    gather_from_owners,
     is_hybrid,
-    of_owners,
     quadratic_element,
     scalar_space,
     split,
@@ -133,7 +145,7 @@ def mortar_sides(
     if not len(pair.opposite):
         return own, None
     nodes = pair.node, pair.opposite
-    one, other = (gathered_trace(space, facets_between(space, side)) for side in nodes)
+    one, other = (gathered_trace(space, facets_with_all_nodes(space, side)) for side in nodes)
     revolved = body is not None and body.state is StressState.AXISYMMETRIC
     if not deformed:
         means, duals = _fixed(space, pair, one, other, revolved)
@@ -142,7 +154,7 @@ def mortar_sides(
     else:
         mortar = SlidingMortar(one, other, revolved)
         moved = state.displacement.array_r.reshape(-1, mortar.x.shape[1])
-        x = mortar.x + of_owners(space, mortar.nodes, moved)
+        x = mortar.x + gather_from_owners(space, mortar.nodes, moved)
         x[mortar.slaves :] += pair.translation
         slaves, masters = (np.searchsorted(np.sort(side), side) for side in nodes)
         mortar.kept[slaves] = pair.normal != 0
@@ -159,15 +171,15 @@ def mortar_sides(
         whole_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
         for trace, side in zip((one, other), nodes, strict=True)
     )
-    opposite = SurfaceNodes.of(body, facets_between(space, pair.opposite))
+    opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite))
     if not np.array_equal(opposite.node, pair.opposite):
         raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
     share, part = covered / whole, (handed @ covered) / opposite_whole
-    seen = Opposite(nodes[1], facing, means, handed, share, part, own.own_area, opposite)
+    seen = Opposite(nodes[1], facing, means, handed, share, part, own.weight_area, opposite)
     if not deformed:
         counts = np.where(covered > 0, np.where(share < _TRUSTED, np.nan, share), 1.0)
-        areas = own.own_area * counts, own.tributary_area * counts
-        own = replace(own, own_area=areas[0], tributary_area=areas[1])
+        areas = own.weight_area * counts, own.tributary_area * counts
+        own = replace(own, weight_area=areas[0], tributary_area=areas[1])
     return own, seen
 
 
@@ -192,12 +204,12 @@ def _fixed(
 
 
 def _surface(number: int, pair: PairState, body: Body, space: fem.FunctionSpace) -> SurfaceNodes:
-    surface = SurfaceNodes.of(body, facets_between(space, pair.node))
+    surface = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.node))
     if not np.array_equal(surface.node, pair.node):
         lone = pair.position[~np.isin(pair.node, surface.node)]
         raise ValueError(
-            f"contact pair {number}: its nodes at {listed(lone)} belong to no facet that has all "
-            "of its nodes in the pair, so that they have no pressure: let the pair end at "
+            f"contact pair {number}: its nodes at {format_points(lone)} belong to no facet that "
+            "has all of its nodes in the pair, so that they have no pressure: let the pair end at "
             "vertices, or give it the nodes of whole facets, fem.locate_dofs_topological"
         )
     return surface
@@ -205,7 +217,7 @@ def _surface(number: int, pair: PairState, body: Body, space: fem.FunctionSpace)
 
 def own_results(surface: SurfaceNodes, pair: PairState) -> SideResults:
     """Results at a pair's own nodes; quotients are zero at open nodes of NaN areas."""
-    none = np.isnan(surface.own_area) & (pair.status == OPEN)
+    none = np.isnan(surface.weight_area) & (pair.status == OPEN)
     pressure, traction = (
         np.where(none, 0.0, surface.pressure(force).T).T
         for force in (pair.force_normal, pair.force_tangential)
@@ -282,7 +294,7 @@ class ContactFields:
     body: Body | None = None
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def of(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
         """Functions with the values of a state; every process calls it.
 
@@ -323,7 +335,7 @@ class ContactFields:
         fields.fill(state)
         return fields
 
-    @same_everywhere
+    @check_same_arguments
     def fill(self, state: ContactState) -> None:
         """Gives the functions the values of another state.
 
@@ -379,8 +391,8 @@ class ContactFields:
         stretch = SurfaceNodes.stretch(u)
         if self.body.state is StressState.AXISYMMETRIC:
             stretch *= 1 + u[0] / ufl.SpatialCoordinate(space.mesh)[0]
-        facets = [facets_between(space, pair.node) for pair in pairs]
-        return [SurfaceNodes.of(self.body, where, stretch) for where in facets]
+        facets = [facets_with_all_nodes(space, pair.node) for pair in pairs]
+        return [SurfaceNodes.from_body(self.body, where, stretch) for where in facets]
 
     def _fill_opposite(self, pairs: Sequence[PairState], deformed: Sequence[SurfaceNodes]) -> None:
         """Results at nodes that face pairs and are in none: of the pair that they face most."""
@@ -396,7 +408,7 @@ class ContactFields:
             mine = (here >= 0) & (other.facing > most[here])
             at = here[mine]
             most[at] = other.facing[mine]
-            true = other.results(pair, deformed[k].own_area).pressure if deformed else None
+            true = other.results(pair, deformed[k].weight_area).pressure if deformed else None
             for out, values in (
                 (self.gap, seen.gap),
                 (self.status, seen.status),
@@ -410,7 +422,7 @@ class ContactFields:
                     block = out.function_space.dofmap.index_map_bs
                     out.x.array.reshape(-1, block)[at] = values[mine].reshape(-1, block)
 
-    @same_everywhere
+    @check_same_arguments
     def indicator(self) -> fem.Function:
         """Error indicator, one value per cell, which says where to refine the contact surfaces.
 
@@ -434,13 +446,15 @@ class ContactFields:
                 "stresses follow from the displacements of a Body at small strains, one that is "
                 "not hybrid: give it to ContactFields.of, or integrate your own stress"
             )
-        if any(np.isnan(each.pressure(each.own_area)).any() for each in self.surfaces):
+        if any(np.isnan(each.pressure(each.weight_area)).any() for each in self.surfaces):
             raise ValueError(
                 "nodes of this element have no weight on the surface, so no pressure to compare "
                 "with stresses: Spaces.petrov_galerkin gives them one"
             )
         mesh, weights = self.body.spaces.mesh, test_space(self.pressure.function_space)
-        facets = [facets_between(self.displacement.function_space, s.node) for s in self.surfaces]
+        facets = [
+            facets_with_all_nodes(self.displacement.function_space, s.node) for s in self.surfaces
+        ]
         surface = boundary_measure(mesh, np.unique(np.concatenate(facets)), _INDICATOR_DEGREE)
         p, n = fem.Function(weights), ufl.FacetNormal(mesh)
         p.x.array[:] = self.pressure.x.array
@@ -477,7 +491,7 @@ def _spread(
             array[here[here >= 0]] = sign * columns[here >= 0]
 
 
-def _here(space: fem.FunctionSpace, nodes: Indices) -> Local:
+def _here(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
     """Local numbers (m,) of nodes, ghosts too; -1 for those of other processes, and no nodes."""
     local = space.dofmap.index_map.global_to_local(np.maximum(nodes, 0))
     return np.where(nodes < 0, -1, local)
@@ -485,18 +499,18 @@ def _here(space: fem.FunctionSpace, nodes: Indices) -> Local:
 
 def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
     kinds = (Body, fem.FunctionSpace)
-    arguments.of_type("body", body, kinds, "it has to be a Body, or its trial space")
+    arguments.check_type("body", body, kinds, "it has to be a Body, or its trial space")
     if not isinstance(body, Body):
-        arguments.space(body)
+        arguments.check_space(body)
     return SubSpace.displacements(body.spaces.trial if isinstance(body, Body) else body).space
 
 
 def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
     first, last = space.dofmap.index_map.local_range
     x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
-    with collective(space.mesh.comm):
-        arguments.of_type("state", state, ContactState, _STATE)
-        alike = state.displacement.getSizes() == sizes_of(space)
+    with collective_errors(space.mesh.comm):
+        arguments.check_type("state", state, ContactState, _STATE)
+        alike = state.displacement.getSizes() == vector_sizes(space)
         for pair in state.pairs if alike else ():
             mine = (pair.node >= first) & (pair.node < last)
             away = np.abs(x[pair.node[mine] - first] - pair.position[mine])
@@ -505,7 +519,7 @@ def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
             raise ValueError("the state belongs to another space, or other processes, than this")
 
 
-@same_everywhere
+@check_same_arguments
 def write(
     path: str | Path,
     states: ContactState | Sequence[ContactState],
@@ -539,20 +553,20 @@ def write(
     path, space = checked_path(path), _trial(body)
     states = arguments.as_list(states)
     comm = space.mesh.comm
-    with collective(comm):
+    with collective_errors(comm):
         for state in states:
-            arguments.of_type("a state", state, ContactState, _STATE)
+            arguments.check_type("a state", state, ContactState, _STATE)
         increments = [float(s.increment) for s in states]
-        given = increments if times is None else list(arguments.vector("times", times))
+        given = increments if times is None else list(arguments.check_vector("times", times))
         _check_series(path, states, given, space)
     replacement = FolderReplacement(path, _SERIES, durable=True)
-    with collective(comm):
+    with collective_errors(comm):
         if comm.rank == 0:
             replacement.start()
     try:
         fields = ContactFields.of(states[0], body)
         needed = _estimated_size(fields, len(states))
-        with collective(comm):
+        with collective_errors(comm):
             if comm.rank == 0:
                 _check_room(replacement.scratch, needed, path)
         folder = comm.bcast(replacement.folder if comm.rank == 0 else None)
@@ -560,7 +574,7 @@ def write(
             for time, state in zip(given, states, strict=True):
                 fields.fill(state)
                 file.write(float(time))
-        with collective(comm):
+        with collective_errors(comm):
             if comm.rank == 0:
                 replacement.commit()
     finally:
@@ -613,7 +627,7 @@ def _ending_together(comm: MPI.Comm) -> Iterator[None]:
         if error is not None and waited > _PATIENCE:
             print(f"writing failed on process {comm.rank} alone: {error}", file=sys.stderr)
             comm.Abort(1)
-    with collective(comm):
+    with collective_errors(comm):
         if error is not None:
             raise error
 

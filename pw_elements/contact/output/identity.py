@@ -23,7 +23,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from pw_elements.algebra import System
+from pw_elements.algebra import ResidualSystem
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, relative_difference
 from pw_elements.contact.interface import (
@@ -33,7 +33,7 @@ from pw_elements.contact.interface import (
     probe_surface,
 )
 from pw_elements.contact.model import ContactPair, PairState
-from pw_elements.spaces import SubSpace, fields_of, of_owners
+from pw_elements.spaces import SubSpace, gather_from_owners, list_fields
 
 # Difference of numbers, over the largest of their part, that may be round-off
 _ROUND_OFF = 1e-8
@@ -180,11 +180,11 @@ def _compare(
 def check_changed(changed: object) -> None:
     """Raise TypeError or ValueError for anything but things that `refuse_another` takes."""
     remedy = "give a list of names, constants and functions"
-    arguments.of_type("changed", changed, (list, tuple, set, frozenset), remedy)
+    arguments.check_type("changed", changed, (list, tuple, set, frozenset), remedy)
     assert isinstance(changed, Collection)
     for one in changed:
         kinds = (str, fem.Constant, fem.Function)
-        arguments.of_type("what has changed", one, kinds, remedy)
+        arguments.check_type("what has changed", one, kinds, remedy)
         if isinstance(one, str) and one not in CHANGEABLE:
             raise ValueError(f"changed {one!r}: the names are {', '.join(CHANGEABLE)}")
 
@@ -245,7 +245,7 @@ def identify_problem(
             "friction#probes": probe_friction(interface, k, pair),
             "pivot": spin,
             "interference": probe_interference(interface, k, pair),
-            "opposite side": of_owners(probes.fields[0].space, facing, owned).ravel(),
+            "opposite side": gather_from_owners(probes.fields[0].space, facing, owned).ravel(),
         }
         for name, values in pair_numbers.items():
             kind, mark, rest = name.partition("#")
@@ -275,7 +275,7 @@ def identify_stiffness(K: PETSc.Mat, space: fem.FunctionSpace) -> Numbers:
 class ResidualProbe:
     """A residual at probing unknowns, and the constants and functions that it has."""
 
-    def __init__(self, system: System, coefficients: Coefficients) -> None:
+    def __init__(self, system: ResidualSystem, coefficients: Coefficients) -> None:
         self._system, self._coefficients = system, coefficients
         self._space: fem.FunctionSpace = system.u.function_space
 
@@ -316,12 +316,12 @@ class ResidualProbe:
             functions.append((function.x.array.reshape(-1, mean.size), mean))
         sums = []
         with _holding([*constants, *functions, (u.x.array, 0.0)]):
-            vector = self._system.forces()
+            vector = self._system.assemble_residual()
             sums.append(probes.sums(vector.array_r))
             for unknowns in probes.small_unknowns():
                 vector.setArray(unknowns)
-                self._system.take(vector)
-                sums.append(probes.sums(self._system.forces().array_r) - sums[0])
+                self._system.set_unknowns(vector)
+                sums.append(probes.sums(self._system.assemble_residual().array_r) - sums[0])
         return {f"residual#{row}": np.array(sums)[:, row] for row in range(len(probes.fields))}
 
     def names_of_changed(
@@ -355,8 +355,8 @@ class _Probes:
 
     def __init__(self, space: fem.FunctionSpace) -> None:
         self.comm: MPI.Comm = space.mesh.comm
-        self.fields: list[SubSpace] = fields_of(space)
-        self.vectors = [[one.spread(v) for v in _smooth(one.space)] for one in self.fields]
+        self.fields: list[SubSpace] = list_fields(space)
+        self.vectors = [[one.embed(v) for v in _smooth(one.space)] for one in self.fields]
 
     def sums(self, values: Array) -> Array:
         """Return sums (fields, probes) of values (n,) times the probes, over all processes."""

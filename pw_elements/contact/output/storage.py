@@ -17,7 +17,7 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, collective
+from pw_elements.checks import arguments, collective_errors
 from pw_elements.contact.interface import extents, midpoints_around
 from pw_elements.contact.model import (
     ContactPair,
@@ -31,7 +31,7 @@ from pw_elements.contact.output.identity import Identity
 from pw_elements.contact.output.stored_values import check_arrays, check_numbers, check_pairs
 from pw_elements.files import ForeignEntry, replacing_file
 from pw_elements.solvers import SolverReport
-from pw_elements.spaces import fields_of
+from pw_elements.spaces import list_fields
 
 # Names of the arrays of places that belong to values
 _FIELDS = {"displacement": "nodes", "pressure": "pressure_nodes"}
@@ -70,7 +70,7 @@ def write_state(
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
     arrays: dict[str, npt.NDArray] = {}
-    known = [field.part(state.unknowns).array_r for field in fields_of(space)]
+    known = [field.extract(state.unknowns).array_r for field in list_fields(space)]
     parts = zip(_parts(space, history), [*known, *state.history], strict=True)
     for (name, nodes, of), values in parts:
         places = _places(of)
@@ -89,7 +89,7 @@ def write_state(
         arrays |= {f"{_PROBLEM}{name}": values for name, values in identity.items()}
         arrays["state"] = np.array(json.dumps(numbers))
         arrays["digest"] = _digest(arrays)
-    with collective(comm):
+    with collective_errors(comm):
         if arrays:
             try:
                 _write(path, arrays)
@@ -126,7 +126,7 @@ def read_state(
     arrays: dict[str, npt.NDArray] = {}
     numbers: dict[str, Any] = {}
     pairs: list[dict[str, Any]] = []
-    with collective(comm):
+    with collective_errors(comm):
         if comm.rank == 0:
             arrays, numbers, pairs = _read(path, dim)
             if missing := [name for name, _, _ in parts if name not in arrays]:
@@ -142,8 +142,8 @@ def read_state(
     problem.refuse_another(path, comm.bcast(stored), changed)
     length = _LARGEST_MOTION * float(np.linalg.norm(extents(comm, space.mesh.geometry.x)))
     largest = Scale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
-    fields = fields_of(space)
-    with collective(comm):
+    fields = list_fields(space)
+    with collective_errors(comm):
         if comm.rank == 0:
             today = np.argsort(rows["displacement"])
             moved = arrays["displacement"][rows["displacement"]]
@@ -153,8 +153,8 @@ def read_state(
             except (ValueError, IndexError) as wrong:
                 raise ValueError(f"{path} holds no contact state: {wrong}") from None
     numbers, pairs = comm.bcast((numbers, pairs))
-    unknowns = PETSc.Vec().createMPI(fields[0].rows, comm=comm)
-    spread = [field.spread(values[name]) for name, field in zip(_FIELDS, fields, strict=False)]
+    unknowns = PETSc.Vec().createMPI(fields[0].full_sizes, comm=comm)
+    spread = [field.embed(values[name]) for name, field in zip(_FIELDS, fields, strict=False)]
     unknowns.setArray(np.sum(spread, axis=0))
     state: dict[str, Any] = {name: numbers[name] for name in _PLAIN}
     given = {name: numbers[name] for name in _OF_NUMBERS}
@@ -164,7 +164,7 @@ def read_state(
     state["pairs"] = tuple(PairState(**pair) for pair in pairs)
     functions = parts[len(fields) :]
     state["history"] = tuple(_with_ghosts(of, values[name]) for name, _, of in functions)
-    return ContactState(fields[0].part(unknowns), unknowns=unknowns, **state)
+    return ContactState(fields[0].extract(unknowns), unknowns=unknowns, **state)
 
 
 def _renumber(pairs: Sequence[dict[str, Any]], today: npt.NDArray[np.intp]) -> None:
@@ -209,7 +209,7 @@ def _read(
 
 
 def checked_path(path: str | Path) -> Path:
-    arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
+    arguments.check_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
     if "\0" in str(path):
         raise ValueError(f"the path {str(path)!r} has a null character, which no file's name has")
     return Path(path)
@@ -219,7 +219,7 @@ def _parts(
     space: fem.FunctionSpace, history: Sequence[fem.FunctionSpace]
 ) -> list[tuple[str, str, fem.FunctionSpace]]:
     """Arrays of values and of their places, and the space, of all functions of a state."""
-    fields = zip(_FIELDS.items(), fields_of(space), strict=False)
+    fields = zip(_FIELDS.items(), list_fields(space), strict=False)
     functions = [(f"history_{k}", f"history_nodes_{k}", of) for k, of in enumerate(history)]
     return [(name, nodes, field.space) for (name, nodes), field in fields] + functions
 
@@ -240,7 +240,7 @@ def _handed_out(
     """
     comm, nearest = space.mesh.comm, np.empty(0, dtype=np.intp)
     given, parts = comm.gather(_places(space)), None
-    with collective(comm):
+    with collective_errors(comm):
         if stored is not None and values is not None:
             places = np.concatenate(given)
             wrong = stored.shape != places.shape
@@ -252,7 +252,7 @@ def _handed_out(
                 raise ValueError(f"{path} has the state of another mesh")
             shape = len(stored), space.dofmap.index_map_bs
             try:
-                arguments.real_array(name, values, shape)
+                arguments.check_real_array(name, values, shape)
             except ValueError as error:
                 raise ValueError(f"{path} holds no contact state: {error}") from None
             rows = np.split(nearest, np.cumsum([len(each) for each in given])[:-1])

@@ -13,10 +13,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import collective
+from pw_elements.checks import collective_errors
 from pw_elements.contact.interface import OUTWARDS, ROUND_OFF, Interface
 from pw_elements.contact.nodes import RigidSurfaceMotion
-from pw_elements.spaces import of_owners
+from pw_elements.spaces import gather_from_owners
 
 # Distance of supports from the rigid motion that fits them best, over their piece's extent, that is
 # none; and the least spread of supports, over the largest, that determines a rotation
@@ -180,7 +180,7 @@ def _follow_tool(
         for y in (moved, ahead)
     )
     gap, normal = np.full(seen.shape[:2], np.inf), np.zeros(seen.shape)
-    with collective(comm), np.errstate(all="ignore"):
+    with collective_errors(comm), np.errstate(all="ignore"):
         if len(x):
             points = seen.reshape(-1, x.shape[1])
             gap = np.asarray(surface.gap(points), dtype=float).reshape(gap.shape)
@@ -208,7 +208,7 @@ def _follow_bodies(
     mortar = interface.mortars[pair]
     slaves, x = mortar.slaves, mortar.x
     owned = interface.field.space.dofmap.index_map.size_local
-    piece = of_owners(interface.field.space, mortar.nodes, pieces.number[:owned])
+    piece = gather_from_owners(interface.field.space, mortar.nodes, pieces.number[:owned])
     moved = pieces.move(x, piece)
     now = x + interface.at_nodes(mortar.nodes, unknowns)
     deformation = _farthest(now - moved[0])

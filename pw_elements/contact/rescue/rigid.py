@@ -16,7 +16,7 @@ from scipy.linalg import qr
 from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import listed
+from pw_elements.checks import format_points
 from pw_elements.contact.interface import free_columns
 from pw_elements.contact.model import Free
 from pw_elements.contact.nodes import (
@@ -29,7 +29,7 @@ from pw_elements.contact.nodes import (
     select_nodes,
 )
 from pw_elements.contact.system import ContactSystem, border_columns, local_rows
-from pw_elements.solvers import Pieces, destroy, null_space, triangle
+from pw_elements.solvers import RigidComponents, destroy_objects, null_space, qr_triangle
 
 _AXES = "xyz"
 # Part of a motion, over its largest one, that is none
@@ -57,14 +57,14 @@ class Basis:
 class RigidModes:
     """Translations and rotations of each connected piece, and free translations of surfaces.
 
-    Motions are vectors of all modes: those of one piece after another, see `Pieces`, then the
-    surfaces' translations.
+    Motions are vectors of all modes: those of one piece after another, see `RigidComponents`, then
+    the surfaces' translations.
     """
 
-    def __init__(self, pieces: Pieces, free: Free, pairs: int) -> None:
+    def __init__(self, pieces: RigidComponents, free: Free, pairs: int) -> None:
         self.centre, self.length = pieces.centre, pieces.length
         self.free, self._pairs = free, pairs
-        self.each = pieces.motion.shape[2]
+        self.each = pieces.modes.shape[2]
         self.of_pieces = len(pieces.centre) * self.each
         self.number = self.of_pieces + len(free)
 
@@ -107,7 +107,9 @@ class RigidModes:
         """What moves how in a motion (modes,), in words."""
         translation, turning, surface = self.parts(motion)
         nothing, words = NOTHING * np.abs(motion).max(), []
-        around = [f" around {listed(self.centre[k : k + 1])}" for k in range(len(self.centre))]
+        around = [
+            f" around {format_points(self.centre[k : k + 1])}" for k in range(len(self.centre))
+        ]
         for k, place in enumerate(around):
             who = f"the body{place if len(around) > 1 else ''}"
             if np.abs(turning[k]).max(initial=0.0) > nothing:
@@ -124,10 +126,10 @@ class RigidModes:
         v, w = np.pad(moved, (0, 3 - dim)), np.pad(turned, (3 - len(turned), 0))
         pole = self.centre[k] + self.length[k] * np.cross(w, v)[:dim] / (w @ w)
         if dim == 2:
-            return f"rotation about {listed(pole[None])}"
+            return f"rotation about {format_points(pole[None])}"
         axis = direction(w * np.sign(w[np.argmax(np.abs(w))]))
         along = " with a translation along it" if abs(v @ w) > NOTHING * (w @ w) else ""
-        return f"rotation about the axis along {axis} through {listed(pole[None])}{along}"
+        return f"rotation about the axis along {axis} through {format_points(pole[None])}{along}"
 
 
 def direction(vector: Array) -> str:
@@ -136,7 +138,7 @@ def direction(vector: Array) -> str:
     main = int(np.argmax(np.abs(vector)))
     if np.linalg.norm(np.delete(vector, main)) <= NOTHING:
         return ("-" if vector[main] < 0 else "") + _AXES[main]
-    return listed(vector[None])
+    return format_points(vector[None])
 
 
 class RigidMotions:
@@ -144,10 +146,10 @@ class RigidMotions:
 
     def __init__(self, system: ContactSystem, K: PETSc.Mat, space: fem.FunctionSpace) -> None:
         self._system, self._K, self._space = system, K, space
-        pieces = Pieces.of(space)
+        pieces = RigidComponents.from_space(space)
         self.modes = RigidModes(pieces, system.free, system.interface.pairs)
-        self._at = system.interface.field.owned.ravel()
-        self._held = triangle(self._resisted(pieces, transposed=False), system.comm)
+        self._at = system.interface.field.owned_unknowns.ravel()
+        self._held = qr_triangle(self._resisted(pieces, transposed=False), system.comm)
         self._relative = self._at_points(pieces, works=False)
         if isinstance(self._held, np.ndarray):  # of few modes
             self._relative = self._relative.toarray()
@@ -215,8 +217,8 @@ class RigidMotions:
         A basis of k of them, each of a single piece or surface, and the motions (m, dim, k)
         relative to surfaces in which forces at the contact points do work.
         """
-        pieces, group = Pieces.of(self._space), self.modes.group
-        hold = triangle(self._resisted(pieces, transposed=True), self._system.comm)
+        pieces, group = RigidComponents.from_space(self._space), self.modes.group
+        hold = qr_triangle(self._resisted(pieces, transposed=True), self._system.comm)
         alone = [hold @ sp.diags_array((group == k).astype(float)) for k in np.unique(group)]
         free = null_space(_stacked([hold[:0], *alone]), _ZERO_STIFFNESS)
         chosen = self.modes.simplest(free)
@@ -228,8 +230,8 @@ class RigidMotions:
         column = self._columns()
         forces, kept = np.zeros(len(column)), column >= 0
         forces[kept] = load.array_r[column[kept] - load.getOwnershipRange()[0]]
-        pieces = Pieces.of(self._space)
-        motions = pieces.matrix(pieces.motion, len(self.modes.free))
+        pieces = RigidComponents.from_space(self._space)
+        motions = pieces.mode_matrix(pieces.modes, len(self.modes.free))
         parts = np.array([motions.T @ forces, abs(motions).T @ np.abs(forces)])
         self._system.comm.Allreduce(MPI.IN_PLACE, parts, MPI.SUM)
         parts[:, self.modes.of_pieces :] = totals, np.abs(totals)
@@ -248,13 +250,13 @@ class RigidMotions:
         else:
             turned = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
             rows = sp.csr_array(turned @ relative)
-        held = _stacked([self._held, triangle(rows, self._system.comm)])
+        held = _stacked([self._held, qr_triangle(rows, self._system.comm)])
         return null_space(held, _FREE_STIFFNESS)
 
     def _columns(self) -> Indices:
         return free_columns(self._system.reduction.right)[self._at]
 
-    def _resisted(self, pieces: Pieces, transposed: bool) -> sp.csr_array:
+    def _resisted(self, pieces: RigidComponents, transposed: bool) -> sp.csr_array:
         """Displacements in the pieces' modes at supports, and the forces that these cause.
 
         There are forces in axisymmetry, say, where only a translation along the axis is without
@@ -262,25 +264,25 @@ class RigidMotions:
         it is unsymmetric, they may be fewer.
         """
         free = self._columns() != -1
-        return pieces.held(self._K, free, self._at, transposed, len(self.modes.free))
+        return pieces.resistance(self._K, free, self._at, transposed, len(self.modes.free))
 
-    def _at_points(self, pieces: Pieces, works: bool) -> sp.csr_array:
+    def _at_points(self, pieces: RigidComponents, works: bool) -> sp.csr_array:
         """Relative motions (m dim, modes) of the points, or those in which their forces do work."""
         system, modes = self._system, self.modes
         interface, comm, field = system.interface, system.comm, system.interface.field
-        own = pieces.matrix(pieces.motion, len(modes.free))
+        own = pieces.mode_matrix(pieces.modes, len(modes.free))
         spread = sp.csr_array(
             (np.ones(len(self._at)), (self._at, np.arange(len(self._at)))),
-            (field.rows[0], len(self._at)),
+            (field.full_sizes[0], len(self._at)),
         )
         full = sp.csr_array(spread @ own)  # (unknowns, modes)
         places = (x.astype(PETSc.IntType) for x in (full.indptr, full.indices))
-        sizes = field.rows, (modes.number if comm.rank == 0 else 0, modes.number)
+        sizes = field.full_sizes, (modes.number if comm.rank == 0 else 0, modes.number)
         motions = PETSc.Mat().createAIJ(sizes, csr=(*places, full.data), comm=comm)
         product = interface.force.transposeMatMult if works else interface.motion.matMult
         moved = product(motions)
         dim, of_pieces = interface.position.shape[1], local_rows(moved, 0)
-        destroy(motions, moved)
+        destroy_objects(motions, moved)
         surfaces = border_columns(modes.free, interface.pair, dim)
         still = sp.csr_array((len(interface.pair) * dim, modes.of_pieces))
         return sp.csr_array(of_pieces - sp.hstack([still, surfaces]))

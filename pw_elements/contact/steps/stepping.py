@@ -22,9 +22,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, equilibrated, masked
+from pw_elements.algebra import Reduction, full_size_reduction, scale_pressures
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import collective
+from pw_elements.checks import collective_errors
 from pw_elements.contact.interface import Interface, NoContactStated, nodal_interface
 from pw_elements.contact.iteration import (
     DISPLACEMENT_ROUND_OFF,
@@ -78,17 +78,17 @@ from pw_elements.contact.steps.verification import (
     verify_state,
 )
 from pw_elements.contact.system import Accuracy, ContactSystem
-from pw_elements.progress import doing, told
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     LinearSolver,
     NotConverged,
     SingularSystem,
     SolverReport,
-    add,
+    add_scaled,
     is_matrix_free,
-    unblocked,
+    to_aij,
 )
-from pw_elements.spaces import Assembled
+from pw_elements.spaces import AssemblyRecord
 
 # Smallest part of an increment
 _MIN_SUBSTEP = 1 / 16
@@ -234,7 +234,7 @@ def solve_in_substeps(
             current = replace(step(current, share), increment=state.increment + 1)
         except (ContactFailed, NoContactStated, SingularSystem) as failed:
             words = f"not from {reached:.4g} to {share:.4g} of the increment: {failed}"
-            told(state.displacement.comm, logging.INFO, words, ".contact")
+            log_on_root(state.displacement.comm, logging.INFO, words, ".contact")
             size, failure = (share - reached) / 2, (share, failed)
             continue
         reached, size, failure = share, min(growth * size, largest), None
@@ -330,8 +330,8 @@ class Reporter:
 
     def _tell(self, level: int, words: str, now: Progress) -> None:
         """Logs, and calls the user's function: what it raises on one process is raised on all."""
-        told(self._comm, level, f"increment {self._increment}: {words}", ".contact")
-        with collective(self._comm):
+        log_on_root(self._comm, level, f"increment {self._increment}: {words}", ".contact")
+        with collective_errors(self._comm):
             if self._callback is not None:
                 self._callback(now)
 
@@ -366,12 +366,14 @@ class Stepping:
         self.solver = solver
         iterative = is_matrix_free(solver)
         self._K = K
-        self._reduction = equilibrated(masked(reduction) if iterative else reduction, K)
+        self._reduction = scale_pressures(
+            full_size_reduction(reduction) if iterative else reduction, K
+        )
         self._max_iterations, self._callback = max_iterations, callback
         # springs are in an assembled matrix
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not iterative}
         self._n_first_attempt = 0  # linear systems of an increment's first attempt
-        self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K))
+        self.interface = nodal_interface(pairs, space, self._reduction, AssemblyRecord.read(K))
         check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
         self._smallness, self._slips = (
@@ -388,7 +390,7 @@ class Stepping:
         start_time = perf_counter()
         end = IncrementTarget.from_motions(load, motions, self.interface)
         comm, what = self.interface.comm, f"contact increment {state.increment}"
-        with doing(comm, what):
+        with report_activity(comm, what):
             reporter = Reporter(comm, state.increment, self._callback)
             before = self._cost(end.free)
             try:
@@ -418,7 +420,7 @@ class Stepping:
         left = self._budget("cutback", end.free)
         comm = self.interface.comm
         words = f"in parts, for what {left():.0f} linear systems take at most"
-        told(comm, logging.INFO, words, ".contact")
+        log_on_root(comm, logging.INFO, words, ".contact")
 
         def solve_part(current: ContactState, share: float) -> ContactState:
             return self._solve_part(current, interpolate(start, end, share), reporter, left)
@@ -427,7 +429,7 @@ class Stepping:
         parts, _ = solve_in_substeps(solve_part, state, sizes, lambda: left() > 0)
         reached = parts[-1][0] if parts else 0.0
         words = f"{reached:.4g} of the increment has been solved in {len(parts)} parts"
-        told(comm, logging.INFO, words, ".contact")
+        log_on_root(comm, logging.INFO, words, ".contact")
         return parts
 
     def _budget(self, remedy: Remedy, free: Free) -> Callable[[], float]:
@@ -585,14 +587,16 @@ class Stepping:
         stated, stiffness = interface.equation >= 0, share * self._system_for(free)[0].scale
         node = interface.node - field.space.dofmap.index_map.local_range[0]
         diagonal, load = self._K.createVecs()
-        diagonal.array[field.owned[node][stated]] = np.repeat(stiffness, stated.sum(axis=1))
+        diagonal.array[field.owned_unknowns[node][stated]] = np.repeat(
+            stiffness, stated.sum(axis=1)
+        )
         of_pair = np.bincount(interface.pair, stiffness, interface.pairs).astype(float)
         interface.comm.Allreduce(MPI.IN_PLACE, of_pair, MPI.SUM)
         springs = PETSc.Mat().createAIJ(self._K.getSizes(), nnz=1, comm=self._K.comm)
         springs.setDiagonal(diagonal)
         springs.assemble()
-        K = unblocked(self._K).copy()
-        add(K, 1.0, springs)
+        K = to_aij(self._K).copy()
+        add_scaled(K, 1.0, springs)
         if self._system_with_springs is None:
             self._system_with_springs = self._make_system(K, free)
         system = self._system_with_springs
@@ -668,7 +672,7 @@ class Stepping:
         n_solved, report = system.n_solved, system.report
         if self._system_with_springs is not None:
             n_solved += self._system_with_springs.n_solved
-            report = self._system_with_springs.report.after(report)
+            report = self._system_with_springs.report.plus(report)
         return n_solved - before[0], report.since(before[1])
 
     def release(self) -> None:

@@ -194,7 +194,7 @@ def check_stiffness_sign(K: PETSc.Mat, interface: Interface, remedy: str) -> Non
         remedy: what the user is to give instead.
     """
     first = interface.field.space.dofmap.index_map.local_range[0]
-    diagonal = K.getDiagonal().array_r[interface.field.owned[interface.node - first]]
+    diagonal = K.getDiagonal().array_r[interface.field.owned_unknowns[interface.node - first]]
     total = interface.comm.allreduce(float(diagonal.sum()), MPI.SUM)
     count = interface.comm.allreduce(diagonal.size, MPI.SUM)
     if total < 0:
@@ -272,7 +272,7 @@ def measure_residuals(
     comm = interface.comm
     stated = interface.equation >= 0
     reported = interface.local([pair.force_vector for pair in state.pairs])
-    nodal = interface.field.part(unbalanced).array_r.reshape(-1, reported.shape[1])
+    nodal = interface.field.extract(unbalanced).array_r.reshape(-1, reported.shape[1])
     first = interface.field.space.dofmap.index_map.local_range[0]
     # what a support holds is its reaction; friction at such a point is known from the state alone
     force = np.where(stated, nodal[interface.node - first], reported)
@@ -382,7 +382,7 @@ def _unbalanced_elsewhere(
     rest.axpy(-1.0, operator * points)
     displacements = rest.duplicate()
     displacements.setArray(0.0)
-    own = interface.field.owned.ravel()
+    own = interface.field.owned_unknowns.ravel()
     displacements.array[own] = rest.array_r[own]
     free = reduction.left.createVecRight()
     reduction.left.multTranspose(displacements, free)

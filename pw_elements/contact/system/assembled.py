@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from pw_elements.arrays import Array, Indices, Local
+from pw_elements.arrays import Array, Indices, LocalIndices
 from pw_elements.contact.nodes import LinearisedLaw
 from pw_elements.contact.system.solution import Accuracy, TangentSolution
 from pw_elements.solvers import LinearSolver
@@ -115,7 +115,7 @@ def with_points(rows: sp.csr_matrix, points: PointRows, border: sp.csr_matrix) -
     return indptr, indices, data
 
 
-def border_columns(free: Sequence[tuple[int, int]], pair: Local, each: int) -> sp.csr_matrix:
+def border_columns(free: Sequence[tuple[int, int]], pair: LocalIndices, each: int) -> sp.csr_matrix:
     """(m each, free translations): ones where one, among each surface's, moves a point."""
     row = [np.flatnonzero(pair == number) * each + axis for number, axis in free]
     rows = np.concatenate([np.empty(0, dtype=np.int64), *row])
@@ -218,7 +218,7 @@ class AssembledTangent:
             return
         self._place = self._points.place(self._first)
         self.matrix = PETSc.Mat().createAIJ(self.matrix.getSizes(), csr=csr, comm=self._comm)
-        take = getattr(self.solver, "take", None)
+        take = getattr(self.solver, "set_matrix", None)
         if take is None:
             raise ValueError(
                 "two bodies at large sliding need a solver whose factors follow another pattern, "
@@ -269,4 +269,4 @@ class AssembledTangent:
         size = np.abs(self._factorised).max(axis=(0, 1), keepdims=True, initial=0.0)
         change = np.abs(coefficients - self._factorised) > _ROW_CHANGE_TOLERANCE * size
         rows = self._points.own[change.any(axis=2)]
-        return self.solver.solve_changed(right, self._first + rows[rows >= 0])
+        return self.solver.solve_with_changed_rows(right, self._first + rows[rows >= 0])
