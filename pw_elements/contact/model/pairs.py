@@ -10,7 +10,7 @@ from dolfinx.mesh import MeshTags
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, defer_errors_if_parallel
 from pw_elements.contact.model.friction import Coulomb, Friction
-from pw_elements.contact.model.surfaces import Surface, unit
+from pw_elements.contact.model.surfaces import Surface, unit_vector
 from pw_elements.spaces import Part
 
 
@@ -211,7 +211,7 @@ class ContactPair:
         if self.pivot is not None and isinstance(self.surface, bodies):
             raise ValueError("a deformable body has no pivot: supports rotate it")
         if (0 if self.pivot is None else len(arguments.check_vector("the pivot", self.pivot))) == 3:
-            unit(list(arguments.check_vector("the axis of a pivot in space", self.axis, 3)))
+            unit_vector(list(arguments.check_vector("the axis of a pivot in space", self.axis, 3)))
         elif self.axis is not None:
             raise ValueError("an axis belongs to a pivot in space")
         if not (isinstance(self.surface, bodies) or _is_surface(self.surface)):
@@ -260,7 +260,7 @@ class ContactPair:
         arguments.check_integer("dim", dim, 2)
         if self.pivot is None:
             return np.zeros(dim), np.zeros((dim, dim))
-        axis = (0.0, 0.0, 1.0) if self.axis is None else unit(self.axis)
+        axis = (0.0, 0.0, 1.0) if self.axis is None else unit_vector(self.axis)
         cross = np.asarray(np.cross(axis, np.eye(3)).T, dtype=float)
         return np.array(self.pivot, dtype=float), cross[:dim, :dim]
 
