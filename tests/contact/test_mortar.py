@@ -233,7 +233,7 @@ def test_what_states_no_mortar_is_named(nodes, facets, kind, message):
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
 def test_other_weights_are_refused(cell):
     """By them the patch test fails, by up to 60 % of the pressure."""
-    refused = pytest.raises(ValueError, match="forces of piecewise-linear weights")
+    refused = pytest.raises(ValueError, match="forces by piecewise-linear weights")
     for element in ("galerkin", "taylor_hood"):
         with refused:
             StackedBlocks((3, 2), cell, element=element).solve_uniaxial()

@@ -57,7 +57,7 @@ class Surface(Protocol):
     """Geometry of a rigid surface at its initial position."""
 
     def gap(self, x: Points) -> Array:
-        """Return distances (n,) of points x (n, dim), negative inside, infinite for unfaced ones."""
+        """Return gaps (n,) at points x (n, dim): negative inside, infinite where nothing faces x."""
 
     def normal(self, x: Points) -> Points:
         """Return the unit directions (n, dim) in which the surface pushes points x (n, dim)."""
