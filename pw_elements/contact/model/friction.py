@@ -200,14 +200,7 @@ class Cone:
         wrong = ~((slope >= smallest - tolerance) & (slope <= largest + tolerance))
         return slope, np.clip(slope, smallest, largest), pressed & wrong
 
-    @property
+    @cached_property
     def rough(self) -> Mask:
         """Points (m,) with any friction."""
         return self.steepest > 0
-
-
-def projected(tangential: Array, radius: Array) -> Array:
-    """Return tangential forces (m, dim - 1), shortened to their radius (m,) if they exceed it."""
-    size = np.linalg.norm(tangential, axis=1)
-    beyond = size > radius
-    return np.where(beyond, radius / np.where(beyond, size, 1.0), 1.0)[:, None] * tangential

@@ -38,11 +38,17 @@ MAX_STEP_ERROR = 1e-5
 
 def unit_vector(direction: Sequence[float]) -> Array:
     """Return the unit vector (dim,) along a direction; ValueError if it has no finite length."""
-    vector = arguments.check_vector("direction", direction)
+    vector = np.asarray(direction, dtype=float)
     length = np.linalg.norm(vector)
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"direction {list(direction)}: needs a finite length")
     return vector / length
+
+
+def check_direction(direction: Sequence[float]) -> None:
+    """Raise ValueError unless a direction is a vector of finite numbers and has a length."""
+    arguments.check_vector("direction", direction)
+    unit_vector(direction)
 
 
 def normalise_rows(vectors: Points) -> Points:
@@ -57,7 +63,7 @@ class Surface(Protocol):
     """Geometry of a rigid surface at its initial position."""
 
     def gap(self, x: Points) -> Array:
-        """Return gaps (n,) at points x (n, dim): negative inside, infinite where nothing faces x."""
+        """Return gaps (n,) at points x (n, dim), negative inside, infinite if nothing faces x."""
 
     def normal(self, x: Points) -> Points:
         """Return the unit directions (n, dim) in which the surface pushes points x (n, dim)."""
@@ -97,7 +103,7 @@ class Plane:
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
         arguments.check_vector("the point of a plane", self.point)
-        unit_vector(self.direction)
+        check_direction(self.direction)
 
     def gap(self, x: Points) -> Array:
         """Return distances (n,) of points x (n, dim), positive on the side of the direction."""
@@ -221,7 +227,7 @@ class FlatPunch:
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
         arguments.check_vector("the centre of a punch", self.centre)
-        unit_vector(self.direction)
+        check_direction(self.direction)
         arguments.check_positive("half_width", self.half_width)
 
     def gap(self, x: Points) -> Array:
@@ -413,9 +419,11 @@ class SignedDistance:
         return np.asarray(hessian.transpose(1, 0, 2) + hessian.transpose(1, 2, 0)) / 2
 
 
-# Surfaces whose closest points the library computes, and those without any function of the user
+# Surfaces whose closest points the library computes, those without any function of the user, and
+# those among them that have a normal everywhere
 KNOWN_BODIES = (Plane, Sphere, SignedDistance)
 CLOSED_FORMS = (Plane, Parabola, Sphere, FlatPunch)
+DEFINED_EVERYWHERE = (Plane, Parabola, FlatPunch)
 
 
 def wrong_derivatives(surface: RigidBody, x: Points, step: float) -> str:

@@ -28,6 +28,7 @@ from pw_elements.contact.iteration import (
     LinearIncrement,
     NewtonState,
     make_contact_state,
+    reference_sizes,
     solve_increment,
 )
 from pw_elements.contact.model import (
@@ -252,21 +253,28 @@ def check_loose(
     spent: Callable[[], tuple[int, SolverReport]],
 ) -> None:
     """Raise NotUnique for a solution in which a body is clear of all contact forces and loose."""
-    if not (motions := rigid.loose(end.nodes, increment.allowance(end))):
+    if not (motions := rigid.loose(end.nodes, end.allowance)):
         return
-    iterations, report = spent()
-    size = Smallness(np.nan, np.nan, np.nan)
     failure = NotUnique(f"{_LOOSE}. Nothing stops a {', '.join(motions)}")
-    failure.state = make_contact_state(
+    failure.state = _make_unsolved_state(increment, end, before, spent())
+    raise failure
+
+
+def _make_unsolved_state(
+    increment: Increment, state: NewtonState, before: ContactState, cost: tuple[int, SolverReport]
+) -> ContactState:
+    """Return the contact state of a Newton state that is no solution, at a cost so far."""
+    iterations, report = cost
+    return make_contact_state(
         increment,
-        end,
+        state,
         before,
+        sizes=reference_sizes(increment, state, before.scale),
         iterations=iterations,
         report=report,
-        smallness=size,
+        smallness=Smallness(np.nan, np.nan, np.nan),
         converged=False,
     )
-    raise failure
 
 
 def rescue(
@@ -294,16 +302,7 @@ def rescue(
             return found
     near, state = "", None
     if increment.nearest is not None:
-        iterations, report = spent()
-        state = make_contact_state(
-            increment,
-            increment.nearest,
-            before,
-            iterations=iterations,
-            report=report,
-            smallness=Smallness(np.nan, np.nan, np.nan),  # of no solution
-            converged=False,
-        )
+        state = _make_unsolved_state(increment, increment.nearest, before, spent())
         share = f"{increment.nearest.violation * TOLERANCE:.1g}"
         near = f" The state that came nearest violates the law by {share} of its largest force."
     if not isinstance(failure, NotUnique):
@@ -464,8 +463,8 @@ def solve_with_springs(
                 log_on_root(comm, logging.INFO, words, ".contact")
                 if state.violation <= 1:
                     if isinstance(failed.__cause__, SingularSystem):
-                        force = increment.max_over_ranks(np.abs(state.force))
-                        loose = force <= increment.round_off(state)
+                        (force,) = increment.max_over_ranks(np.abs(state.force))
+                        loose = force <= state.round_off
                         raise NotUnique(_LOOSE if loose else f"at a solution, {failed}") from failed
                     return state  # which the iteration leaves by round-off
         previous, stiffness = active, stiffness / softening

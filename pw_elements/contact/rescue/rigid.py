@@ -67,13 +67,10 @@ class RigidModes:
         self.each = pieces.modes.shape[2]
         self.of_pieces = len(pieces.centre) * self.each
         self.number = self.of_pieces + len(free)
-
-    @property
-    def group(self) -> Indices:
-        """The piece (modes,) that moves, or a number of its own for each of the surfaces' modes."""
-        pieces = len(self.centre)
-        of_piece, surfaces = np.repeat(np.arange(pieces), self.each), np.arange(len(self.free))
-        return np.concatenate([of_piece, pieces + surfaces])
+        # the piece (modes,) that moves, or a number of its own for each of the surfaces' modes
+        n_pieces = len(pieces.centre)
+        of_piece, surfaces = np.repeat(np.arange(n_pieces), self.each), np.arange(len(free))
+        self.group: Indices = np.concatenate([of_piece, n_pieces + surfaces])
 
     def parts(self, motion: Array) -> tuple[Array, Array, Array]:
         """Translations (pieces, dim), rotations (pieces, 1 or 3), and surfaces' (pairs, dim).
@@ -157,6 +154,8 @@ class RigidMotions:
     def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
         """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
         free = self._free(active, frame)
+        if not len(free):
+            return []
         return [self.modes.name(motion) for motion in self.modes.simplest(free).motions]
 
     def slides(self, nodes: ContactNodes, lost: float) -> bool:

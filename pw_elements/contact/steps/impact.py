@@ -31,8 +31,13 @@ from pw_elements.contact.interface import Interface, free_columns, nodal_interfa
 from pw_elements.contact.iteration import make_pair_states
 from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
-from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
-from pw_elements.contact.steps.smallness import Gradients, SmallnessCheck, log_large
+from pw_elements.contact.steps.checks import PathInTime, check_contact_arguments, check_paths
+from pw_elements.contact.steps.smallness import (
+    SmallnessCheck,
+    gradient_at_vertices,
+    log_large,
+    measure_largest_gradient,
+)
 from pw_elements.progress import report_activity
 from pw_elements.solvers import is_blocked
 from pw_elements.spaces import AssemblyRecord
@@ -265,8 +270,8 @@ def solve_impact(
         DegenerateMesh: for cells that are flat or inverted.
         FloatingPointError: if the motion is not finite.
     """
-    stated = checked_problem(K, reduction, pairs, space, 1, None)
-    moves = checked_paths(paths, stated, space)
+    stated = check_contact_arguments(K, reduction, pairs, space, 1, None)
+    moves = check_paths(paths, stated, space)
     start = {"the velocity": velocity}
     if displacement is not None:
         start["the displacement"] = displacement
@@ -298,7 +303,8 @@ def solve_impact(
     if displacement is not None:
         u.setArray(np.where(free, displacement.array_r, reduction.offset.array_r))
     march = _March(K, _masses(M, space), free, interface, moves, load, step, u, v)
-    gradients, smallness = Gradients(space), Smallness()
+    u, smallness = fem.Function(space), Smallness()
+    gradient = gradient_at_vertices(u)
     march.reach = SmallnessCheck(interface, space).finest
     kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
@@ -308,7 +314,10 @@ def solve_impact(
             if n in kept or n == steps:
                 moved = u.copy() if sibling is None else sibling.displacement(u)
                 state = march.frame(moved, contact)
-                before, smallness = smallness, Smallness(*gradients.largest(moved))
+                before, smallness = (
+                    smallness,
+                    Smallness(*measure_largest_gradient(gradient, u, moved)),
+                )
                 log_large(smallness, before, f"step {n}", comm)
                 states += [replace(state, smallness=smallness)] * (n in kept)
     forces, places = np.array(march.forces), np.array(march.places)
@@ -455,8 +464,9 @@ class _March:
     def _seen(self) -> tuple[Array, Array]:
         """Gaps and normals of the undeformed body's points to the surfaces as they are now."""
         place = self.places[-1]
-        self._interface.check_supports(place)
-        return self._interface.gaps(place), self._interface.normals(place)
+        normal, gap = self._interface.normals(place), self._interface.gaps(place)
+        self._interface.check_supports(normal, gap)
+        return gap, normal
 
     def _loads(self, time: float) -> Array:
         """Load (n,) on this process."""

@@ -271,7 +271,7 @@ def measure_residuals(
     """
     comm = interface.comm
     stated = interface.equation >= 0
-    reported = interface.local([pair.force_vector for pair in state.pairs])
+    (reported,) = interface.local(state.pairs, "force_vector")
     nodal = interface.field.extract(unbalanced).array_r.reshape(-1, reported.shape[1])
     first = interface.field.space.dofmap.index_map.local_range[0]
     # what a support holds is its reaction; friction at such a point is known from the state alone
