@@ -34,7 +34,7 @@ from pw_elements import (
     boundary_measure,
 )
 from pw_elements.contact import ContactPair, DeformableSurface, Motion, solve_contact
-from pw_elements.contact.interface import Overlap, Trace, gathered_trace
+from pw_elements.contact.interface import Overlap, Trace, gather_trace
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import Part
@@ -129,9 +129,9 @@ class TwoBodies:
     def _of_library(self, states: list[ContactState]) -> "Solution":
         (pair,) = states[-1].pairs
         surface = SurfaceNodes.from_body(self.body, self.slave)
-        one, other = (gathered_trace(self.space, side) for side in (self.slave, self.master))
-        overlap = Overlap.of(one, other, pair.node, revolved=False)
-        covered = overlap.per_point(np.ones(len(overlap.measure)), len(pair.node))
+        one, other = (gather_trace(self.space, side) for side in (self.slave, self.master))
+        overlap = Overlap.from_traces(one, other, pair.node, revolved=False)
+        covered = overlap.integrate_per_point(np.ones(len(overlap.measure)), len(pair.node))
         force = np.zeros_like(self.x)
         force[pair.node] = pair.force_vector
         force[pair.opposite] = pair.opposite_force
@@ -208,7 +208,7 @@ class _Coupling:
 def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.DirichletBC]) -> Solution:
     """Frictionless contact along the last coordinate, which `n` of both faces is near to."""
     x, space = two.x, two.space
-    one, other = (gathered_trace(space, facets) for facets in (two.slave, two.master))
+    one, other = (gather_trace(space, facets) for facets in (two.slave, two.master))
     nodes, dim = one.nodes, x.shape[1]
     # the slave is pushed along its own inward normal
     sign = -1.0 if one.facet_normals[:, -1].mean() > 0 else 1.0
@@ -289,7 +289,7 @@ def _solved(matrix: sp.csr_array, right: Array) -> Array:
 
 def _of_multipliers(way: str, one: Trace, other: Trace, count: int, sign: float) -> _Coupling:
     """By integrals over the segments of both faces."""
-    overlap = Overlap.of(one, other, one.nodes, revolved=False)
+    overlap = Overlap.from_traces(one, other, one.nodes, revolved=False)
     (at1, N1), (at2, N2), (at3, w2) = overlap.functions
     functions: dict[str, Callable[[], Array]] = {
         "pw-dual-gap": lambda: overlap.dual,
@@ -312,7 +312,7 @@ def _of_multipliers(way: str, one: Trace, other: Trace, count: int, sign: float)
     if way in NEW:
         forces = sign * (integrals(one.nodes[row], overlap.weight) - integrals(at3, w2))
     measured = overlap.measure[:, None] * phi
-    gap = np.bincount(row.ravel(), (sign * overlap.apart[:, -1:] * measured).ravel(), m)
+    gap = np.bincount(row.ravel(), (sign * overlap.separation[:, -1:] * measured).ravel(), m)
     weight = np.bincount(row.ravel(), measured.ravel(), m)
     return _Coupling(rows, forces, np.asarray(gap, dtype=float), np.asarray(weight, dtype=float))
 

@@ -19,10 +19,10 @@ import scipy.sparse as sp
 from pw_elements import Direct, PetrovGalerkinProblem, Reduction
 from pw_elements.arrays import Array, Indices
 from pw_elements.contact import ContactPair
-from pw_elements.contact.interface import FacedParts, SlidingMortar, Trace
+from pw_elements.contact.interface import MortarMatrices, SlidingMortar, Trace
 from pw_elements.contact.interface.sliding import (
     AutoDiffArray,
-    Meeting,
+    LinearisedMortar,
     stack_values_and_derivatives,
     sum_into_matrix,
 )
@@ -69,9 +69,9 @@ class DualQuadratic(SlidingMortar):
         super().__init__(one, other, False)
         self._facets, self._theirs = _facets(self._slave_facets), _facets(self._master_facets)
 
-    def meet(self, x: Array) -> Meeting:
+    def linearise(self, x: Array) -> LinearisedMortar:
         """Where nodes are at positions (n, 2)."""
-        n, m = len(x), self.slaves
+        n, m = len(x), self.n_slave_nodes
         halves = self._find_near_facets(x)
         one, other = np.unique(np.stack(halves) // 2, axis=1)
         nodes = np.column_stack([self._around(one), self._theirs[other]])
@@ -132,7 +132,7 @@ class DualQuadratic(SlidingMortar):
 
         changes = differentiate_rows(x) + sp.kron(rows, sp.eye_array(2))
         normals, angles = self._average_normals(x)
-        return Meeting(
+        return LinearisedMortar(
             faced,
             normals,
             rows @ x,
@@ -145,10 +145,16 @@ class DualQuadratic(SlidingMortar):
             turned,
         )
 
-    def measure_facing(self, x: Array) -> FacedParts:
+    def evaluate_for_verification(self, x: Array) -> MortarMatrices:
         """Return what checks of states need; of this method there are no other formulas."""
-        met = self.meet(x)
-        return FacedParts(met.normals, met.areas, met.rows, met.parts, np.zeros(self.slaves))
+        met = self.linearise(x)
+        return MortarMatrices(
+            met.normals,
+            met.areas,
+            met.distance_rows,
+            met.master_fractions,
+            np.zeros(self.n_slave_nodes),
+        )
 
     def _around(self, facet: Indices) -> Indices:
         """Nodes (q, 5) before, of and behind facets (q,)."""
@@ -170,7 +176,7 @@ class DualQuadratic(SlidingMortar):
 
     def _areas(self, x: Array, whole: Indices) -> tuple[Array, sp.csr_array]:
         """Integrals (m,) of the slave's functions over whole facets, and their derivative."""
-        m, nodes = self.slaves, self._facets[whole]
+        m, nodes = self.n_slave_nodes, self._facets[whole]
         local = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, 6)
         _, lumped = _duals(_varying(x, nodes))
         area, slope = stack_values_and_derivatives(lumped)

@@ -20,7 +20,7 @@ from scipy.integrate import quad
 from pw_elements import Spaces, SurfaceNodes, prescribe
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import OPEN, SLIP, ContactPair, ContactProblem, DeformableSurface
-from pw_elements.contact.interface import gathered_trace
+from pw_elements.contact.interface import gather_trace
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import TOLERANCE
 from pw_elements.meshes import curved_mesh
@@ -142,7 +142,7 @@ def follow(
     if bodies.element.startswith("pw"):
         problem = ContactProblem.of_residual(*stated, callback=told)
     else:
-        traces = gathered_trace(space, own), gathered_trace(space, opposite)
+        traces = gather_trace(space, own), gather_trace(space, opposite)
         problem = DualQuadraticProblem(*stated, traces, told)
     state, before = problem.undeformed, 0.0
     for end in times:

@@ -26,7 +26,7 @@ from pw_elements.contact import (
     plot,
     write,
 )
-from pw_elements.contact.interface import gathered_trace
+from pw_elements.contact.interface import gather_trace
 from pw_elements.spaces import SubSpace
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.test_friction import assert_friction_law
@@ -127,7 +127,7 @@ def test_patch_where_facets_are_covered_in_part(cell, slave):
         (5, 4) if cell in PLANE_CELLS else (3, 2), cell, map_upper=lambda x: x * [end, 1.0, 1.0]
     )
     load = stack.traction_load(-PRESSURE * np.eye(stack.dim)[stack.up])
-    nodes, corners, _ = gathered_trace(stack.space, stack.sides["lower"]).sub_facets
+    nodes, corners, _ = gather_trace(stack.space, stack.sides["lower"]).sub_facets
     pressed = -PRESSURE * weights_beyond(corners, end)
     np.add.at(load.array.reshape(-1, stack.dim)[:, stack.up], nodes, pressed)
     state = stack.solve_uniaxial(slave, 0.3 if cell == "hexahedron" else 0.0, load)

@@ -23,7 +23,7 @@ from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
-from pw_elements.contact.interface.mortar import Overlap, Trace, gathered_trace
+from pw_elements.contact.interface.mortar import Overlap, Trace, gather_trace
 from pw_elements.contact.interface.operators import (
     DEFORMABLE,
     RIGID,
@@ -104,7 +104,7 @@ class BodyNodes:
         displacements: the displacements among them.
         space: space of these displacements.
         x: (nodes, dim), positions, including those of ghosts.
-        reduced_column: (owned nodes, dim), see `free_columns`.
+        reduced_column: (owned nodes, dim), see `find_reduced_columns`.
         outward_normal: (owned nodes, dim), normals integrated with the shape functions.
         mean_cell_midpoint: (nodes, dim), mean of the midpoints of the adjacent cells.
         diagonal: length of the diagonal of the bounding box.
@@ -118,14 +118,14 @@ class BodyNodes:
         mesh = self.space.mesh
         dim = mesh.geometry.dim
         self.x: Array = self.space.tabulate_dof_coordinates()[:, :dim]
-        self.reduced_column: Indices = free_columns(reduction.right)[
+        self.reduced_column: Indices = find_reduced_columns(reduction.right)[
             self.displacements.owned_unknowns
         ]
         v = ufl.TestFunction(self.space)
         normal = assemble_vector(ufl.inner(ufl.FacetNormal(mesh), v) * ufl.ds)
         # a copy, since a view in a traceback would keep the vector alive on one process only
         self.outward_normal = np.array(normal.array_r).reshape(-1, dim)
-        self.mean_cell_midpoint = midpoints_around(self.space)
+        self.mean_cell_midpoint = average_cell_midpoints(self.space)
         self.diagonal = float(np.linalg.norm(extents(mesh.comm, mesh.geometry.x)))
         self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
 
@@ -146,12 +146,12 @@ class BodyNodes:
             raise ValueError(f"contact nodes at {format_points(positions)} {reason}")
 
 
-def nodal_interface(
+def build_interface(
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
     reduction: Reduction,
-    known: AssemblyRecord | None = None,
-    deformed: bool = False,
+    assembly: AssemblyRecord | None = None,
+    large_sliding: bool = False,
 ) -> Interface:
     """Build the interface of contact pairs, and check all that is known before a computation.
 
@@ -159,10 +159,10 @@ def nodal_interface(
         pairs: as the user states them.
         space: of all unknowns.
         reduction: supports of the body.
-        known: record of the stiffness, if there is one. It tells whether areas are those of the
+        assembly: record of the stiffness, if there is one. It tells whether areas are those of the
             whole circumference, and whether the unknowns are coefficients of a sibling; gaps are
             then transformed likewise.
-        deformed: whether two bodies may slide far, so that mortars follow their deformation.
+        large_sliding: whether two bodies may slide far, so that mortars follow their deformation.
 
     Raises:
         ValueError: for pairs, supports or surfaces that state no contact problem.
@@ -187,7 +187,7 @@ def nodal_interface(
         for name, vector in {**vectors, "its pivot": pair.pivot}.items():
             if vector is not None and (size := np.size(vector)) != dim:
                 raise ValueError(f"contact pair {k}: {name} has {size} components in {dim}-D")
-        if pair.pivot is not None and not deformed:
+        if pair.pivot is not None and not large_sliding:
             raise ValueError(
                 f"contact pair {k} has a pivot, but surfaces rotate at large sliding only: use "
                 "ContactProblem.of_residual"
@@ -203,13 +203,13 @@ def nodal_interface(
     for name, pair, node in zip(names, pairs, nodes, strict=True):
         at = _evaluate_user_function(comm, f"the friction of {name}", pair.law.at, body.x[node])
         cones.append(Cone([pair.law], [at]))
-    body.mark_axis_nodes(known)
+    body.mark_axis_nodes(assembly)
     points, opposite_nodes = [], []
     mortars: dict[int, SlidingMortar] = {}
     for k, (pair, node, cone) in enumerate(zip(pairs, nodes, cones, strict=True)):
         if isinstance(pair.surface, DeformableSurface):
-            revolved = _is_axisymmetric(k, pair.surface, known or AssemblyRecord(), dim)
-            if deformed:
+            revolved = _is_axisymmetric(k, pair.surface, assembly or AssemblyRecord(), dim)
+            if large_sliding:
                 pair_points, shapes[k], mortars[k] = make_sliding_points(
                     k, pair, node, cone, body, revolved
                 )
@@ -227,7 +227,7 @@ def nodal_interface(
             pair_points = _make_points(body, node, cone, None)
         points.append(pair_points)
     interfering = [pair.interference is not False for pair in pairs]
-    inverse = None if known is None or known.sibling is None else known.sibling.inverse
+    inverse = None if assembly is None or assembly.sibling is None else assembly.sibling.inverse
     interface = Interface(points, shapes, body.displacements, interfering, inverse, mortars)
     _check_contact_nodes(body, np.concatenate([*nodes, *opposite_nodes]))
     interface.check(body.diagonal)
@@ -352,7 +352,7 @@ def _is_axisymmetric(
     return bool(axisymmetric or master.revolved)
 
 
-def midpoints_around(space: fem.FunctionSpace) -> Array:
+def average_cell_midpoints(space: fem.FunctionSpace) -> Array:
     """Return the mean midpoint of the cells around each node, (nodes, dim), including ghosts."""
     mesh = space.mesh
     dim, n_owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
@@ -371,7 +371,7 @@ def midpoints_around(space: fem.FunctionSpace) -> Array:
     return np.asarray(values[:, :dim] / values[:, dim:])
 
 
-def free_columns(right: PETSc.Mat) -> Indices:
+def find_reduced_columns(right: PETSc.Mat) -> Indices:
     """Return the column of each owned row of R that is a row of the identity.
 
     Rows without entries (prescribed values) get -1, combinations of unknowns -2.
@@ -467,7 +467,7 @@ def match_opposite_nodes(
     return np.asarray(opposite_number[nearest])
 
 
-def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
+def check_piecewise_linear_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
     """Raise ValueError unless a stiffness (n, n) has piecewise-linear weights, or is not recorded.
 
     Weight functions are identified by their values at a quarter of an edge, where quadratic ones
@@ -500,8 +500,8 @@ def _gather_sides(
     pair_nodes = np.concatenate(space.mesh.comm.allgather(owned))
     if not len(pair_nodes):
         raise ValueError(f"{name} has no nodes: its marker holds nowhere")
-    slave_trace = gathered_trace(space, facets_with_all_nodes(space, pair_nodes))
-    master_trace = gathered_trace(space, locate_exterior_facets(space.mesh, master.where))
+    slave_trace = gather_trace(space, facets_with_all_nodes(space, pair_nodes))
+    master_trace = gather_trace(space, locate_exterior_facets(space.mesh, master.where))
     if not len(master_trace.facet_nodes):
         raise ValueError(f"{name} has no opposite facets: their marker holds nowhere")
     without_facet = nodes[~np.isin(owned, slave_trace.facet_nodes)]
@@ -531,14 +531,14 @@ def make_sliding_points(
     """
     owned, slave, master = _gather_sides(number, pair, nodes, body)
     mortar = SlidingMortar(slave, master, revolved)
-    undeformed = mortar.meet(mortar.x)
+    undeformed = mortar.linearise(mortar.x)
     if not undeformed.faced.any():
         raise ValueError(_NO_OVERLAP_MESSAGE % number)
     free = ~_find_prescribed_components(slave.nodes, body)
     # as in `_turn_into_symmetry_planes`
     near = np.linalg.norm(undeformed.normals * free, axis=1) > _MIN_SYMMETRY_PLANE_COSINE
-    mortar.kept[near] = free[near]
-    undeformed = mortar.meet(mortar.x)
+    mortar.allowed_components[near] = free[near]
+    undeformed = mortar.linearise(mortar.x)
     index = np.searchsorted(slave.nodes, owned)
     gap = np.where(undeformed.faced, undeformed.gaps, np.inf)[index]
     points = replace(
@@ -590,10 +590,10 @@ def make_mortar_points(
     """
     comm = body.space.mesh.comm
     owned, slave, master = _gather_sides(number, pair, nodes, body)
-    overlap = Overlap.of(slave, master, owned, revolved)
+    overlap = Overlap.from_traces(slave, master, owned, revolved)
     if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
         raise ValueError(_NO_OVERLAP_MESSAGE % number)
-    edge_ratio = overlap.mean_edge(overlap.ratio, comm)
+    edge_ratio = overlap.mean_edge(overlap.size_ratio, comm)
     if edge_ratio > _MAX_EDGE_RATIO:
         words = (
             f"contact pair {number}: its facets are {edge_ratio:.1f} times as large as those they "
@@ -603,16 +603,20 @@ def make_mortar_points(
         log_on_root(comm, logging.WARNING, words, ".contact")
     m, dim = len(nodes), body.x.shape[1]
     shape = m, body.displacements.sizes[1] // dim
-    area = overlap.per_point(np.ones(len(overlap.measure)), m)
+    area = overlap.integrate_per_point(np.ones(len(overlap.measure)), m)
     faced = area > 0
     inverse_area = sp.diags_array(1 / np.where(faced, area, 1.0))
     identity = sp.csr_array((np.ones(m), (np.arange(m), owned)), shape)
     unfaced_identity = sp.diags_array(np.where(faced, 0.0, 1.0)) @ identity
     (nodes1, N1), (nodes2, N2), (weight_nodes2, w2) = overlap.functions
-    motion = overlap.integrals(overlap.weight, nodes1, N1, shape)
-    motion -= overlap.integrals(overlap.weight, nodes2, N2, shape)
-    force = identity - inverse_area @ overlap.integrals(overlap.dual, weight_nodes2, w2, shape)
-    coupled = overlap.integrals(overlap.weight, weight_nodes2, w2, shape)[:, master.nodes] > 0
+    motion = overlap.assemble_integrals(overlap.weight, nodes1, N1, shape)
+    motion -= overlap.assemble_integrals(overlap.weight, nodes2, N2, shape)
+    force = identity - inverse_area @ overlap.assemble_integrals(
+        overlap.dual, weight_nodes2, w2, shape
+    )
+    coupled = (
+        overlap.assemble_integrals(overlap.weight, weight_nodes2, w2, shape)[:, master.nodes] > 0
+    )
     prescribed = body.reduced_column[nodes] == -1
     one_sided = prescribed & ~(coupled @ _find_prescribed_components(master.nodes, body))
     body.refuse_nodes(
@@ -623,9 +627,9 @@ def make_mortar_points(
     normal = _turn_into_symmetry_planes(
         -slave.average_normals(owned), body.reduced_column[nodes] >= 0
     )
-    distance = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
+    distance = np.stack([overlap.integrate_per_point(x, m) for x in overlap.separation.T], axis=1)
     gap = np.where(faced, np.sum(normal * distance, axis=1) * inverse_area.diagonal(), np.inf)
-    edge = overlap.mean_edge(overlap.size, comm)
+    edge = overlap.mean_edge(overlap.slave_size, comm)
     if depth is not None:
         body.refuse_nodes(
             nodes[faced & (np.abs(gap) > _MAX_COINCIDENT_GAP * edge)],
@@ -633,8 +637,8 @@ def make_mortar_points(
         )
         gap = np.where(faced, -depth, np.inf)
     elif pair.interference:
-        normal_distance = np.einsum("qki,qi->qk", normal[overlap.point], overlap.apart)
-        mean_squares = overlap.per_point(normal_distance**2, m) * inverse_area.diagonal()
+        normal_distance = np.einsum("qki,qi->qk", normal[overlap.point], overlap.separation)
+        mean_squares = overlap.integrate_per_point(normal_distance**2, m) * inverse_area.diagonal()
         _warn_of_mesh_gaps(number, mean_squares, gap, body, edge)
     axes = sp.eye_array(dim)
     points = replace(

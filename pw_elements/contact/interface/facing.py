@@ -44,23 +44,23 @@ class MortarSides:
 
 
 @dataclass(frozen=True)
-class FacedParts:
+class MortarMatrices:
     """Normals, areas and mortar matrices of the slave's nodes (m); both sides have n nodes.
 
     Args:
         normals: (m, 2), unit vectors out of the master.
         areas: (m,), A_j; zero for nodes that face nothing.
         distance_rows: S, (m, n), mean difference between values of the slave and of the master.
-        master_parts: (m, n - m), fractions of the force at each slave node that the master's nodes
-            receive.
-        parts_error: (m,), round-off of these fractions, from the condition of the duals.
+        master_fractions: (m, n - m), fractions of the force at each slave node that the master's
+            nodes receive.
+        fraction_error: (m,), round-off of these fractions, from the condition of the duals.
     """
 
     normals: Array
     areas: Array
     distance_rows: sp.csr_array
-    master_parts: sp.csr_array
-    parts_error: Array
+    master_fractions: sp.csr_array
+    fraction_error: Array
 
     @property
     def faced(self) -> Mask:
@@ -79,7 +79,7 @@ class FacedParts:
 
 
 def measure_gap_and_slip(
-    start: FacedParts, end: FacedParts, x_start: Array, x_end: Array
+    start: MortarMatrices, end: MortarMatrices, x_start: Array, x_end: Array
 ) -> tuple[Array, Array]:
     """Return gaps (m,) at the end of an increment, and slips (m, 2) since its start.
 
@@ -100,7 +100,7 @@ def measure_gap_and_slip(
     return end.measure_gaps(x_end), slip[:, None] * end.tangents
 
 
-def measure_facing(sides: MortarSides, x: Array) -> FacedParts:
+def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
     """Return normals, areas and mortar matrices with the nodes at positions x (n, 2)."""
     m, f = len(sides.allowed_components), len(sides.slave_facets)
     normals = _average_normals(sides, x)
@@ -131,16 +131,16 @@ def measure_facing(sides: MortarSides, x: Array) -> FacedParts:
     W = facet_products[covered]
     duals[covered] = W.sum(axis=2)[:, :, None] * np.linalg.inv(W)
     loss[covered] = np.finfo(float).eps * np.linalg.cond(W)
-    parts_error = np.zeros(m)
-    np.maximum.at(parts_error, slave_nodes, loss[facet][:, None])
-    parts = duals[facet] @ mixed_products / areas[slave_nodes][:, :, None]
+    fraction_error = np.zeros(m)
+    np.maximum.at(fraction_error, slave_nodes, loss[facet][:, None])
+    fractions = duals[facet] @ mixed_products / areas[slave_nodes][:, :, None]
     scale = sp.diags_array(1 / np.where(areas > 0, areas, 1.0))
     distance_rows = scale @ (
         _sum_entries(slave_products, slave_nodes, slave_nodes, (m, len(x)))
         - _sum_entries(mixed_products, slave_nodes, master_nodes, (m, len(x)))
     )
-    master_parts = _sum_entries(parts, slave_nodes, master_nodes - m, (m, len(x) - m))
-    return FacedParts(normals, areas, distance_rows, master_parts, parts_error)
+    master_fractions = _sum_entries(fractions, slave_nodes, master_nodes - m, (m, len(x) - m))
+    return MortarMatrices(normals, areas, distance_rows, master_fractions, fraction_error)
 
 
 def _sum_entries(

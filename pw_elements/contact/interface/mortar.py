@@ -127,7 +127,7 @@ class Trace:
         """Global numbers (n,) of the nodes, sorted."""
         return np.unique(self.facet_nodes)
 
-    def moved(self, x: Array) -> "Trace":
+    def with_positions(self, x: Array) -> "Trace":
         """Return a copy with the nodes at positions x (n, dim)."""
         return replace(self, facet_x=x[np.searchsorted(self.nodes, self.facet_nodes)])
 
@@ -170,15 +170,15 @@ class Trace:
         return self.facet_x.reshape(-1, self.dim)[index]
 
 
-def gathered_trace(space: fem.FunctionSpace, facets: LocalIndices) -> Trace:
+def gather_trace(space: fem.FunctionSpace, facets: LocalIndices) -> Trace:
     """Return the trace of exterior facets (local numbers) of all processes; collective."""
-    nodes, x, outward = flat_facets(space, facets)
+    nodes, x, outward = compute_flat_facets(space, facets)
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
     parts = zip(*space.mesh.comm.allgather((number, x, outward)), strict=True)
     return Trace(*(np.concatenate(part) for part in parts))
 
 
-def flat_facets(
+def compute_flat_facets(
     space: fem.FunctionSpace, facets: LocalIndices
 ) -> tuple[LocalIndices, Array, Array]:
     """Return nodes (f, k) of exterior facets, their positions, and outward unit normals (f, dim).
@@ -458,15 +458,15 @@ class Overlap:
     weight: Array  # (q, k), weight functions of the corners
     dual: Array  # (q, k), dual functions of the corners
     measure: Array  # (q,), quadrature weights times lengths or areas
-    size: Array  # (q,), length or area of the slave's sub-facet
-    ratio: Array  # (q,), size of the slave's sub-facet over that of the master's
-    apart: Array  # (q, dim), vector from the master to the slave
+    slave_size: Array  # (q,), length or area of the slave's sub-facet
+    size_ratio: Array  # (q,), size of the slave's sub-facet over that of the master's
+    separation: Array  # (q, dim), vector from the master to the slave
     # nodes (q, n) and values (q, n) of the slave's and the master's quadratic functions, and of the
     # master's weight functions
     functions: tuple[tuple[Indices, Array], ...]
 
     @classmethod
-    def of(cls, slave: Trace, master: Trace, owned: Indices, revolved: bool) -> "Overlap":
+    def from_traces(cls, slave: Trace, master: Trace, owned: Indices, revolved: bool) -> "Overlap":
         """Find the overlap of two traces.
 
         Args:
@@ -534,11 +534,11 @@ class Overlap:
 
     def mean_edge(self, size: Array, comm: MPI.Comm) -> float:
         """Return the mean of lengths (q,), or of roots of areas (q,), over all processes."""
-        edges = size ** (1 / (self.apart.shape[1] - 1))
+        edges = size ** (1 / (self.separation.shape[1] - 1))
         total = comm.allreduce(np.array([self.measure @ edges, self.measure.sum()]), MPI.SUM)
         return float(total[0] / total[1])
 
-    def per_point(self, values: Array, m: int) -> Array:
+    def integrate_per_point(self, values: Array, m: int) -> Array:
         """Integrate weight functions of m contact points times values; return (m,).
 
         Args:
@@ -550,7 +550,7 @@ class Overlap:
         products = (self.weight * (self.measure[:, None] * values))[owned]
         return np.asarray(np.bincount(self.point[owned], products, minlength=m), dtype=float)
 
-    def integrals(
+    def assemble_integrals(
         self, tested: Array, column: Indices, values: Array, shape: tuple[int, int]
     ) -> sp.csr_array:
         """Assemble the matrix of integrals of two sets of functions.
@@ -568,7 +568,7 @@ class Overlap:
         return sp.csr_array(sp.coo_array((products[owned], indices), shape))
 
 
-def whole_areas(trace: Trace, revolved: bool) -> Array:
+def compute_tributary_areas(trace: Trace, revolved: bool) -> Array:
     """Integrate the weight function of each node over a whole trace; return (n,).
 
     Sub-facets are treated as those of an `Overlap`. `revolved` integrates over the circumference.

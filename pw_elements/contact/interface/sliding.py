@@ -20,14 +20,18 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.interface.facing import FacedParts, MortarSides, measure_facing
+from pw_elements.contact.interface.facing import (
+    MortarMatrices,
+    MortarSides,
+    evaluate_mortar_matrices,
+)
 from pw_elements.contact.interface.mortar import MAX_FACING_COSINE, Trace
 
 # Gauss' rule on [-1, 1], exact for a cubic, such as two weight functions and a radius along a
 # segment; directions of projection are no polynomials
 _GAUSS_POINTS, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 # Pieces of the straight path along which slip is integrated
-PATH_PIECES = 8
+N_PATH_PIECES = 8
 # Smallest covered fraction of a facet: below it the duals are dominated by round-off
 _MIN_COVERED_FRACTION = 1e-6
 
@@ -106,20 +110,20 @@ class SlidingReference:
     """State of both sides at the start of an increment, from which slip is measured.
 
     Args:
-        rows: S_0, (m, n); zero for nodes that faced nothing.
+        distance_rows: S_0, (m, n); zero for nodes that faced nothing.
         faced: (m,), whether a node faced the master.
         x: x_0, (n, 2), positions.
         tangents: t_0, (m, 2), unit vectors.
     """
 
-    rows: sp.csr_array
+    distance_rows: sp.csr_array
     faced: Mask
     x: Array
     tangents: Array
 
 
 @dataclass(frozen=True)
-class Meeting:
+class LinearisedMortar:
     """Mortar of two sides at given positions, with derivatives by these.
 
     The n nodes of both sides are the slave's m and then the master's k.
@@ -127,28 +131,28 @@ class Meeting:
     Args:
         faced: (m,), whether a node faces the master.
         normals: (m, 2), unit vectors out of the master.
-        places: S x, (m, 2), mean distances; zero for nodes that face nothing.
-        rows: S, (m, n).
-        parts: (m, k), fractions of the force at each slave node that the master's nodes receive;
-            they add up to one.
+        mean_distance: S x, (m, 2), mean distances; zero for nodes that face nothing.
+        distance_rows: S, (m, n).
+        master_fractions: (m, k), fractions of the force at each slave node that the master's nodes
+            receive; they add up to one.
         areas: A, (m,).
-        angles: (m, 2 n), derivative of the angles of the normals.
-        differentiate_rows: returns the derivative (2 m, 2 n) of S y for constant y (n, 2).
-        changes: (2 m, 2 n), derivative of S x.
-        turned: returns the derivative (2 k, 2 n) of the master's fractions of constant forces
-            (m, 2) at the slave's nodes.
+        angle_rate: (m, 2 n), derivative of the angles of the normals.
+        differentiate_distance: returns the derivative (2 m, 2 n) of S y for constant y (n, 2).
+        distance_rate: (2 m, 2 n), derivative of S x.
+        differentiate_master_forces: returns the derivative (2 k, 2 n) of the master's fractions of
+            constant forces (m, 2) at the slave's nodes.
     """
 
     faced: Mask
     normals: Array
-    places: Array
-    rows: sp.csr_array
-    parts: sp.csr_array
+    mean_distance: Array
+    distance_rows: sp.csr_array
+    master_fractions: sp.csr_array
     areas: Array
-    angles: sp.csr_array
-    differentiate_rows: Callable[[Array], sp.csr_array]
-    changes: sp.csr_array
-    turned: Callable[[Array], sp.csr_array]
+    angle_rate: sp.csr_array
+    differentiate_distance: Callable[[Array], sp.csr_array]
+    distance_rate: sp.csr_array
+    differentiate_master_forces: Callable[[Array], sp.csr_array]
 
     @property
     def tangents(self) -> Array:
@@ -158,9 +162,11 @@ class Meeting:
     @property
     def gaps(self) -> Array:
         """Gaps n·S x, (m,); zero for nodes that face nothing."""
-        return np.asarray(np.sum(self.normals * self.places, axis=1))
+        return np.asarray(np.sum(self.normals * self.mean_distance, axis=1))
 
-    def motions(self, reference: SlidingReference, x: Array) -> tuple[Array, list[sp.csr_array]]:
+    def measure_slip_and_rates(
+        self, reference: SlidingReference, x: Array
+    ) -> tuple[Array, list[sp.csr_array]]:
         """Return slip (m,) since the reference, and derivatives of gap, slip and normal angle.
 
         Args:
@@ -173,26 +179,32 @@ class Meeting:
         n, t, m = self.normals, self.tangents, len(self.faced)
         entering = self.faced & ~reference.faced
         # S_0 x - S x of nodes that faced the master at the start, S x of those that enter contact
-        distance = np.where(entering[:, None], self.places, reference.rows @ x - self.places)
+        distance = np.where(
+            entering[:, None], self.mean_distance, reference.distance_rows @ x - self.mean_distance
+        )
         slip = np.sum(t * distance, axis=1)
 
         def component_along(direction: Array) -> sp.csr_array:
             node = np.arange(m)[:, None]
             return sum_into_matrix(direction, node, 2 * node + np.arange(2), (m, 2 * m))
 
-        gap_rate = component_along(n) @ self.changes
-        gap_rate += sp.diags_array(np.sum(t * self.places, axis=1)) @ self.angles
+        gap_rate = component_along(n) @ self.distance_rate
+        gap_rate += sp.diags_array(np.sum(t * self.mean_distance, axis=1)) @ self.angle_rate
         sign = np.where(entering, 1.0, -1.0)[:, None]
-        slip_rate = component_along(sign * t) @ self.changes
-        slip_rate += component_along(t) @ sp.csr_array(sp.kron(reference.rows, sp.eye_array(2)))
-        slip_rate -= sp.diags_array(np.sum(n * distance, axis=1)) @ self.angles
+        slip_rate = component_along(sign * t) @ self.distance_rate
+        slip_rate += component_along(t) @ sp.csr_array(
+            sp.kron(reference.distance_rows, sp.eye_array(2))
+        )
+        slip_rate -= sp.diags_array(np.sum(n * distance, axis=1)) @ self.angle_rate
         if entering.any():
             slip -= np.where(
-                entering, np.sum(reference.tangents * (self.rows @ reference.x), axis=1), 0.0
+                entering,
+                np.sum(reference.tangents * (self.distance_rows @ reference.x), axis=1),
+                0.0,
             )
             start_tangents = np.where(entering[:, None], reference.tangents, 0.0)
-            slip_rate -= component_along(start_tangents) @ self.differentiate_rows(reference.x)
-        return slip, [gap_rate, slip_rate, self.angles]
+            slip_rate -= component_along(start_tangents) @ self.differentiate_distance(reference.x)
+        return slip, [gap_rate, slip_rate, self.angle_rate]
 
 
 class SlidingMortar:
@@ -204,36 +216,39 @@ class SlidingMortar:
         revolved: whether areas are those of the whole circumference.
 
     Attributes:
-        kept: (m, 2), components that normals of the slave's nodes may have; all by default.
+        allowed_components: (m, 2), components that normals of the slave's nodes may have; all by
+            default.
         nodes: (m + k,), global numbers of the slave's nodes, then of the master's.
-        slaves: m, number of the slave's nodes.
+        n_slave_nodes: m, number of the slave's nodes.
         x: (m + k, 2), undeformed positions.
     """
 
     def __init__(self, slave: Trace, master: Trace, revolved: bool) -> None:
         self.nodes = np.concatenate([slave.nodes, master.nodes])
         self.x = np.concatenate([slave.node_positions(), master.node_positions()])
-        self.slaves, self._revolved = len(slave.nodes), revolved
+        self.n_slave_nodes, self._revolved = len(slave.nodes), revolved
         self._slave_facets = _orient_facets(slave)
-        self._master_facets = _orient_facets(master) + self.slaves
-        self.kept = np.ones((self.slaves, 2), dtype=bool)
+        self._master_facets = _orient_facets(master) + self.n_slave_nodes
+        self.allowed_components = np.ones((self.n_slave_nodes, 2), dtype=bool)
         a, b = self._slave_facets.T
         # neighbours along the slave; the nodes at its ends are their own
-        self._previous_node, self._next_node = (np.arange(self.slaves) for _ in range(2))
+        self._previous_node, self._next_node = (np.arange(self.n_slave_nodes) for _ in range(2))
         self._previous_node[b], self._next_node[a] = a, b
 
     @property
     def sides(self) -> MortarSides:
         """Facets and admissible normal components, which do not depend on the state."""
-        return MortarSides(self._slave_facets, self._master_facets, self.kept, self._revolved)
+        return MortarSides(
+            self._slave_facets, self._master_facets, self.allowed_components, self._revolved
+        )
 
-    def measure_facing(self, x: Array) -> FacedParts:
+    def evaluate_for_verification(self, x: Array) -> MortarMatrices:
         """Return the mortar at positions (n, 2) for verification, by code of its own."""
-        return measure_facing(self.sides, x)
+        return evaluate_mortar_matrices(self.sides, x)
 
-    def meet(self, x: Array) -> Meeting:
+    def linearise(self, x: Array) -> LinearisedMortar:
         """Return the mortar at positions x (n, 2), with its derivatives."""
-        n, m, f = len(x), self.slaves, len(self._slave_facets)
+        n, m, f = len(x), self.n_slave_nodes, len(self._slave_facets)
         facet, nodes, (W, dW), (Q, dQ) = self._integrate_segments(x)
         slave_nodes, master_nodes = nodes[:, 1:3], nodes[:, 4:]
         dofs = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, 12)  # columns of derivatives
@@ -267,11 +282,11 @@ class SlidingMortar:
                 [bb * a_factor, -ab * a_factor, -ab * b_factor, aa * b_factor]
             )
         )
-        parts = sum_into_matrix(
+        master_fractions = sum_into_matrix(
             duals @ Q, slave_nodes[:, :, None], master_nodes[:, None] - m, (m, n - m)
         )
 
-        def turned(force: Array) -> sp.csr_array:
+        def differentiate_master_forces(force: Array) -> sp.csr_array:
             row = (2 * (master_nodes - m)[:, :, None] + np.arange(2))[..., None]
             direct = np.einsum("qjx,qji,qikc->qkxc", force[slave_nodes], duals, dQ)
             by_variable = np.einsum("qjx,qjiv,qik->qkxv", force[slave_nodes], dual_derivatives, Q)
@@ -284,34 +299,34 @@ class SlidingMortar:
             )
 
         D, dD = (v[:, [[0, 1], [1, 2]]] for v in (W, dW))
-        rows = sp.diags_array(inverse_area) @ (
+        distance_rows = sp.diags_array(inverse_area) @ (
             sum_into_matrix(D, slave_nodes[:, :, None], slave_nodes[:, None], (m, n))
             - sum_into_matrix(Q, slave_nodes[:, :, None], master_nodes[:, None], (m, n))
         )
-        places = rows @ x
+        mean_distance = distance_rows @ x
 
-        def differentiate_rows(y: Array) -> sp.csr_array:
+        def differentiate_distance(y: Array) -> sp.csr_array:
             # (q, 2, 2, 2), difference of y at node i from the mean S y of node j
-            difference = y[slave_nodes][:, None] - (rows @ y)[slave_nodes][:, :, None]
+            difference = y[slave_nodes][:, None] - (distance_rows @ y)[slave_nodes][:, :, None]
             derivative = np.einsum("qjic,qjix->qjxc", dD, difference)
             derivative -= np.einsum("qjkc,qkx->qjxc", dQ, y[master_nodes])
             row = (2 * slave_nodes[:, :, None] + np.arange(2))[..., None]
             derivative = derivative * inverse_area[slave_nodes][:, :, None, None]
             return sum_into_matrix(derivative, row, dofs[:, None, None], (2 * m, 2 * n))
 
-        changes = differentiate_rows(x) + sp.kron(rows, sp.eye_array(2))
-        normals, angles = self._average_normals(x)
-        return Meeting(
+        distance_rate = differentiate_distance(x) + sp.kron(distance_rows, sp.eye_array(2))
+        normals, angle_rate = self._average_normals(x)
+        return LinearisedMortar(
             faced,
             normals,
-            places,
-            rows,
-            parts,
+            mean_distance,
+            distance_rows,
+            master_fractions,
             areas,
-            angles,
-            differentiate_rows,
-            changes,
-            turned,
+            angle_rate,
+            differentiate_distance,
+            distance_rate,
+            differentiate_master_forces,
         )
 
     def _average_normals(self, x: Array) -> tuple[Array, sp.csr_array]:
@@ -321,9 +336,9 @@ class SlidingMortar:
         """
         chord = x[self._next_node] - x[self._previous_node]
         perpendicular = np.stack([-chord[:, 1], chord[:, 0]], axis=1)
-        node = np.arange(self.slaves)[:, None]
+        node = np.arange(self.n_slave_nodes)[:, None]
         angle_by_end = perpendicular / np.sum(chord**2, axis=1, keepdims=True)
-        angle_by_end[~self.kept.all(axis=1)] = 0.0
+        angle_by_end[~self.allowed_components.all(axis=1)] = 0.0
         ends = np.stack([self._next_node, self._previous_node], axis=1)
         column = 2 * ends[:, :, None] + np.arange(2)
         signed = angle_by_end[:, None] * np.array([1, -1])[:, None]
@@ -365,8 +380,8 @@ class SlidingMortar:
 
     def make_reference(self, x: Array) -> SlidingReference:
         """Return the reference of slip at positions (m + k, 2)."""
-        mortar = self.meet(x)
-        return SlidingReference(mortar.rows, mortar.faced, x, mortar.tangents)
+        mortar = self.linearise(x)
+        return SlidingReference(mortar.distance_rows, mortar.faced, x, mortar.tangents)
 
     def integrate_slip(self, start: Array, end: Array) -> Array:
         """Return slip (m, 2) along the straight path from positions (n, 2) to others.
@@ -374,46 +389,46 @@ class SlidingMortar:
         On each piece of the path a slave node moves relative to the point p of the master that is
         closest to it at the end of the piece: by t·(x_j - x_p) there, less the value at the start.
         """
-        slip, previous_x = np.zeros(self.slaves), start
+        slip, previous_x = np.zeros(self.n_slave_nodes), start
         previous_tangents = self._average_tangents(start)
-        for fraction in np.arange(1, PATH_PIECES + 1) / PATH_PIECES:
+        for fraction in np.arange(1, N_PATH_PIECES + 1) / N_PATH_PIECES:
             next_x = (1 - fraction) * start + fraction * end
-            ends, parts = self._find_closest_points(next_x)
+            ends, fractions = self._find_closest_points(next_x)
             next_tangents = self._average_tangents(next_x)
             for x, tangents, sign in (
                 (next_x, next_tangents, 1.0),
                 (previous_x, previous_tangents, -1.0),
             ):
-                closest = np.einsum("jk,jkx->jx", parts, x[ends])
-                slip += sign * np.sum(tangents * (x[: self.slaves] - closest), axis=1)
+                closest = np.einsum("jk,jkx->jx", fractions, x[ends])
+                slip += sign * np.sum(tangents * (x[: self.n_slave_nodes] - closest), axis=1)
             previous_x, previous_tangents = next_x, next_tangents
         return slip[:, None] * previous_tangents
 
-    def measure_depth(self, start: Array, end: Array) -> Array:
+    def measure_penetration(self, start: Array, end: Array) -> Array:
         """Return the largest depth (m,) to which slave nodes get into the master on their path.
 
-        The path between positions (n, 2) is straight, and sampled in `2 PATH_PIECES` pieces. The
+        The path between positions (n, 2) is straight, and sampled in `2 N_PATH_PIECES` pieces. The
         depth is zero for nodes that start inside the master by more than a facet's length, and
         wherever the closest point is an end of the master.
         """
         end_nodes = np.setdiff1d(*self._master_facets.T), np.setdiff1d(*self._master_facets.T[::-1])
-        depth, outside = np.zeros(self.slaves), np.zeros(self.slaves, dtype=bool)
-        for piece, fraction in enumerate(np.linspace(0, 1, 2 * PATH_PIECES + 1)):
+        depth, outside = np.zeros(self.n_slave_nodes), np.zeros(self.n_slave_nodes, dtype=bool)
+        for piece, fraction in enumerate(np.linspace(0, 1, 2 * N_PATH_PIECES + 1)):
             x = (1 - fraction) * start + fraction * end
-            ends, parts = self._find_closest_points(x)
+            ends, fractions = self._find_closest_points(x)
             edge = x[ends[:, 1]] - x[ends[:, 0]]
-            from_closest = x[: self.slaves] - np.einsum("jk,jkx->jx", parts, x[ends])
+            from_closest = x[: self.n_slave_nodes] - np.einsum("jk,jkx->jx", fractions, x[ends])
             height = np.sum(edge[:, ::-1] * [1, -1] * from_closest, axis=1)
             height /= np.linalg.norm(edge, axis=1)
-            at_end = (np.isin(ends, np.concatenate(end_nodes)) & (parts == 1)).any(axis=1)
+            at_end = (np.isin(ends, np.concatenate(end_nodes)) & (fractions == 1)).any(axis=1)
             if piece == 0:
-                outside = height > -self.measure_facets()
+                outside = height > -self.measure_shortest_facets()
             depth = np.maximum(depth, np.where(at_end, 0.0, -height))
         return np.where(outside, depth, 0.0)
 
-    def measure_facets(self) -> Array:
+    def measure_shortest_facets(self) -> Array:
         """Return the length (m,) of the shortest undeformed facet at each slave node."""
-        shortest = np.full(self.slaves, np.inf)
+        shortest = np.full(self.n_slave_nodes, np.inf)
         edges = np.diff(self.x[self._slave_facets], axis=1)[:, 0]
         for end in self._slave_facets.T:
             np.minimum.at(shortest, end, np.linalg.norm(edges, axis=1))
@@ -431,17 +446,20 @@ class SlidingMortar:
         """
         start = x[self._master_facets[:, 0]]
         edge = x[self._master_facets[:, 1]] - start
-        from_start = x[: self.slaves, None] - start
+        from_start = x[: self.n_slave_nodes, None] - start
         fractions = np.sum(from_start * edge, axis=2) / np.sum(edge**2, axis=1)
         fractions = np.clip(fractions, 0.0, 1.0)
         distance = np.linalg.norm(from_start - fractions[..., None] * edge, axis=2)
         nearest = distance.argmin(axis=1)
-        fraction = fractions[np.arange(self.slaves), nearest]
+        fraction = fractions[np.arange(self.n_slave_nodes), nearest]
         return self._master_facets[nearest], np.stack([1 - fraction, fraction], axis=1)
 
     def _unit_normal(self, perpendicular: Vector, node: Any) -> Vector:  # noqa: ANN401
         """Return the unit vector along the admissible components of a vector at slave nodes."""
-        x, y = perpendicular[0] * self.kept[node, 0], perpendicular[1] * self.kept[node, 1]
+        x, y = (
+            perpendicular[0] * self.allowed_components[node, 0],
+            perpendicular[1] * self.allowed_components[node, 1],
+        )
         inverse_length = _dot((x, y), (x, y)) ** -0.5
         return x * inverse_length, y * inverse_length
 

@@ -22,7 +22,13 @@ from pw_elements.checks import (
     format_points,
     vector_sizes,
 )
-from pw_elements.contact.interface import Overlap, SlidingMortar, Trace, gathered_trace, whole_areas
+from pw_elements.contact.interface import (
+    Overlap,
+    SlidingMortar,
+    Trace,
+    compute_tributary_areas,
+    gather_trace,
+)
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import HELD, OPEN
 from pw_elements.elasticity import (
@@ -126,7 +132,7 @@ def mortar_sides(
     if not len(pair.opposite):
         return own, None
     nodes = pair.node, pair.opposite
-    one, other = (gathered_trace(space, facets_with_all_nodes(space, side)) for side in nodes)
+    one, other = (gather_trace(space, facets_with_all_nodes(space, side)) for side in nodes)
     revolved = body is not None and body.state is StressState.AXISYMMETRIC
     if not deformed:
         means, duals = _fixed(space, pair, one, other, revolved)
@@ -136,20 +142,25 @@ def mortar_sides(
         mortar = SlidingMortar(one, other, revolved)
         moved = state.displacement.array_r.reshape(-1, mortar.x.shape[1])
         x = mortar.x + gather_from_owners(space, mortar.nodes, moved)
-        x[mortar.slaves :] += pair.translation
+        x[mortar.n_slave_nodes :] += pair.translation
         slaves, masters = (np.searchsorted(np.sort(side), side) for side in nodes)
-        mortar.kept[slaves] = pair.normal != 0
-        met = mortar.meet(x)
-        covered, handed = met.areas[slaves], met.parts[slaves][:, masters].T
-        means = -met.rows[slaves][:, mortar.slaves + masters].T @ sp.diags_array(covered)
-        one, other = one.moved(x[: mortar.slaves]), other.moved(x[mortar.slaves :])
+        mortar.allowed_components[slaves] = pair.normal != 0
+        met = mortar.linearise(x)
+        covered, handed = met.areas[slaves], met.master_fractions[slaves][:, masters].T
+        means = -met.distance_rows[slaves][:, mortar.n_slave_nodes + masters].T @ sp.diags_array(
+            covered
+        )
+        one, other = (
+            one.with_positions(x[: mortar.n_slave_nodes]),
+            other.with_positions(x[mortar.n_slave_nodes :]),
+        )
     facing = np.asarray(means.sum(axis=1))
     means = sp.diags_array(1 / np.where(facing > 0, facing, 1.0)) @ means
     if own is None or body is None:
         none = np.zeros(len(pair.opposite))
         return None, Opposite(nodes[1], facing, means, handed, covered, none, 0 * covered, None)
     whole, opposite_whole = (
-        whole_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
+        compute_tributary_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
         for trace, side in zip((one, other), nodes, strict=True)
     )
     opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite))
@@ -170,13 +181,13 @@ def _fixed(
     """Integrals (k, m) of the opposite's weights times the pair's, undeformed, and their duals."""
     first, last = space.dofmap.index_map.local_range
     mine = np.flatnonzero((pair.node >= first) & (pair.node < last))
-    overlap, k = Overlap.of(one, other, pair.node[mine], revolved), len(pair.opposite)
+    overlap, k = Overlap.from_traces(one, other, pair.node[mine], revolved), len(pair.opposite)
     at, w = overlap.functions[2]
     order = np.argsort(pair.opposite)
     at = order[np.searchsorted(pair.opposite, at, sorter=order)]
 
     def gathered(tested: Array) -> sp.csr_array:
-        found = overlap.integrals(tested, at, w, (len(mine), k)).tocoo()
+        found = overlap.assemble_integrals(tested, at, w, (len(mine), k)).tocoo()
         every = space.mesh.comm.allgather((found.col, mine[found.row], found.data))
         row, column, value = (np.concatenate(parts) for parts in zip(*every, strict=True))
         return sp.csr_array((value, (row, column)), shape=(k, len(pair.node)))

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, collective_errors
-from pw_elements.contact.interface import extents, midpoints_around
+from pw_elements.contact.interface import average_cell_midpoints, extents
 from pw_elements.contact.model import (
     ContactPair,
     ContactState,
@@ -267,7 +267,7 @@ def _places(space: fem.FunctionSpace) -> Array:
     """
     owned, dim = space.dofmap.index_map.size_local, space.mesh.geometry.dim
     x = space.tabulate_dof_coordinates()[:owned, :dim]
-    return np.concatenate([x, midpoints_around(space)[:owned]], axis=1)
+    return np.concatenate([x, average_cell_midpoints(space)[:owned]], axis=1)
 
 
 def _refuse_irregular(path: Path, otherwise: str) -> None:

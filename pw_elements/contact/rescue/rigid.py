@@ -17,7 +17,7 @@ from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import format_points
-from pw_elements.contact.interface import free_columns
+from pw_elements.contact.interface import find_reduced_columns
 from pw_elements.contact.model import Free
 from pw_elements.contact.nodes import (
     OPEN,
@@ -253,7 +253,7 @@ class RigidMotions:
         return null_space(held, _FREE_STIFFNESS)
 
     def _columns(self) -> Indices:
-        return free_columns(self._system.reduction.right)[self._at]
+        return find_reduced_columns(self._system.reduction.right)[self._at]
 
     def _resisted(self, pieces: RigidComponents, transposed: bool) -> sp.csr_array:
         """Displacements in the pieces' modes at supports, and the forces that these cause.

@@ -15,7 +15,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction, check_problem
 from pw_elements.checks import arguments, collective_errors
-from pw_elements.contact.interface import check_weights
+from pw_elements.contact.interface import check_piecewise_linear_weights
 from pw_elements.contact.model import (
     ContactPair,
     ContactState,
@@ -55,7 +55,7 @@ def check_contact_arguments(
     stated = check_each(pairs, ContactPair, "a contact pair")
     check_problem({"the stiffness": K}, reductions=(reduction,), space=space, solver=solver)
     if any(isinstance(pair.surface, DeformableSurface) for pair in stated):
-        check_weights(K, space)
+        check_piecewise_linear_weights(K, space)
     return tuple(stated)
 
 

@@ -34,7 +34,7 @@ from pw_elements.checks import (
     collective_errors,
     connected_components,
 )
-from pw_elements.contact.interface import ROUND_OFF, nodal_interface
+from pw_elements.contact.interface import ROUND_OFF, build_interface
 from pw_elements.contact.iteration import (
     CellGuard,
     DeformedSetUpdate,
@@ -139,7 +139,7 @@ class FiniteStepping:
         reduction = full_size_reduction(reduction) if is_matrix_free(solver) else reduction
         self._reduction = scale_pressures(reduction, problem.system.tangent)
         self._whole = problem.u.function_space
-        self.interface = nodal_interface(pairs, self._whole, self._reduction, deformed=True)
+        self.interface = build_interface(pairs, self._whole, self._reduction, large_sliding=True)
         remedy = "give -F, the forces of stresses less those of loads"
         check_stiffness_sign(problem.system.tangent, self.interface, remedy)
         if self.interface.mortars and is_matrix_free(solver):

@@ -23,7 +23,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction, full_size_reduction, scale_pressures
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import Interface, nodal_interface
+from pw_elements.contact.interface import Interface, build_interface
 from pw_elements.contact.iteration import (
     DISPLACEMENT_ROUND_OFF,
     ActiveSetUpdate,
@@ -240,7 +240,7 @@ class Stepping:
         # springs are in an assembled matrix
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not iterative}
         self._n_first_attempt = 0  # linear systems of an increment's first attempt
-        self.interface = nodal_interface(pairs, space, self._reduction, AssemblyRecord.read(K))
+        self.interface = build_interface(pairs, space, self._reduction, AssemblyRecord.read(K))
         check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
         self._smallness, self._slips = (

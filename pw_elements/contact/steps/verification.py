@@ -24,8 +24,8 @@ from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import (
     ROUND_OFF,
-    FacedParts,
     Interface,
+    MortarMatrices,
     measure_gap_and_slip,
 )
 from pw_elements.contact.iteration import DISPLACEMENT_ROUND_OFF
@@ -164,19 +164,21 @@ def _measure_bodies(
     received = []
     for k, mortar in interface.mortars.items():
         own = np.flatnonzero(interface.pair == k)
-        among = np.searchsorted(mortar.nodes[: mortar.slaves], interface.node[own])
-        x, parts = list[Array](), list[FacedParts]()
+        among = np.searchsorted(mortar.nodes[: mortar.n_slave_nodes], interface.node[own])
+        x, parts = list[Array](), list[MortarMatrices]()
         for one in (before, state):
             moved = interface.at_nodes(mortar.nodes, one.unknowns)
-            moved[mortar.slaves :] += one.translations[k]
+            moved[mortar.n_slave_nodes :] += one.translations[k]
             x.append(mortar.x + moved)
-            parts.append(mortar.measure_facing(x[-1]))
+            parts.append(mortar.evaluate_for_verification(x[-1]))
         gap, slip = measure_gap_and_slip(parts[0], parts[1], x[0], x[1])
         places.gap[own], places.slip[own] = gap[among], slip[among]
         places.normal[own], places.noise[own] = parts[1].normals[among], 0.0
-        places.parts_error[own] = parts[1].parts_error[among]
-        shares = sp.coo_array(parts[1].master_parts[among])
-        received.append((shares.data, own[shares.row], mortar.nodes[mortar.slaves + shares.col]))
+        places.parts_error[own] = parts[1].fraction_error[among]
+        shares = sp.coo_array(parts[1].master_fractions[among])
+        received.append(
+            (shares.data, own[shares.row], mortar.nodes[mortar.n_slave_nodes + shares.col])
+        )
     value, point, node = (np.concatenate(each) for each in zip(*received, strict=True))
     shape = n_points, interface.field.sizes[1] // dim
     unit = sp.csr_matrix((np.ones(n_points), (np.arange(n_points), interface.node)), shape)
