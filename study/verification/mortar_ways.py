@@ -134,13 +134,13 @@ class TwoBodies:
         covered = overlap.integrate_per_point(np.ones(len(overlap.measure)), len(pair.node))
         force = np.zeros_like(self.x)
         force[pair.node] = pair.force_vector
-        force[pair.opposite] = pair.opposite_force
+        force[pair.opposite_node] = pair.opposite_force
         return Solution(
             pair.node,
             np.where(covered > 0, pair.force_normal / np.where(covered > 0, covered, 1.0), np.nan),
             surface.tributary_area,
             force,
-            pair.opposite,
+            pair.opposite_node,
             states[-1].displacement.array_r.reshape(self.x.shape),
             max(state.iterations for state in states),
             True,

@@ -468,8 +468,8 @@ def _middle(bodies: Rubber, node: Indices, values: Array, inner: Indices) -> flo
 def _on_master(bodies: Rubber, state: ContactState) -> tuple[Indices, Array]:
     """The master's nodes in order, and what presses them."""
     pair = _pair(state)
-    order = np.argsort(bodies.x[pair.opposite, 0])
-    node, force = pair.opposite[order], pair.opposite_force[order]
+    order = np.argsort(bodies.x[pair.opposite_node, 0])
+    node, force = pair.opposite_node[order], pair.opposite_force[order]
     x = bodies.x[node] + _moved(bodies, state)[node]
     chord = np.gradient(x, axis=0)
     normal = np.stack([chord[:, 1], -chord[:, 0]], axis=1)
@@ -485,7 +485,7 @@ def _draw(pressed: Array) -> float:
 def _moment(bodies: Rubber, state: ContactState) -> float:
     """Sum of moments of forces on both sides, over the sum of their sizes."""
     pair, moved = _pair(state), _moved(bodies, state)
-    nodes = np.concatenate([pair.node, pair.opposite])
+    nodes = np.concatenate([pair.node, pair.opposite_node])
     force, x = np.concatenate([pair.force_vector, pair.opposite_force]), (bodies.x + moved)[nodes]
     x = x - x.mean(axis=0)
     moments = x[:, 0] * force[:, 1] - x[:, 1] * force[:, 0]

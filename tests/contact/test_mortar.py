@@ -311,18 +311,18 @@ def test_gap_slip_and_status_are_means_of_the_pairs(slave):
     assert set(pair.status) >= {STICK, SLIP}
     fields, alone = (ContactFields.of(state, of) for of in (stack.body, stack.space))
     x = low + (high - low) * (np.arange(100_000) + 0.5) / 100_000
-    own, theirs = hats(x, pair.position[:, 0]), hats(x, stack.x[pair.opposite, 0])
+    own, theirs = hats(x, pair.position[:, 0]), hats(x, stack.x[pair.opposite_node, 0])
     weight = theirs.T @ own
     faced = weight.sum(axis=1) > 0
     mean = weight[faced] / weight[faced].sum(axis=1, keepdims=True)
-    at_ = pair.opposite[faced]
+    at_ = pair.opposite_node[faced]
     gap = np.where(np.isfinite(pair.gap), pair.gap, 0.0)
     for of in (fields, alone):
         assert values(of.gap, at_) == pytest.approx(mean @ gap, abs=1e-9)
         assert values(of.slip, at_) == pytest.approx(-mean @ pair.slip, abs=1e-9)
         shares = mean @ np.eye(3)[pair.status]
         assert np.array_equal(values(of.status, at_), shares.argmax(axis=1))
-        away = pair.opposite[~faced]
+        away = pair.opposite_node[~faced]
         assert np.isnan(values(of.gap, away)).all()
         assert not values(of.slip, away).any()
         assert (values(of.status, away) == OPEN).all()
@@ -393,12 +393,12 @@ def test_pictures_of_the_opposite_side(element, tmp_path):
     write(tmp_path / "two.bp", [state], stack.body)
     (pair,), fields = state.pairs, ContactFields.of(state, stack.body)
     drawn = [line.get_xydata() for line in plot(state, stack.body, along=0, opposite=True).lines]
-    shear = values(fields.traction, pair.opposite)[:, 0]
-    for expected in (values(fields.pressure, pair.opposite), shear):
-        curve = np.column_stack([stack.x[pair.opposite, 0], expected])
+    shear = values(fields.traction, pair.opposite_node)[:, 0]
+    for expected in (values(fields.pressure, pair.opposite_node), shear):
+        curve = np.column_stack([stack.x[pair.opposite_node, 0], expected])
         assert any(c.shape == curve.shape and np.allclose(c, curve, equal_nan=True) for c in drawn)
     solid = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), element=element)
     state = solid.solve_shifted_top()
     axes = plot(state, solid.body, opposite=True)
     (coloured,) = (c for c in axes.collections if hasattr(c, "_triangulation"))
-    assert len(coloured.get_array()) == len(state.pairs[0].opposite)
+    assert len(coloured.get_array()) == len(state.pairs[0].opposite_node)

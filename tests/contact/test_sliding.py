@@ -396,9 +396,11 @@ def test_fields_have_pressures_and_forces_of_both_sides(whole):
     fields.fill(states[-1])
     (pair,) = states[-1].pairs
     forces = fields.force.x.array.reshape(-1, 2)
-    assert np.abs(forces[pair.opposite] - pair.opposite_force).max() < 1e-15
+    assert np.abs(forces[pair.opposite_node] - pair.opposite_force).max() < 1e-15
     closed = pair.status > 0
-    own, theirs = (fields.pressure.x.array[node] for node in (pair.node[closed], pair.opposite))
+    own, theirs = (
+        fields.pressure.x.array[node] for node in (pair.node[closed], pair.opposite_node)
+    )
     assert (own > 0).all()
     pressed = theirs > 0.1 * np.nanmax(theirs)
     assert 3 < pressed.sum() < len(theirs)
@@ -407,7 +409,7 @@ def test_fields_have_pressures_and_forces_of_both_sides(whole):
     seen = other.results(pair)
     assert 0 < seen.draw < 0.1
     assert seen.draw == -seen.pressed.min() / seen.pressed.max()
-    true = fields.true_pressure.x.array[pair.opposite][pressed]
+    true = fields.true_pressure.x.array[pair.opposite_node][pressed]
     assert np.abs(true / theirs[pressed] - 1).max() < 0.2
     again = ContactFields.of(states[-1], bodies.body)
     for one, same in zip(fields.functions(), again.functions(), strict=True):
@@ -430,7 +432,7 @@ def test_an_even_pressure_arrives_as_it_is():
     )
     fields = ContactFields.of(state, walled.body)
     (pair,) = state.pairs
-    both = np.concatenate([pair.node, pair.opposite])
+    both = np.concatenate([pair.node, pair.opposite_node])
     for function in (fields.pressure, fields.true_pressure, fields.tributary_pressure):
         values = function.x.array[both]
         assert np.ptp(values) < 1e-9 * values.max()

@@ -37,14 +37,14 @@ from pw_elements.contact.interface.probes import compare_pairs
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     MAX_STEP_ERROR,
-    Cone,
     ContactPair,
     DeformableSurface,
+    FrictionCone,
     MatchingNodes,
     SignedDistance,
     Surface,
-    step_error,
-    with_step,
+    measure_step_error,
+    with_default_step,
 )
 from pw_elements.elasticity import (
     StressState,
@@ -178,7 +178,7 @@ def build_interface(
     ]
     max_coordinate = np.abs(space.mesh.geometry.x).max(initial=0.0)
     max_coordinate = space.mesh.comm.allreduce(max_coordinate, MPI.MAX)
-    shapes = [with_step(shape, max_coordinate) for shape in shapes]
+    shapes = [with_default_step(shape, max_coordinate) for shape in shapes]
     for k, (shape, pair) in enumerate(zip(shapes, pairs, strict=True)):
         vectors = {
             f"the {name} of its surface": getattr(shape, name, None)
@@ -201,8 +201,10 @@ def build_interface(
         _warn_of_nodes_without_pressure(name, node, body)
     cones, comm = [], space.mesh.comm
     for name, pair, node in zip(names, pairs, nodes, strict=True):
-        at = _evaluate_user_function(comm, f"the friction of {name}", pair.law.at, body.x[node])
-        cones.append(Cone([pair.law], [at]))
+        parameter = _evaluate_user_function(
+            comm, f"the friction of {name}", pair.law.parameter_at, body.x[node]
+        )
+        cones.append(FrictionCone([pair.law], [parameter]))
     body.mark_axis_nodes(assembly)
     points, opposite_nodes = [], []
     mortars: dict[int, SlidingMortar] = {}
@@ -245,7 +247,7 @@ def _warn_of_large_difference_steps(interface: Interface) -> None:
         x = interface.gathered(interface.position[interface.pair == k])
         with collective_errors(comm):
             error = call_user_function(
-                comm, f"the surface of contact pair {k}", step_error, surface, x
+                comm, f"the surface of contact pair {k}", measure_step_error, surface, x
             )
         if error > MAX_STEP_ERROR:
             words = (
@@ -386,7 +388,7 @@ def find_reduced_columns(right: PETSc.Mat) -> Indices:
 
 
 def _make_points(
-    body: BodyNodes, nodes: LocalIndices, cone: Cone, opposite: Indices | None
+    body: BodyNodes, nodes: LocalIndices, cone: FrictionCone, opposite: Indices | None
 ) -> Points:
     """Return contact points at owned nodes (m,).
 
@@ -523,7 +525,12 @@ _NO_OVERLAP_MESSAGE = (
 
 
 def make_sliding_points(
-    number: int, pair: ContactPair, nodes: LocalIndices, cone: Cone, body: BodyNodes, revolved: bool
+    number: int,
+    pair: ContactPair,
+    nodes: LocalIndices,
+    cone: FrictionCone,
+    body: BodyNodes,
+    revolved: bool,
 ) -> tuple[Points, InitialGap, SlidingMortar]:
     """Return points, initial gap and mortar at owned nodes (m,) of a pair that may slide far.
 
@@ -570,7 +577,7 @@ def make_mortar_points(
     number: int,
     pair: ContactPair,
     nodes: LocalIndices,
-    cone: Cone,
+    cone: FrictionCone,
     body: BodyNodes,
     revolved: bool,
     depth: Array | None,
@@ -620,7 +627,7 @@ def make_mortar_points(
     prescribed = body.reduced_column[nodes] == -1
     one_sided = prescribed & ~(coupled @ _find_prescribed_components(master.nodes, body))
     body.refuse_nodes(
-        nodes[faced & cone.rough & one_sided.any(axis=1)],
+        nodes[faced & cone.has_friction & one_sided.any(axis=1)],
         "have a prescribed displacement that none of the nodes which they face has, so that these "
         "would get no friction: exchange both sides",
     )

@@ -22,7 +22,7 @@ from pw_elements.checks import (
     evenly_spaced_rows,
 )
 from pw_elements.contact.interface.operators import InitialGap, Interface
-from pw_elements.contact.model import ContactPair, RigidBody, Surface
+from pw_elements.contact.model import ClosestPointSurface, ContactPair, Surface
 
 # Number of points at which a surface is evaluated, in a box around a pair's nodes, and margin of
 # the box around the nodes, over its diagonal
@@ -63,7 +63,7 @@ def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
     if isinstance(surface, InitialGap) or number in interface.mortars:
         return np.empty(0)
     x = _spread_points(interface.in_order(number, interface.position))
-    names = ["gap", "normal", *(["closest"] if isinstance(surface, RigidBody) else [])]
+    names = ["gap", "normal", *(["closest"] if isinstance(surface, ClosestPointSurface) else [])]
     size, values = interface.extent or 1.0, []
     for name in names:
         whose = f"the {name} of the surface of contact pair {number}"
@@ -81,9 +81,12 @@ def probe_friction(interface: Interface, number: int, pair: ContactPair) -> Arra
     columns[: x.shape[1]] = x.T
 
     def coefficients(points: Array) -> Array:
-        at = np.broadcast_to(pair.law.at(points), len(x))
+        parameter = np.broadcast_to(pair.law.parameter_at(points), len(x))
         return np.array(
-            [pair.law.limit(at, np.full(len(x), force))[0] / force for force in _PROBE_FORCES]
+            [
+                pair.law.limit(parameter, np.full(len(x), force))[0] / force
+                for force in _PROBE_FORCES
+            ]
         )
 
     whose = f"the friction of contact pair {number}"

@@ -65,13 +65,13 @@ class ContactFailed(RuntimeError):
         state: the iterate of the failed increment that is nearest to a solution, or None. It is not
             a solution (`converged` is False, and `residuals` tell by how much), but shows where the
             iteration failed.
-        reached: load factor and state at the end of the last substep that was solved, or None. The
-            state is a solution from which other increments can start.
+        last_substate: load factor and state at the end of the last substep that was solved, or
+            None. The state is a solution from which other increments can start.
     """
 
     states: Sequence[ContactState] = ()
     state: ContactState | None = None
-    reached: tuple[float, ContactState] | None = None
+    last_substate: tuple[float, ContactState] | None = None
 
 
 class FreeBody(ContactFailed, SingularSystem):
@@ -98,7 +98,7 @@ class NotFound(ContactFailed):
     """The iteration found no solution; it is not known whether there is one."""
 
     @classmethod
-    def at(cls, message: str, positions: Array) -> "NotFound":
+    def with_positions(cls, message: str, positions: Array) -> "NotFound":
         """Create the error with positions in its message.
 
         Args:
@@ -112,11 +112,11 @@ class Cycling(NotFound):
     """The iteration repeats active sets, none of which gives a solution."""
 
 
-class LostHold(NotFound):
+class LastContactLost(NotFound):
     """The next active set would release a body or surface that only contact holds."""
 
 
-def exhausted_friction(state: ContactState) -> str:
+def describe_exhausted_friction(state: ContactState) -> str:
     """Return a message on the pairs of a state whose friction is exhausted, empty if none is."""
     words = []
     for k, pair in enumerate(state.pairs):

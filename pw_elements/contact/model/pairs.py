@@ -75,11 +75,11 @@ class Motion:
         force = [0.0] * len(self.translation) if self.force is None else self.force
         return [*self.translation, self.rotation], [*force, self.torque]
 
-    def prescribed(self) -> Array:
+    def translation_and_rotation(self) -> Array:
         """Return translation and angle (dim + 1,), NaN in free components."""
         return np.array([np.nan if u is None else u for u in self._components[0]], dtype=float)
 
-    def forces(self) -> Array:
+    def force_and_torque(self) -> Array:
         """Return total force and torque (dim + 1,), zero where none is given."""
         return np.array(self._components[1], dtype=float)
 
@@ -251,7 +251,7 @@ class ContactPair:
             return self.friction
         return Coulomb(self.friction)
 
-    def spin(self, dim: int) -> tuple[Array, Array]:
+    def pivot_and_spin(self, dim: int) -> tuple[Array, Array]:
         """Return pivot c (dim,) and matrix J (dim, dim); J (x - c) is the velocity of a point x.
 
         Args:

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from pw_elements.arrays import Array, Indices
 from pw_elements.solvers import SolverReport
 
-Free: TypeAlias = tuple[tuple[int, int], ...]
-NOTHING_DONE = SolverReport("nothing", 0)
+FreeMotions: TypeAlias = tuple[tuple[int, int], ...]
+NO_SOLVER_REPORT = SolverReport("nothing", 0)
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,13 @@ class PairState:
         torque: (), of the surface on the body about the current position of the pivot.
         displacement: (m, dim), of the nodes; relative to the opposite nodes where nodes match.
         direction: (m, dim), unit direction of the tangential force of slipping nodes, else zero.
-        turning: (m,), ratio of the limit of friction to the trial friction at slipping nodes, from
-            which the next increment's linearised law starts.
+        friction_ratio: (m,), ratio of the limit of friction to the trial friction at slipping
+            nodes, from which the next increment's linearised law starts.
         node: (m,), global node numbers, valid for the current number of processes; component i of
             node k is entry dim k + i of `ContactState.displacement`.
-        faced: (m,), global number of the node that each node faces; -1 for a rigid surface, -2 for
-            a deformable one.
-        opposite: (k,), global numbers of a deformable surface's nodes, sorted by position.
+        faced_node: (m,), global number of the node that each node faces; -1 for a rigid surface,
+            -2 for a deformable one.
+        opposite_node: (k,), global numbers of a deformable surface's nodes, sorted by position.
         opposite_force: (k, dim), nodal forces on these.
     """
 
@@ -71,10 +71,10 @@ class PairState:
     torque: Array
     displacement: Array
     direction: Array
-    turning: Array
+    friction_ratio: Array
     node: Indices
-    faced: Indices
-    opposite: Indices
+    faced_node: Indices
+    opposite_node: Indices
     opposite_force: Array
 
     def __post_init__(self) -> None:
@@ -182,7 +182,7 @@ class ContactState:
             1e-9.
         report: report of the solver of this increment's linear systems.
         increment: number of increments since the undeformed body, where it is 0.
-        free: (pair, component) of the free motions of surfaces; component dim is the angle.
+        free_motions: (pair, component) of the free motions of surfaces; component dim is the angle.
         orientations: signs of the determinants that `unique` compares; for
             `ContactProblem.of_residual` that of the last tangent, which distinguishes unstable
             states from stable ones. Empty with `Iterative()`, which searches for negative
@@ -207,9 +207,9 @@ class ContactState:
     unique: bool | None = None
     residuals: Residuals = Residuals()
     allowance: Residuals = Residuals()
-    report: SolverReport = NOTHING_DONE
+    report: SolverReport = NO_SOLVER_REPORT
     increment: int = 0
-    free: Free = ()
+    free_motions: FreeMotions = ()
     orientations: frozenset[int] = frozenset()
     scale: Scale = Scale()
     smallness: Smallness | None = Smallness()

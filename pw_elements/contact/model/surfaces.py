@@ -70,7 +70,7 @@ class Surface(Protocol):
 
 
 @runtime_checkable
-class RigidBody(Surface, Protocol):
+class ClosestPointSurface(Surface, Protocol):
     """Surface for deformed bodies, with closest points and curvature."""
 
     def closest(self, x: Points) -> tuple[Array, Points, Array]:
@@ -293,7 +293,7 @@ class SignedDistance:
         return normal
 
     def closest(self, x: Points) -> tuple[Array, Points, Array]:
-        """Return distances of points x (n, dim), normals and their derivatives, see `RigidBody`.
+        """Return distances of points x (n, dim), normals and derivatives of the normals.
 
         Newton's method solves p + l grad f(p) = x, f(p) = 0 for the closest point p.
 
@@ -421,12 +421,12 @@ class SignedDistance:
 
 # Surfaces whose closest points the library computes, those without any function of the user, and
 # those among them that have a normal everywhere
-KNOWN_BODIES = (Plane, Sphere, SignedDistance)
-CLOSED_FORMS = (Plane, Parabola, Sphere, FlatPunch)
-DEFINED_EVERYWHERE = (Plane, Parabola, FlatPunch)
+BUILT_IN_CLOSEST_POINTS = (Plane, Sphere, SignedDistance)
+CLOSED_FORM_SURFACES = (Plane, Parabola, Sphere, FlatPunch)
+SURFACES_DEFINED_EVERYWHERE = (Plane, Parabola, FlatPunch)
 
 
-def wrong_derivatives(surface: RigidBody, x: Points, step: float) -> str:
+def describe_wrong_derivatives(surface: ClosestPointSurface, x: Points, step: float) -> str:
     """Return how differences contradict a surface's closest points at points x (n, dim), or "".
 
     The normal is compared with differences of the distance, and its derivative with differences of
@@ -482,7 +482,7 @@ def _directional_derivative(
     return np.where(np.isfinite(central), central, one_sided)
 
 
-def step_error(surface: SignedDistance, x: Points) -> float:
+def measure_step_error(surface: SignedDistance, x: Points) -> float:
     """Return the largest relative change of the gradient when the step of differences is halved.
 
     It is evaluated on the surface, at first-order closest points of points x (n, dim), and is zero
@@ -501,7 +501,7 @@ def step_error(surface: SignedDistance, x: Points) -> float:
     return float(np.max(change, where=np.isfinite(change), initial=0.0))
 
 
-def with_step(surface: Surface, max_coordinate: float) -> Surface:
+def with_default_step(surface: Surface, max_coordinate: float) -> Surface:
     """Return a surface whose step of differences suits a body with this largest coordinate."""
     if isinstance(surface, SignedDistance) and surface.step is None:
         return replace(surface, step=_DIFFERENCE_STEP * max_coordinate)

@@ -35,7 +35,7 @@ class RigidSurfaceMotion:
 
     def __init__(self, interface: Interface, pairs: Sequence[ContactPair]) -> None:
         self._pair, dim = interface.pair, interface.position.shape[1]
-        self._pivots = [pair.spin(dim) for pair in pairs]
+        self._pivots = [pair.pivot_and_spin(dim) for pair in pairs]
         pivots, spins = zip(*self._pivots, strict=True)
         self._from_pivot = interface.position - np.array(pivots)[self._pair]
         self._spin = np.array(spins)[self._pair]  # J v = w x v, (m, dim, dim)

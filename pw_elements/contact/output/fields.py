@@ -129,9 +129,9 @@ def mortar_sides(
     """
     pair, deformed = state.pairs[number], state.smallness is None
     own = None if body is None else _surface(number, pair, body, space)
-    if not len(pair.opposite):
+    if not len(pair.opposite_node):
         return own, None
-    nodes = pair.node, pair.opposite
+    nodes = pair.node, pair.opposite_node
     one, other = (gather_trace(space, facets_with_all_nodes(space, side)) for side in nodes)
     revolved = body is not None and body.state is StressState.AXISYMMETRIC
     if not deformed:
@@ -157,14 +157,14 @@ def mortar_sides(
     facing = np.asarray(means.sum(axis=1))
     means = sp.diags_array(1 / np.where(facing > 0, facing, 1.0)) @ means
     if own is None or body is None:
-        none = np.zeros(len(pair.opposite))
+        none = np.zeros(len(pair.opposite_node))
         return None, Opposite(nodes[1], facing, means, handed, covered, none, 0 * covered, None)
     whole, opposite_whole = (
         compute_tributary_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
         for trace, side in zip((one, other), nodes, strict=True)
     )
-    opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite))
-    if not np.array_equal(opposite.node, pair.opposite):
+    opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite_node))
+    if not np.array_equal(opposite.node, pair.opposite_node):
         raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
     share, part = covered / whole, (handed @ covered) / opposite_whole
     seen = Opposite(nodes[1], facing, means, handed, share, part, own.weight_area, opposite)
@@ -181,10 +181,10 @@ def _fixed(
     """Integrals (k, m) of the opposite's weights times the pair's, undeformed, and their duals."""
     first, last = space.dofmap.index_map.local_range
     mine = np.flatnonzero((pair.node >= first) & (pair.node < last))
-    overlap, k = Overlap.from_traces(one, other, pair.node[mine], revolved), len(pair.opposite)
+    overlap, k = Overlap.from_traces(one, other, pair.node[mine], revolved), len(pair.opposite_node)
     at, w = overlap.functions[2]
-    order = np.argsort(pair.opposite)
-    at = order[np.searchsorted(pair.opposite, at, sorter=order)]
+    order = np.argsort(pair.opposite_node)
+    at = order[np.searchsorted(pair.opposite_node, at, sorter=order)]
 
     def gathered(tested: Array) -> sp.csr_array:
         found = overlap.assemble_integrals(tested, at, w, (len(mine), k)).tocoo()
@@ -342,7 +342,7 @@ class ContactFields:
         pairs = state.pairs
         known, given = ([part.node.tolist() for part in parts] for parts in (self.surfaces, pairs))
         faced = [[] if side is None else side.node.tolist() for side in self.opposite]
-        if known not in ([], given) or faced != [pair.opposite.tolist() for pair in pairs]:
+        if known not in ([], given) or faced != [pair.opposite_node.tolist() for pair in pairs]:
             raise ValueError("the state has other contact nodes than the fields")
         if state.smallness is None:  # who faces whom has changed
             both = [mortar_sides(k, state, self.body, space) for k in range(len(pairs))]
@@ -350,7 +350,7 @@ class ContactFields:
         as_function(space, state.displacement, out=self.displacement)
         _spread(self.force, pairs, [pair.force_vector for pair in pairs])
         for pair in pairs:
-            here = _here(space, pair.opposite)
+            here = _here(space, pair.opposite_node)
             forces = self.force.x.array.reshape(-1, space.dofmap.index_map_bs)
             forces[here[here >= 0]] += pair.opposite_force[here >= 0]
         gaps = [np.where(np.isfinite(pair.gap), pair.gap, np.nan) for pair in pairs]
@@ -391,12 +391,12 @@ class ContactFields:
         space = self.displacement.function_space
         most = np.zeros(len(self.gap.x.array))
         for pair in pairs:
-            here = _here(space, np.concatenate([pair.node, pair.faced]))
+            here = _here(space, np.concatenate([pair.node, pair.faced_node]))
             most[here[here >= 0]] = np.inf
         for k, (other, pair) in enumerate(zip(self.opposite, pairs, strict=True)):
             if other is None:
                 continue
-            seen, here = other.results(pair), _here(space, pair.opposite)
+            seen, here = other.results(pair), _here(space, pair.opposite_node)
             mine = (here >= 0) & (other.facing > most[here])
             at = here[mine]
             most[at] = other.facing[mine]
@@ -478,7 +478,7 @@ def _spread(
     array[:] = elsewhere
     for pair, own in zip(pairs, values, strict=True):
         columns = own.reshape(len(own), -1)
-        for nodes, sign in ((pair.node, 1.0), (pair.faced, 1.0 if own.ndim == 1 else -1.0)):
+        for nodes, sign in ((pair.node, 1.0), (pair.faced_node, 1.0 if own.ndim == 1 else -1.0)):
             here = _here(space, nodes)
             array[here[here >= 0]] = sign * columns[here >= 0]
 

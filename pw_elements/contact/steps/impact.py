@@ -29,7 +29,7 @@ from pw_elements.checks import (
 )
 from pw_elements.contact.interface import Interface, build_interface, find_reduced_columns
 from pw_elements.contact.iteration import make_pair_states
-from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
+from pw_elements.contact.model import ContactPair, ContactState, FrictionCone, Residuals, Smallness
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
 from pw_elements.contact.steps.checks import PathInTime, check_contact_arguments, check_paths
 from pw_elements.contact.steps.smallness import (
@@ -80,7 +80,7 @@ def nodal_contact(
     held: Mask,
     acts: Mask,
     mass: Array,
-    cone: Cone,
+    cone: FrictionCone,
     step: float,
 ) -> NodalContact:
     """The law at points (m): forces by which a step ends with no penetration, and Coulomb's slip.

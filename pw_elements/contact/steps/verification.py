@@ -107,7 +107,9 @@ def places_deformed(
     """Contact points at the deformed body, against rigid surfaces that move and turn, or bodies."""
     motions = [_at_points(interface, one.unknowns) for one in (before, state)]
     dim = motions[0].shape[1]
-    pivots, spins = (np.array(part) for part in zip(*(p.spin(dim) for p in pairs), strict=True))
+    pivots, spins = (
+        np.array(part) for part in zip(*(p.pivot_and_spin(dim) for p in pairs), strict=True)
+    )
     pivot, J = pivots[interface.pair], spins[interface.pair]
     within, turns = [], []
     for motion, one in zip(motions, (before, state), strict=True):
@@ -211,7 +213,7 @@ def torque_of(
 ) -> Callable[[Array], Array]:
     """Function of forces (m, dim) on the points that gives torques (m,) about present pivots."""
     motion = _at_points(interface, state.unknowns)
-    pivots, spins = zip(*(pair.spin(motion.shape[1]) for pair in pairs), strict=True)
+    pivots, spins = zip(*(pair.pivot_and_spin(motion.shape[1]) for pair in pairs), strict=True)
     placement, of = state.placements[interface.pair], interface.pair
     arm = interface.position + motion - placement[:, :-1] - np.array(pivots)[of]
     velocity = np.einsum("nab,nb->na", np.array(spins)[of], arm)
@@ -352,8 +354,8 @@ def _balance(
 ) -> tuple[Array, Array]:
     """Residuals of the balances of free motions, and what of them may be round-off."""
     comm, dim = interface.comm, force.shape[1]
-    values, allowed = np.zeros(len(state.free)), np.zeros(len(state.free))
-    for number, ((pair, axis), total) in enumerate(zip(state.free, totals, strict=True)):
+    values, allowed = np.zeros(len(state.free_motions)), np.zeros(len(state.free_motions))
+    for number, ((pair, axis), total) in enumerate(zip(state.free_motions, totals, strict=True)):
         mine = interface.pair == pair
         if axis < dim:
             parts, arms = force[mine, axis], np.ones(mine.sum())

@@ -19,7 +19,7 @@ from pw_elements._compat import single_entry_matrix
 from pw_elements.algebra import Reduction, constrained_operator, has_free_constant_pressure
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import Interface
-from pw_elements.contact.model import Free
+from pw_elements.contact.model import FreeMotions
 from pw_elements.contact.nodes import LinearisedLaw, TorqueMap
 from pw_elements.contact.system.assembled import (
     AssembledTangent,
@@ -97,7 +97,7 @@ class ContactSystem:
         K: PETSc.Mat,
         reduction: Reduction,
         interface: Interface,
-        free: Free,
+        free: FreeMotions,
         solver: LinearSolver,
         torque_map: TorqueMap,
     ) -> None:
