@@ -22,7 +22,13 @@ from pw_elements.checks import (
     format_points,
     vector_sizes,
 )
-from pw_elements.contact.interface import Overlap, SlidingMortar, Trace, gathered_trace, whole_areas
+from pw_elements.contact.interface import (
+    Overlap,
+    SlidingMortar,
+    Trace,
+    compute_tributary_areas,
+    gather_trace,
+)
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import HELD, OPEN
 from pw_elements.elasticity import (
@@ -123,10 +129,10 @@ def mortar_sides(
     """
     pair, deformed = state.pairs[number], state.smallness is None
     own = None if body is None else _surface(number, pair, body, space)
-    if not len(pair.opposite):
+    if not len(pair.opposite_node):
         return own, None
-    nodes = pair.node, pair.opposite
-    one, other = (gathered_trace(space, facets_with_all_nodes(space, side)) for side in nodes)
+    nodes = pair.node, pair.opposite_node
+    one, other = (gather_trace(space, facets_with_all_nodes(space, side)) for side in nodes)
     revolved = body is not None and body.state is StressState.AXISYMMETRIC
     if not deformed:
         means, duals = _fixed(space, pair, one, other, revolved)
@@ -136,24 +142,29 @@ def mortar_sides(
         mortar = SlidingMortar(one, other, revolved)
         moved = state.displacement.array_r.reshape(-1, mortar.x.shape[1])
         x = mortar.x + gather_from_owners(space, mortar.nodes, moved)
-        x[mortar.slaves :] += pair.translation
+        x[mortar.n_slave_nodes :] += pair.translation
         slaves, masters = (np.searchsorted(np.sort(side), side) for side in nodes)
-        mortar.kept[slaves] = pair.normal != 0
-        met = mortar.meet(x)
-        covered, handed = met.areas[slaves], met.parts[slaves][:, masters].T
-        means = -met.rows[slaves][:, mortar.slaves + masters].T @ sp.diags_array(covered)
-        one, other = one.moved(x[: mortar.slaves]), other.moved(x[mortar.slaves :])
+        mortar.allowed_components[slaves] = pair.normal != 0
+        met = mortar.linearise(x)
+        covered, handed = met.areas[slaves], met.master_fractions[slaves][:, masters].T
+        means = -met.distance_rows[slaves][:, mortar.n_slave_nodes + masters].T @ sp.diags_array(
+            covered
+        )
+        one, other = (
+            one.with_positions(x[: mortar.n_slave_nodes]),
+            other.with_positions(x[mortar.n_slave_nodes :]),
+        )
     facing = np.asarray(means.sum(axis=1))
     means = sp.diags_array(1 / np.where(facing > 0, facing, 1.0)) @ means
     if own is None or body is None:
-        none = np.zeros(len(pair.opposite))
+        none = np.zeros(len(pair.opposite_node))
         return None, Opposite(nodes[1], facing, means, handed, covered, none, 0 * covered, None)
     whole, opposite_whole = (
-        whole_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
+        compute_tributary_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
         for trace, side in zip((one, other), nodes, strict=True)
     )
-    opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite))
-    if not np.array_equal(opposite.node, pair.opposite):
+    opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite_node))
+    if not np.array_equal(opposite.node, pair.opposite_node):
         raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
     share, part = covered / whole, (handed @ covered) / opposite_whole
     seen = Opposite(nodes[1], facing, means, handed, share, part, own.weight_area, opposite)
@@ -170,13 +181,13 @@ def _fixed(
     """Integrals (k, m) of the opposite's weights times the pair's, undeformed, and their duals."""
     first, last = space.dofmap.index_map.local_range
     mine = np.flatnonzero((pair.node >= first) & (pair.node < last))
-    overlap, k = Overlap.of(one, other, pair.node[mine], revolved), len(pair.opposite)
+    overlap, k = Overlap.from_traces(one, other, pair.node[mine], revolved), len(pair.opposite_node)
     at, w = overlap.functions[2]
-    order = np.argsort(pair.opposite)
-    at = order[np.searchsorted(pair.opposite, at, sorter=order)]
+    order = np.argsort(pair.opposite_node)
+    at = order[np.searchsorted(pair.opposite_node, at, sorter=order)]
 
     def gathered(tested: Array) -> sp.csr_array:
-        found = overlap.integrals(tested, at, w, (len(mine), k)).tocoo()
+        found = overlap.assemble_integrals(tested, at, w, (len(mine), k)).tocoo()
         every = space.mesh.comm.allgather((found.col, mine[found.row], found.data))
         row, column, value = (np.concatenate(parts) for parts in zip(*every, strict=True))
         return sp.csr_array((value, (row, column)), shape=(k, len(pair.node)))
@@ -331,7 +342,7 @@ class ContactFields:
         pairs = state.pairs
         known, given = ([part.node.tolist() for part in parts] for parts in (self.surfaces, pairs))
         faced = [[] if side is None else side.node.tolist() for side in self.opposite]
-        if known not in ([], given) or faced != [pair.opposite.tolist() for pair in pairs]:
+        if known not in ([], given) or faced != [pair.opposite_node.tolist() for pair in pairs]:
             raise ValueError("the state has other contact nodes than the fields")
         if state.smallness is None:  # who faces whom has changed
             both = [mortar_sides(k, state, self.body, space) for k in range(len(pairs))]
@@ -339,7 +350,7 @@ class ContactFields:
         as_function(space, state.displacement, out=self.displacement)
         _spread(self.force, pairs, [pair.force_vector for pair in pairs])
         for pair in pairs:
-            here = _here(space, pair.opposite)
+            here = _here(space, pair.opposite_node)
             forces = self.force.x.array.reshape(-1, space.dofmap.index_map_bs)
             forces[here[here >= 0]] += pair.opposite_force[here >= 0]
         gaps = [np.where(np.isfinite(pair.gap), pair.gap, np.nan) for pair in pairs]
@@ -380,12 +391,12 @@ class ContactFields:
         space = self.displacement.function_space
         most = np.zeros(len(self.gap.x.array))
         for pair in pairs:
-            here = _here(space, np.concatenate([pair.node, pair.faced]))
+            here = _here(space, np.concatenate([pair.node, pair.faced_node]))
             most[here[here >= 0]] = np.inf
         for k, (other, pair) in enumerate(zip(self.opposite, pairs, strict=True)):
             if other is None:
                 continue
-            seen, here = other.results(pair), _here(space, pair.opposite)
+            seen, here = other.results(pair), _here(space, pair.opposite_node)
             mine = (here >= 0) & (other.facing > most[here])
             at = here[mine]
             most[at] = other.facing[mine]
@@ -467,7 +478,7 @@ def _spread(
     array[:] = elsewhere
     for pair, own in zip(pairs, values, strict=True):
         columns = own.reshape(len(own), -1)
-        for nodes, sign in ((pair.node, 1.0), (pair.faced, 1.0 if own.ndim == 1 else -1.0)):
+        for nodes, sign in ((pair.node, 1.0), (pair.faced_node, 1.0 if own.ndim == 1 else -1.0)):
             here = _here(space, nodes)
             array[here[here >= 0]] = sign * columns[here >= 0]
 

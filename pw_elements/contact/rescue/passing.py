@@ -205,8 +205,8 @@ def find_passed(interface: Interface, pair: int, start: Array, end: Array) -> Ar
     On the straight path between positions (n, dim) of both sides, deeper than part of their extent.
     """
     mortar = interface.mortars[pair]
-    depth = mortar.measure_depth(start, end)
-    return np.asarray(mortar.x[: mortar.slaves][depth > _DEPTH * _extent(interface, pair)])
+    depth = mortar.measure_penetration(start, end)
+    return np.asarray(mortar.x[: mortar.n_slave_nodes][depth > _DEPTH * _extent(interface, pair)])
 
 
 def _extent(interface: Interface, pair: int) -> float:
@@ -214,7 +214,7 @@ def _extent(interface: Interface, pair: int) -> float:
     sides = [interface.in_order(pair, interface.position)]
     if pair in interface.mortars:
         mortar = interface.mortars[pair]
-        sides = [mortar.x[: mortar.slaves], mortar.x[mortar.slaves :]]
+        sides = [mortar.x[: mortar.n_slave_nodes], mortar.x[mortar.n_slave_nodes :]]
     return min(float(np.ptp(side, axis=0).max()) for side in sides)
 
 

@@ -34,14 +34,14 @@ from pw_elements.contact.iteration import (
 from pw_elements.contact.model import (
     ContactFailed,
     ContactState,
-    LostHold,
+    LastContactLost,
     MissingForce,
     NoEquilibrium,
     NotFound,
     NotUnique,
     RigidVelocity,
     Smallness,
-    exhausted_friction,
+    describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
     TOLERANCE,
@@ -198,7 +198,7 @@ def gather_points(increment: Increment, kinematics: LinearisedKinematics, works:
     tangents = kinematics.frame[:, 1:]
     values = (
         interface.pair,
-        interface.cone.steepest,
+        interface.cone.max_coefficient,
         _find_turning(increment, kinematics),
         np.einsum("na,nak->nk", kinematics.frame[:, 0], works),
         np.einsum("nta,ntb,nbk->nak", tangents, tangents, works),
@@ -308,8 +308,8 @@ def rescue(
     if not isinstance(failure, NotUnique):
         enclosed = f" {_ENCLOSED}." if increment.system.tangent.encloses() else ""
         advice = "Smaller increments, or pressing before pushing, may find one"
-        if state is not None and isinstance(failure, LostHold):
-            advice = exhausted_friction(state) or advice
+        if state is not None and isinstance(failure, LastContactLost):
+            advice = describe_exhausted_friction(state) or advice
         failure = NotFound(
             f"{failure}. That is no proof that there is no solution.{enclosed}{near} {advice}"
         )

@@ -17,8 +17,8 @@ from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import format_points
-from pw_elements.contact.interface import free_columns
-from pw_elements.contact.model import Free
+from pw_elements.contact.interface import find_reduced_columns
+from pw_elements.contact.model import FreeMotions
 from pw_elements.contact.nodes import (
     OPEN,
     SLIP,
@@ -61,7 +61,7 @@ class RigidModes:
     the surfaces' translations.
     """
 
-    def __init__(self, pieces: RigidComponents, free: Free, pairs: int) -> None:
+    def __init__(self, pieces: RigidComponents, free: FreeMotions, pairs: int) -> None:
         self.centre, self.length = pieces.centre, pieces.length
         self.free, self._pairs = free, pairs
         self.each = pieces.modes.shape[2]
@@ -162,7 +162,7 @@ class RigidMotions:
         """Whether friction is used up, to within a force `lost`: a body may slide for ever then."""
         comm, shear, active = self._system.comm, nodes.force[:, 1:], nodes.active_set
         size, limit = np.linalg.norm(shear, axis=1), nodes.friction_limits[0]
-        used = nodes.cone.rough & (active.status != OPEN) & (size > lost)
+        used = nodes.cone.has_friction & (active.status != OPEN) & (size > lost)
         used &= size >= limit - lost
         if not comm.allreduce(bool(used.any()), MPI.LOR):
             return False
@@ -253,7 +253,7 @@ class RigidMotions:
         return null_space(held, _FREE_STIFFNESS)
 
     def _columns(self) -> Indices:
-        return free_columns(self._system.reduction.right)[self._at]
+        return find_reduced_columns(self._system.reduction.right)[self._at]
 
     def _resisted(self, pieces: RigidComponents, transposed: bool) -> sp.csr_array:
         """Displacements in the pieces' modes at supports, and the forces that these cause.

@@ -27,9 +27,9 @@ from pw_elements.checks import (
     check_same_arguments,
     collective_errors,
 )
-from pw_elements.contact.interface import Interface, free_columns, nodal_interface
+from pw_elements.contact.interface import Interface, build_interface, find_reduced_columns
 from pw_elements.contact.iteration import make_pair_states
-from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
+from pw_elements.contact.model import ContactPair, ContactState, FrictionCone, Residuals, Smallness
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
 from pw_elements.contact.steps.checks import PathInTime, check_contact_arguments, check_paths
 from pw_elements.contact.steps.smallness import (
@@ -80,7 +80,7 @@ def nodal_contact(
     held: Mask,
     acts: Mask,
     mass: Array,
-    cone: Cone,
+    cone: FrictionCone,
     step: float,
 ) -> NodalContact:
     """The law at points (m): forces by which a step ends with no penetration, and Coulomb's slip.
@@ -296,7 +296,7 @@ def solve_impact(
             f"= {max_steps}: some {steps * _SECONDS * K.getInfo()['nz_used'] / 3600:.2g} hours"
         )
     steps, sibling = int(steps), AssemblyRecord.read(K).sibling
-    interface = nodal_interface(stated, space, reduction, AssemblyRecord.read(K))
+    interface = build_interface(stated, space, reduction, AssemblyRecord.read(K))
     free = _free(reduction)
     u, v = reduction.offset.copy(), velocity.copy()
     v.setArray(np.where(free, velocity.array_r, 0.0))
@@ -511,7 +511,7 @@ def _masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
 
 def _free(reduction: Reduction) -> Mask:
     """Which unknowns (n,) of this process no support holds."""
-    column = free_columns(reduction.right)
+    column = find_reduced_columns(reduction.right)
     with collective_errors(reduction.offset.comm.tompi4py()):
         if reduction.inner_flexibility is not None or np.any(column < -1):
             raise ValueError("explicit dynamics takes Dirichlet conditions, no condensation")

@@ -61,7 +61,7 @@ class Part:
 def parts_of(states: Sequence[ContactState], loads: Sequence[Any]) -> Iterator[Part]:
     """All parts of a history under loads, one per increment."""
     for k, ((start, end), load) in enumerate(zip(pairwise(states), loads, strict=True)):
-        if k and end.substates and start.free != end.free:
+        if k and end.substates and start.free_motions != end.free_motions:
             raise ValueError(
                 f"state {k + 1} was found in parts, on which a surface became free or held: no "
                 "rates are given of what moved it there. Make smaller increments"
@@ -158,7 +158,7 @@ class Linearised:
                 "pair end before these nodes, or take friction away there"
             )
         free = nodes.frame[:, 1:].any(axis=2) & ~nodes.held_tangents
-        slides = closed & nodes.cone.rough & free.any(axis=1)
+        slides = closed & nodes.cone.has_friction & free.any(axis=1)
         apart = np.abs(np.linalg.norm(nodes.trial_friction, axis=1) - nodes.friction_limits[0])
         margin = np.minimum(np.abs(nodes.trial_pressure), np.where(slides, apart, np.inf))
         largest = np.linalg.norm(nodes.force, axis=1).max(initial=0.0)

@@ -18,7 +18,7 @@ from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective_errors, format_points
-from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, flat_facets
+from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, compute_flat_facets
 from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactState, PairState, Smallness, SurfacePassed
 from pw_elements.contact.nodes import OPEN, IncrementStart
@@ -236,7 +236,7 @@ def _facets_around(node: Indices, space: fem.FunctionSpace) -> tuple[Indices, Ar
     """
     mesh, comm = space.mesh, space.mesh.comm
     mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
-    nodes, x, normal = flat_facets(space, exterior_facet_indices(mesh.topology))
+    nodes, x, normal = compute_flat_facets(space, exterior_facet_indices(mesh.topology))
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
     facet, place = np.nonzero(np.isin(number, np.concatenate(comm.allgather(node))))
     across = np.linalg.norm(x[facet][:, :, None] - x[facet][:, None], axis=3).max(axis=(1, 2))
@@ -256,7 +256,7 @@ class SlipCheck:
     def __init__(self, interface: Interface) -> None:
         self._comm, self._warned = interface.comm, set[int]()
         self._facets = {
-            k: (mortar.nodes[: mortar.slaves], mortar.measure_facets())
+            k: (mortar.nodes[: mortar.n_slave_nodes], mortar.measure_shortest_facets())
             for k, mortar in interface.mortars.items()
         }
 
