@@ -80,7 +80,11 @@ def test_derivatives_agree_with_central_differences(revolved):
             angles,
         ]
 
-    derivatives = [projected.differentiate_master_forces(force), projected.distance_rate, *projected.measure_slip_and_rates(reference, x)[1]]
+    derivatives = [
+        projected.differentiate_master_forces(force),
+        projected.distance_rate,
+        *projected.measure_slip_and_rates(reference, x)[1],
+    ]
     for k in range(x.size):
         step = h * np.eye(x.size)[k].reshape(x.shape)
         end_values = [quantities(x + sign * step) for sign in (1, -1)]
@@ -98,7 +102,8 @@ def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
     """Disturbed sides shift and rotate; normals of ends may lie in symmetry planes."""
     mortar, x = disturbed_sides(revolved)
     end_nodes = np.setxor1d(*mortar.sides.slave_facets.T)
-    mortar.allowed_components[end_nodes[0]], mortar.allowed_components[end_nodes[1], 0] = at_ends, seed % 2 == 0
+    mortar.allowed_components[end_nodes[0]] = at_ends
+    mortar.allowed_components[end_nodes[1], 0] = seed % 2 == 0
     rng = np.random.default_rng(seed)
     is_slave = (np.arange(len(x)) < mortar.n_slave_nodes)[:, None]
     start_x = (
@@ -119,7 +124,9 @@ def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
     start, projected = mortar.make_reference(x), mortar.linearise(end)
     assert abs(projected.distance_rows - start.distance_rows).max() < 1e-13
     # nor is there slip of nodes that face nothing at the start, wherever they are
-    unfaced_start = replace(start, distance_rows=0.0 * start.distance_rows, faced=np.zeros_like(start.faced))
+    unfaced_start = replace(
+        start, distance_rows=0.0 * start.distance_rows, faced=np.zeros_like(start.faced)
+    )
     for reference in (start, unfaced_start):
         assert np.abs(projected.measure_slip_and_rates(reference, end)[0]).max() < 1e-13
 
@@ -129,7 +136,8 @@ def test_linear_fields_are_transferred_exactly():
     slave_side = quadratic_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
     master_side = quadratic_trace(3, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(slave_side, master_side, False)
-    x = mortar.x + np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.31)[:, None] * [1, 0]
+    shift = np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.31)
+    x = mortar.x + shift[:, None] * [1, 0]
     projected = mortar.linearise(x)
     linear = x[:, 0] * 3 - 1
     assert np.abs((projected.distance_rows @ linear)[projected.faced]).max() < 1e-12

@@ -115,7 +115,9 @@ def test_wrong_mortar_integrals_lead_to_no_state(wrong, monkeypatch):
 
         monkeypatch.setattr(LinearisedMortar, "measure_slip_and_rates", slip_too_far)
     else:
-        monkeypatch.setattr(SlidingMortar, "linearise", lambda *a: WRONG_PROJECTIONS[wrong](meet(*a)))
+        monkeypatch.setattr(
+            SlidingMortar, "linearise", lambda *a: WRONG_PROJECTIONS[wrong](meet(*a))
+        )
     with pytest.raises(NotFound, match="computed anew"):
         slide_along_path(bodies, DIE_PATH[:2])
 
