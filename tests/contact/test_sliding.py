@@ -188,7 +188,7 @@ def test_the_verification_agrees_for_bodies_cut_by_a_symmetry_plane(revolved):
     half_die.problem = ContactProblem.of_residual(half_die.residual, half_die.u, conditions, pair)
     states = slide_along_path(half_die, [(0.0, -0.05), (0.0, -0.12), (0.0, -0.04)])
     mortar, positions = mortar_positions_in_states(half_die, states)
-    assert not mortar.kept.all()
+    assert not mortar.allowed_components.all()
     for start, end in itertools.pairwise([mortar.x, *positions]):
         assert max(kernel_check_differences(mortar, start, end).values()) < 1e-10
 
@@ -357,11 +357,11 @@ def test_the_depth_of_penetration_is_measured_between_the_ends_of_a_side():
     mortar = SlidingMortar(slave_side, master_side, False)
     is_slave = (np.arange(len(mortar.x)) < mortar.n_slave_nodes)[:, None]
     lowered_x, shifted_x = mortar.x - is_slave * [0.0, 0.52], mortar.x + is_slave * [2.5, 0.0]
-    depth = mortar.measure_depth(mortar.x, lowered_x)
+    depth = mortar.measure_penetration(mortar.x, lowered_x)
     assert depth[1:-1] == pytest.approx(0.5)
-    assert not mortar.measure_depth(shifted_x, shifted_x - is_slave * [0.0, 0.52]).any()
-    assert not mortar.measure_depth(lowered_x, lowered_x).any()
-    depth_behind = mortar.measure_depth(mortar.x, mortar.x - is_slave * [0.0, 3.0])
+    assert not mortar.measure_penetration(shifted_x, shifted_x - is_slave * [0.0, 0.52]).any()
+    assert not mortar.measure_penetration(lowered_x, lowered_x).any()
+    depth_behind = mortar.measure_penetration(mortar.x, mortar.x - is_slave * [0.0, 3.0])
     assert depth_behind[mortar.x[: mortar.n_slave_nodes, 0] == 0.0] == pytest.approx(2.98)
 
 
@@ -407,10 +407,10 @@ def test_fields_contain_pressures_and_forces_of_both_sides(die_history):
     fields.fill(states[-1])
     (pair,) = states[-1].pairs
     forces = fields.force.x.array.reshape(-1, 2)
-    assert np.abs(forces[pair.opposite] - pair.opposite_force).max() < 1e-15
+    assert np.abs(forces[pair.opposite_node] - pair.opposite_force).max() < 1e-15
     is_closed = pair.status > 0
     slave_pressure, master_pressure = (
-        fields.pressure.x.array[node] for node in (pair.node[is_closed], pair.opposite)
+        fields.pressure.x.array[node] for node in (pair.node[is_closed], pair.opposite_node)
     )
     assert (slave_pressure > 0).all()
     is_pressed = master_pressure > 0.1 * np.nanmax(master_pressure)
@@ -420,7 +420,7 @@ def test_fields_contain_pressures_and_forces_of_both_sides(die_history):
     master_results = master_fields.results(pair)
     assert 0 < master_results.draw < 0.1
     assert master_results.draw == -master_results.pressed.min() / master_results.pressed.max()
-    true_pressure = fields.true_pressure.x.array[pair.opposite][is_pressed]
+    true_pressure = fields.true_pressure.x.array[pair.opposite_node][is_pressed]
     assert np.abs(true_pressure / master_pressure[is_pressed] - 1).max() < 0.2
     refilled_fields = ContactFields.of(states[-1], bodies.body)
     for function, refilled in zip(fields.functions(), refilled_fields.functions(), strict=True):
@@ -444,7 +444,7 @@ def test_a_uniform_pressure_is_transferred_exactly():
     )
     fields = ContactFields.of(state, bodies.body)
     (pair,) = state.pairs
-    both_sides = np.concatenate([pair.node, pair.opposite])
+    both_sides = np.concatenate([pair.node, pair.opposite_node])
     for function in (fields.pressure, fields.true_pressure, fields.tributary_pressure):
         values = function.x.array[both_sides]
         assert np.ptp(values) < 1e-9 * values.max()
