@@ -1,4 +1,4 @@
-"""Contact points, and the operators between them and the unknowns."""
+"""Contact points, and the motion and force operators that couple them to the unknowns."""
 
 from pw_elements.contact.interface.build import (
     average_cell_midpoints,
@@ -19,13 +19,13 @@ from pw_elements.contact.interface.mortar import (
     gather_trace,
 )
 from pw_elements.contact.interface.operators import (
+    COORDINATE_ROUND_OFF,
     DEFORMABLE,
-    OUTWARDS,
+    MIN_OUTWARD_COSINE,
     RIGID,
-    ROUND_OFF,
     Interface,
-    NoContactStated,
-    extents,
+    InvalidContactNodes,
+    compute_extents,
 )
 from pw_elements.contact.interface.probes import (
     probe_friction,

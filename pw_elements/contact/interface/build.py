@@ -29,8 +29,8 @@ from pw_elements.contact.interface.operators import (
     RIGID,
     InitialGap,
     Interface,
-    Points,
-    extents,
+    PairPoints,
+    compute_extents,
     gather_points,
 )
 from pw_elements.contact.interface.probes import compare_pairs
@@ -126,7 +126,7 @@ class BodyNodes:
         # a copy, since a view in a traceback would keep the vector alive on one process only
         self.outward_normal = np.array(normal.array_r).reshape(-1, dim)
         self.mean_cell_midpoint = average_cell_midpoints(self.space)
-        self.diagonal = float(np.linalg.norm(extents(mesh.comm, mesh.geometry.x)))
+        self.diagonal = float(np.linalg.norm(compute_extents(mesh.comm, mesh.geometry.x)))
         self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
 
     def mark_axis_nodes(self, assembly: AssemblyRecord | None) -> None:
@@ -228,9 +228,9 @@ def build_interface(
         else:
             pair_points = _make_points(body, node, cone, None)
         points.append(pair_points)
-    interfering = [pair.interference is not False for pair in pairs]
+    allows_interference = [pair.interference is not False for pair in pairs]
     inverse = None if assembly is None or assembly.sibling is None else assembly.sibling.inverse
-    interface = Interface(points, shapes, body.displacements, interfering, inverse, mortars)
+    interface = Interface(points, shapes, body.displacements, allows_interference, inverse, mortars)
     _check_contact_nodes(body, np.concatenate([*nodes, *opposite_nodes]))
     interface.check(body.diagonal)
     compare_pairs(interface, pairs, shapes)
@@ -389,7 +389,7 @@ def find_reduced_columns(right: PETSc.Mat) -> Indices:
 
 def _make_points(
     body: BodyNodes, nodes: LocalIndices, cone: FrictionCone, opposite: Indices | None
-) -> Points:
+) -> PairPoints:
     """Return contact points at owned nodes (m,).
 
     `opposite` has the global numbers (m,) of the nodes that they face, None of a rigid surface.
@@ -402,7 +402,7 @@ def _make_points(
     row = np.tile(np.arange(len(nodes) * dim), len(ends))
     shape = (len(nodes) * dim, body.displacements.sizes[1])
     motion = sp.csr_matrix((value, (row, np.concatenate(dofs))), shape)
-    return Points(
+    return PairPoints(
         body.x[nodes],
         cone,
         body.reduced_column[nodes],
@@ -531,7 +531,7 @@ def make_sliding_points(
     cone: FrictionCone,
     body: BodyNodes,
     revolved: bool,
-) -> tuple[Points, InitialGap, SlidingMortar]:
+) -> tuple[PairPoints, InitialGap, SlidingMortar]:
     """Return points, initial gap and mortar at owned nodes (m,) of a pair that may slide far.
 
     `revolved` tells whether areas are those of the whole circumference.
@@ -557,7 +557,7 @@ def make_sliding_points(
 def _opposite_side_fields(
     owned: Indices, nodes: LocalIndices, master: Trace, body: BodyNodes
 ) -> dict[str, Any]:
-    """Return the fields of `Points` that describe the master: faced, opposite, counterpart."""
+    """Return the fields of `PairPoints` that describe the master: faced, opposite, counterpart."""
     x = master.node_positions()
     order, prescribed = order_by_position(x), _find_prescribed_components(master.nodes, body)
     counterpart = np.full(body.x[nodes].shape, -1, dtype=np.int64)
@@ -581,7 +581,7 @@ def make_mortar_points(
     body: BodyNodes,
     revolved: bool,
     depth: Array | None,
-) -> tuple[Points, InitialGap]:
+) -> tuple[PairPoints, InitialGap]:
     """Return points and initial gap at owned nodes (m,) of a pair with a deformable surface.
 
     Points that face nothing have an infinite gap.
@@ -650,8 +650,8 @@ def make_mortar_points(
     axes = sp.eye_array(dim)
     points = replace(
         _make_points(body, nodes, cone, None),
-        motion=sp.csr_matrix(sp.kron(inverse_area @ motion + unfaced_identity, axes)),
-        force=sp.csr_matrix(sp.kron(force, axes)),
+        motion_rows=sp.csr_matrix(sp.kron(inverse_area @ motion + unfaced_identity, axes)),
+        force_columns=sp.csr_matrix(sp.kron(force, axes)),
         **_opposite_side_fields(owned, nodes, master, body),
     )
     return points, InitialGap(body.x[nodes], gap, normal)

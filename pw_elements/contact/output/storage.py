@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, collective_errors
-from pw_elements.contact.interface import average_cell_midpoints, extents
+from pw_elements.contact.interface import average_cell_midpoints, compute_extents
 from pw_elements.contact.model import (
     ContactPair,
     ContactState,
@@ -140,7 +140,7 @@ def read_state(
         values[name], rows[name] = _handed_out(path, name, arrays.get(nodes), arrays.get(name), of)
     stored = {k.removeprefix(_PROBLEM): v for k, v in arrays.items() if k.startswith(_PROBLEM)}
     problem.refuse_another(path, comm.bcast(stored), changed)
-    length = _LARGEST_MOTION * float(np.linalg.norm(extents(comm, space.mesh.geometry.x)))
+    length = _LARGEST_MOTION * float(np.linalg.norm(compute_extents(comm, space.mesh.geometry.x)))
     largest = Scale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
     fields = list_fields(space)
     with collective_errors(comm):

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective_errors
-from pw_elements.contact.interface import OUTWARDS, ROUND_OFF, Interface
+from pw_elements.contact.interface import COORDINATE_ROUND_OFF, MIN_OUTWARD_COSINE, Interface
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.spaces import gather_from_owners
 
@@ -154,7 +154,7 @@ def ends_clear(
     depth = np.max([way.depth for way in each], axis=0)
     deformation = max(way.deformation for way in each)
     return bool(
-        depth[0] > ROUND_OFF * interface.extent
+        depth[0] > COORDINATE_ROUND_OFF * interface.extent
         and depth.max() <= _MAX_DEPTH_GROWTH * depth[0]
         and all(way.clearance > deformation and way.outside for way in each)
         and (len(ways) == 2 or all(way.step <= _MAX_STEP * way.extent for way in each))
@@ -189,7 +189,7 @@ def _follow_tool(
     comm.Allreduce(MPI.IN_PLACE, depth, MPI.MAX)
     outward = beyond - seen
     pushed = np.sum(normal * outward, axis=2)
-    faces = pushed <= OUTWARDS * np.linalg.norm(outward, axis=2)
+    faces = pushed <= MIN_OUTWARD_COSINE * np.linalg.norm(outward, axis=2)
     now = interface.at_points(unknowns)[mine] + x
     return _Way(
         depth,

@@ -27,8 +27,8 @@ from pw_elements.contact.iteration import (
     Increment,
     LinearIncrement,
     NewtonState,
+    compute_reference_sizes,
     make_contact_state,
-    reference_sizes,
     solve_increment,
 )
 from pw_elements.contact.model import (
@@ -44,7 +44,7 @@ from pw_elements.contact.model import (
     describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
-    TOLERANCE,
+    FORCE_TOLERANCE,
     ActiveSet,
     LinearisedKinematics,
     UndeformedKinematics,
@@ -269,7 +269,7 @@ def _make_unsolved_state(
         increment,
         state,
         before,
-        sizes=reference_sizes(increment, state, before.scale),
+        sizes=compute_reference_sizes(increment, state, before.scale),
         iterations=iterations,
         report=report,
         smallness=Smallness(np.nan, np.nan, np.nan),
@@ -301,9 +301,9 @@ def rescue(
         if found is not None:
             return found
     near, state = "", None
-    if increment.nearest is not None:
-        state = _make_unsolved_state(increment, increment.nearest, before, spent())
-        share = f"{increment.nearest.violation * TOLERANCE:.1g}"
+    if increment.best_state is not None:
+        state = _make_unsolved_state(increment, increment.best_state, before, spent())
+        share = f"{increment.best_state.violation * FORCE_TOLERANCE:.1g}"
         near = f" The state that came nearest violates the law by {share} of its largest force."
     if not isinstance(failure, NotUnique):
         enclosed = f" {_ENCLOSED}." if increment.system.tangent.encloses() else ""
@@ -443,7 +443,7 @@ def solve_with_springs(
         unknowns, q = sprung.unknowns, sprung.q
         linearised = kinematics.linearise(q, sprung.displacement, sprung.force)
         state = increment.evaluate(sprung.reduced, q, linearised)
-        increment.record(state)
+        increment.record_best_state(state)
         active = sprung.nodes.active_set
         is_steady = previous is not None and is_same_set(previous, active, comm)
         if state.violation <= 1 or is_steady:

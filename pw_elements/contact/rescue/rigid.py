@@ -26,7 +26,7 @@ from pw_elements.contact.nodes import (
     ActiveSet,
     ContactNodes,
     assemble_node_equations,
-    select_nodes,
+    combine_active_sets,
 )
 from pw_elements.contact.system import ContactSystem, border_columns, local_rows
 from pw_elements.solvers import RigidComponents, destroy_objects, null_space, qr_triangle
@@ -171,9 +171,12 @@ class RigidMotions:
             active,
             status=np.full_like(active.status, SLIP),
             direction=direction,
-            **{name: np.ones(len(used)) for name in ("turning", "slope", "intercept")},
+            **{
+                name: np.ones(len(used))
+                for name in ("friction_ratio", "limit_slope", "limit_intercept")
+            },
         )
-        free = self._free(select_nodes(~used, active, sliding), nodes.frame)
+        free = self._free(combine_active_sets(~used, active, sliding), nodes.frame)
         moved = (self._relative @ free.T).reshape(*nodes.frame.shape[:2], len(free))
         along = np.einsum("nab,na,nbk->nk", nodes.frame[:, 1:], direction, moved)
         along = along[used & (active.status == STICK)]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pw_elements.contact.interface import NoContactStated
+from pw_elements.contact.interface import InvalidContactNodes
 from pw_elements.contact.model import ContactFailed, ContactState
 from pw_elements.contact.nodes import OPEN
 from pw_elements.progress import log_on_root
@@ -38,7 +38,7 @@ def solve_in_substeps(
         share = min(1.0, reached + size)
         try:
             current = replace(step(current, share), increment=state.increment + 1)
-        except (ContactFailed, NoContactStated, SingularSystem) as failed:
+        except (ContactFailed, InvalidContactNodes, SingularSystem) as failed:
             words = f"not from {reached:.4g} to {share:.4g} of the increment: {failed}"
             log_on_root(state.displacement.comm, logging.INFO, words, ".contact")
             size, failure = (share - reached) / 2, (share, failed)

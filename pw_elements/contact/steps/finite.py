@@ -34,7 +34,7 @@ from pw_elements.checks import (
     collective_errors,
     connected_components,
 )
-from pw_elements.contact.interface import ROUND_OFF, build_interface
+from pw_elements.contact.interface import COORDINATE_ROUND_OFF, build_interface
 from pw_elements.contact.iteration import (
     CellGuard,
     DeformedSetUpdate,
@@ -42,8 +42,8 @@ from pw_elements.contact.iteration import (
     Increment,
     NewtonState,
     SlidingEquilibrium,
+    compute_reference_sizes,
     make_contact_state,
-    reference_sizes,
     solve_increment,
 )
 from pw_elements.contact.model import (
@@ -57,12 +57,12 @@ from pw_elements.contact.model import (
     describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
+    FORCE_TOLERANCE,
     OPEN,
-    TOLERANCE,
     DeformedKinematics,
     MortarKinematics,
+    NoDeformablePairs,
     RigidSurfaceMotion,
-    RigidSurfacesOnly,
     make_increment_start,
     make_sticking_set,
 )
@@ -370,7 +370,7 @@ class FiniteStepping:
         max_iterations = self._max_iterations
         if begin is None:
             closed = interface.local(state.pairs, "status")[0] != OPEN
-            displacement = kinematics.carry_closed(q, start.displacement, closed)
+            displacement = kinematics.move_closed_with_surfaces(q, start.displacement, closed)
             linearised = kinematics.linearise(q, displacement, start.force)
             closed |= linearised.gap < 0
         else:
@@ -390,7 +390,7 @@ class FiniteStepping:
         reporter.violation = end.violation
         self._check_end(increment, kinematics, end, target, starts_clear=begin is not None)
         signs = self._check_stability(system, n_signs, state)
-        sizes = reference_sizes(increment, end, state.scale)
+        sizes = compute_reference_sizes(increment, end, state.scale)
         solution = make_contact_state(
             increment, end, state, sizes=sizes, iterations=0, report=system.report, smallness=None
         )
@@ -411,12 +411,12 @@ class FiniteStepping:
         Nodes of a body that has been put clear of everything may have, but nothing may touch it.
         """
         interface, pressed = self.interface, end.nodes.trial_pressure > 0
-        kinematics.check_surfaces(end.kinematics, pressed)
+        kinematics.check_surface_derivatives(end.kinematics, pressed)
         interface.check_supports_between(increment.equilibrium.offset, target.q, pressed)
         if starts_clear and len(interface.gathered(interface.position[pressed])):
             raise NotFound("the body is in contact where supports put it clear of everything")
         jumped = interface.gathered(
-            interface.position[kinematics.find_jumped(end.kinematics, pressed)]
+            interface.position[kinematics.find_jumped_points(end.kinematics, pressed)]
         )
         if len(jumped) and not starts_clear:
             words = "jumped to another sheet of their surface, or slid round by a right angle"
@@ -467,7 +467,9 @@ class FiniteStepping:
         scale, comm = self._system.scale, self.interface.comm
         largest = self.interface.field.extract(unbalanced).norm(PETSc.NormType.INFINITY)
         stiffness = comm.allreduce(scale.max(initial=0.0), MPI.MAX)
-        round_off = TOLERANCE * largest + ROUND_OFF * stiffness * self._guard.extent
+        round_off = (
+            FORCE_TOLERANCE * largest + COORDINATE_ROUND_OFF * stiffness * self._guard.extent
+        )
         return verify_state(
             solution,
             places_deformed(self.interface, self._pairs, before, solution),
@@ -493,7 +495,7 @@ class FiniteStepping:
             kinematics = DeformedKinematics(interface, self._surfaces, start, mortars)
         else:
             equilibrium = FiniteEquilibrium(*of_body)
-            kinematics = DeformedKinematics(interface, self._surfaces, start, RigidSurfacesOnly())
+            kinematics = DeformedKinematics(interface, self._surfaces, start, NoDeformablePairs())
         increment = Increment(
             system, equilibrium, kinematics, start, prescribed=target.q, totals=target.totals
         )
@@ -540,7 +542,7 @@ class FiniteStepping:
         linearised = kinematics.linearise(end.q, end.displacement, end.force)
         solution = increment.evaluate(unknowns, end.q, linearised)
         increment.equilibrium.linearise(linearised.torque_map)
-        slip_by_start = kinematics.slip_by_start(linearised)
+        slip_by_start = kinematics.slip_by_start_motion(linearised)
         return Linearised(increment, solution, self._body.tangent, self._reduction, slip_by_start)
 
     def _system_for(self, free: FreeMotions) -> ContactSystem:

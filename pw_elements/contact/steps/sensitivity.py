@@ -149,7 +149,7 @@ class Linearised:
         interface, nodes = self._system.interface, end.nodes
         closed = nodes.trial_pressure > 0
         on_supports = closed & (nodes.held_tangents & (nodes.force[:, 1:] != 0)).any(axis=1)
-        on_supports |= closed & (nodes.is_dragged | nodes.is_coupled)
+        on_supports |= closed & (nodes.has_prescribed_slip | nodes.is_coupled_to_surface)
         places = interface.gathered(interface.position[on_supports])
         if len(places):
             raise ValueError(

@@ -18,7 +18,7 @@ from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective_errors, format_points
-from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, compute_flat_facets
+from pw_elements.contact.interface import MIN_OUTWARD_COSINE, RIGID, Interface, compute_flat_facets
 from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactState, PairState, Smallness, SurfacePassed
 from pw_elements.contact.nodes import OPEN, IncrementStart
@@ -139,7 +139,7 @@ class SmallnessCheck:
         cosine = self._cosines(nodes.frame[:, 0])
         for k in np.flatnonzero(self._rigid):
             mine = closed & (interface.pair == k)
-            self._refuse(k, mine & (cosine > OUTWARDS), "pushes the body outwards at")
+            self._refuse(k, mine & (cosine > MIN_OUTWARD_COSINE), "pushes the body outwards at")
             if strain > _CRUSHING_STRAIN:
                 through = mine & self._through(end)
                 self._refuse(k, through, "is through the whole thickness of the body at")
@@ -193,7 +193,7 @@ class SmallnessCheck:
                 gap, normal = surface.gap(place)[:count], surface.normal(place)[:count]
                 depth = -(gap + np.sum(normal * before, axis=1))
                 pushed[mine] = normal
-                outwards = self._cosines(pushed)[mine] > OUTWARDS
+                outwards = self._cosines(pushed)[mine] > MIN_OUTWARD_COSINE
                 wrong[mine] |= outwards & (depth > _SWALLOWED * size)
                 # outside, the surface is a gap away at least; half of it, if that is no distance
                 stride = np.maximum(np.where(np.isfinite(gap), gap / 2, 0.0), step)

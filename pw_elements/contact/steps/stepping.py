@@ -31,8 +31,8 @@ from pw_elements.contact.iteration import (
     LinearIncrement,
     NewtonState,
     choose_first_set,
+    compute_reference_sizes,
     make_contact_state,
-    reference_sizes,
     resume_active_set,
     solve_increment,
 )
@@ -48,7 +48,7 @@ from pw_elements.contact.model import (
     Scale,
 )
 from pw_elements.contact.nodes import (
-    TOLERANCE,
+    FORCE_TOLERANCE,
     ActiveSet,
     IncrementStart,
     LinearisedKinematics,
@@ -409,7 +409,7 @@ class Stepping:
         check_loose(increment, end, rigid, state, lambda: self._cost(target.free, before))
         smallness = self._smallness.after(increment, end, state)
         iterations, report = self._cost(target.free, before)
-        sizes = reference_sizes(increment, end, state.scale)
+        sizes = compute_reference_sizes(increment, end, state.scale)
         solution = make_contact_state(
             increment,
             end,
@@ -444,7 +444,9 @@ class Stepping:
             unbalanced,
             self.interface,
             self._reduction,
-            Sizes(force, length, stiffness, TOLERANCE * target.load.norm(largest) + round_off),
+            Sizes(
+                force, length, stiffness, FORCE_TOLERANCE * target.load.norm(largest) + round_off
+            ),
             target.totals,
         )
 
@@ -568,5 +570,5 @@ class Stepping:
 
     def _make_system(self, K: PETSc.Mat, free: FreeMotions) -> ContactSystem:
         interface = self.interface
-        torque_map = TorqueMap.of_translations(*interface.position.shape)
+        torque_map = TorqueMap.without_rotation(*interface.position.shape)
         return ContactSystem(K, self._reduction, interface, free, self.solver, torque_map)

@@ -23,14 +23,14 @@ import scipy.sparse as sp
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import (
-    ROUND_OFF,
+    COORDINATE_ROUND_OFF,
     Interface,
     MortarMatrices,
     measure_gap_and_slip,
 )
 from pw_elements.contact.iteration import DISPLACEMENT_ROUND_OFF
 from pw_elements.contact.model import ContactPair, ContactState, NotFound, Residuals
-from pw_elements.contact.nodes import TOLERANCE
+from pw_elements.contact.nodes import FORCE_TOLERANCE
 
 # Shift of points by which the noise of a surface's function is seen, over the largest coordinate
 _NOISE_SHIFT = 1e-12
@@ -242,7 +242,7 @@ def verify_state(
         state, places, unbalanced, interface, reduction, sizes, totals, lever
     )
     for name, value in vars(residuals).items():
-        most = TOLERANCE + getattr(allowance, name)
+        most = FORCE_TOLERANCE + getattr(allowance, name)
         if not value <= most:
             raise NotFound(
                 f"the state found violates {name} by {value:.2g}, computed anew from its "
@@ -326,20 +326,22 @@ def _law(
     pair = interface.pair
     moved = moved + np.linalg.norm(state.translations, axis=1)[pair]
     where = np.linalg.norm(interface.position, axis=1)
-    lost_length = DISPLACEMENT_ROUND_OFF * moved + ROUND_OFF * where
+    lost_length = DISPLACEMENT_ROUND_OFF * moved + COORDINATE_ROUND_OFF * where
     lost_length = lost_length + places.noise * moved
     size = np.linalg.norm(force, axis=1)
     lost_force = c * lost_length + places.noise * size
     lost_force = np.full(len(c), _largest(interface.comm, lost_force)) / F
     # forces are exact to the tolerance, and so are lengths but for the stiffness between them
-    lost_length = lost_length / L + np.divide(TOLERANCE * F, c * L, where=c > 0, out=0 * c)
+    lost_length = lost_length / L + np.divide(FORCE_TOLERANCE * F, c * L, where=c > 0, out=0 * c)
     friction = (1 + slope) * lost_force
     allowed = dict.fromkeys(("penetration", "complementarity", "stick"), lost_length)
-    allowed |= {"tension": lost_force, "cone": friction + slope * TOLERANCE}
+    allowed |= {"tension": lost_force, "cone": friction + slope * FORCE_TOLERANCE}
     allowed["complementarity"] = np.maximum(lost_length, lost_force)
-    allowed["stick"] = np.maximum(lost_length, friction + slope * TOLERANCE)
+    allowed["stick"] = np.maximum(lost_length, friction + slope * FORCE_TOLERANCE)
     reach = np.minimum(1.0, (slid + lost_length * L) / L)
-    allowed["direction"] = 2 * (friction + slope * TOLERANCE) * reach + 2 * lost_length * limit / F
+    allowed["direction"] = (
+        2 * (friction + slope * FORCE_TOLERANCE) * reach + 2 * lost_length * limit / F
+    )
     return values, allowed
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.arrays import Array
-from pw_elements.contact.nodes import TOLERANCE, LinearisedLaw
+from pw_elements.contact.nodes import FORCE_TOLERANCE, LinearisedLaw
 from pw_elements.contact.system.solution import Accuracy, TangentSolution
 from pw_elements.contact.system.unassembled import NodePoints, Unassembled, stated_mean
 from pw_elements.solvers import (
@@ -49,7 +49,7 @@ _FORCING_RENEWED = 0.02
 _SOFTER = 5.0
 # Residual at the end over the largest nodal contact force: the solver's tolerance, up to _LOOSEST;
 # _EXACT_TANGENT if tangents are renewed (large strains); "tightened" takes a share _TIGHTENED of it
-_LOOSEST = TOLERANCE / 10
+_LOOSEST = FORCE_TOLERANCE / 10
 _EXACT_TANGENT = 1e-13
 _TIGHTENED = 0.1
 # Residual at which eigenvalues are looked at
@@ -445,7 +445,7 @@ class KrylovTangent:
             reduced = min(reduced, forcing * square**0.5)
         largest = self._largest()
         # where the next step would be the last, this one is
-        reduced = reduced if reduced > TOLERANCE * largest else 0.0
+        reduced = reduced if reduced > FORCE_TOLERANCE * largest else 0.0
         return max(reduced, self._accuracy * largest)
 
     def _left(self, known: PETSc.Vec, rest: PETSc.Vec) -> float:

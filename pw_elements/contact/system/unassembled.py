@@ -13,7 +13,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
+from pw_elements.contact.interface import COORDINATE_ROUND_OFF, DEFORMABLE, Interface
 from pw_elements.contact.model import FreeMotions
 from pw_elements.contact.nodes import LinearisedLaw
 from pw_elements.spaces import SubSpace
@@ -50,7 +50,7 @@ class NodePoints:
         moved = np.full(own.shape, -1, dtype=np.int64)
         for k, (pair, axis) in enumerate(free):
             moved[interface.pair == pair, axis] = k
-        lost = ROUND_OFF * np.linalg.norm(scale[:, None] * interface.position)
+        lost = COORDINATE_ROUND_OFF * np.linalg.norm(scale[:, None] * interface.position)
         round_off = interface.comm.allreduce(float(lost), MPI.SUM)
         indptr, _, value = force.getValuesCSR()
         used = np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))[value != 0])
