@@ -162,7 +162,7 @@ def correct_calls(comm):
         "PetrovGalerkinProblem.reactions": (nonlinear.reactions, {}),
         "Reduction": (
             Reduction,
-            {"left": w.held.left, "right": w.held.right, "inner": None}
+            {"left": w.held.left, "right": w.held.right, "inner_flexibility": None}
             | {"offset": w.held.offset, "space": w.U, "supports": w.held.supports},
         ),
         "Reduction.expand": (w.held.expand, {"reduced": w.held.right.createVecRight()}),
