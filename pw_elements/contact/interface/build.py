@@ -223,7 +223,7 @@ def build_interface(
         elif isinstance(pair.surface, MatchingNodes):
             opposite = body.find_owned_nodes(f"contact pair {k}, opposite side", pair.surface.nodes)
             opposite_nodes.append(opposite)
-            matched = match_opposite_nodes(k, pair.surface, node, opposite, cone.rough, body)
+            matched = match_opposite_nodes(k, pair.surface, node, opposite, cone.has_friction, body)
             pair_points = _make_points(body, node, cone, matched)
         else:
             pair_points = _make_points(body, node, cone, None)
