@@ -1,4 +1,4 @@
-"""No deck runs long, takes much memory, ends in a raw error, or is read as another mesh."""
+"""Hostile decks cause no long run, much memory, raw error or wrong mesh."""
 
 import json
 import subprocess

@@ -34,14 +34,14 @@ PLANE = [
 
 
 def uneven(build=triangles, method=PW, state="plane stress", thickness=1.0):
-    """A block 2 x 1 with cells of uneven width."""
+    """Create a block 2 x 1 with cells of uneven width."""
     mesh = build(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
     mesh = move_nodes(mesh, lambda x: x + 0.1 * np.sin(3 * x[:, :1]) * [1, 0, 0])
     return ElasticBody(mesh, method, state, 10.0, thickness=thickness)
 
 
-def pressed(body, where, pressure=3.0):
-    """Nodal forces of an even pressure, ordered like the surface's nodes."""
+def uniform_pressure_forces(body, where, pressure=3.0):
+    """Return nodal forces of a uniform pressure in the order of the surface's nodes."""
     f = body.load(pressure * np.eye(body.dim)[-1], where)
     x = body.space.tabulate_dof_coordinates()
     nodes = np.flatnonzero(where(x.T))
@@ -51,7 +51,7 @@ def pressed(body, where, pressure=3.0):
 
 @pytest.mark.parametrize(("side", "axis"), [(0, 1), (1, 0)])
 def test_forces_along_any_side_are_in_its_order(side, axis):
-    """Of one that does not extend along x, too: round-off once ordered it."""
+    """This includes a side at constant x, where round-off must not decide the order."""
     body = uneven()
     body.mesh.geometry.x[::2] *= 1 + 1e-15
     end = body.mesh.geometry.x[:, side].max()
@@ -70,7 +70,7 @@ def test_pressures_of_an_even_pressure(build, method, state):
     total = np.pi * end**2 if state == "axisymmetric" else thickness * end
     assert surface.weight_area.sum() == pytest.approx(total)
     assert surface.tributary_area.sum() == pytest.approx(total)
-    force = pressed(body, on_plane(1, 0.0))
+    force = uniform_pressure_forces(body, on_plane(1, 0.0))
     pressure = surface.pressure(force)
     on_axis = state == "axisymmetric" and method == GALERKIN  # has no weight there
     assert np.flatnonzero(np.isnan(pressure)).tolist() == [0] * on_axis
@@ -87,7 +87,7 @@ def test_sawtooth_of_an_even_pressure(method, expected):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 2))
     body = ElasticBody(mesh, method, "plane stress")
     surface = SurfaceNodes.from_body(body.body, on_plane(1, 0.0))
-    force = pressed(body, on_plane(1, 0.0))
+    force = uniform_pressure_forces(body, on_plane(1, 0.0))
     assert surface.sawtooth(force) == pytest.approx(expected)
     uneven = abs(2 * expected / (expected + 1) - 2 / (expected + 1))
     assert surface.unevenness(force) == pytest.approx(uneven, abs=1e-12)
@@ -112,7 +112,7 @@ def test_faces_in_space(cell, method):
     assert surface.rim.sum() == 4 * 8
     assert len(surface.edges) == 4 * 5 * 2 + (16 if cell is CellType.tetrahedron else 0)
     assert surface.tributary_area.sum() == pytest.approx(6)
-    force = pressed(body, on_plane(2, 0.0))
+    force = uniform_pressure_forces(body, on_plane(2, 0.0))
     pressure = surface.pressure(force)
     weightless = np.isnan(pressure)
     assert pressure[~weightless] == pytest.approx(3.0)
@@ -137,14 +137,14 @@ def test_transferred_loads_are_those_of_the_weights(cell):
     state = "solid" if dim == 3 else "plane strain"
     bodies = [ElasticBody(mesh, method, state) for method in (GALERKIN, PW)]
     everywhere = lambda x: np.full(x.shape[1], True)  # noqa: E731
-    given, shared = (body.traction_load(np.arange(dim) + 1.0, everywhere) for body in bodies)
+    transferred, shared = (body.traction_load(np.arange(dim) + 1.0, everywhere) for body in bodies)
     T = force_transfer(bodies[0].space)
-    assert (T * given).array == pytest.approx(shared.array, abs=1e-14)
+    assert (T * transferred).array == pytest.approx(shared.array, abs=1e-14)
     even = T.createVecLeft()
     even.set(1.0)
-    given = T.createVecRight()
-    T.multTranspose(even, given)
-    assert given.array == pytest.approx(1.0, abs=1e-15)  # nothing is lost
+    transferred = T.createVecRight()
+    T.multTranspose(even, transferred)
+    assert transferred.array == pytest.approx(1.0, abs=1e-15)  # nothing is lost
 
 
 def test_edges_and_rim_of_a_line():
@@ -162,8 +162,8 @@ def side(x):
     return np.isclose(x[0], 0.0)
 
 
-def solved(cell, method, components=0, field=None, source=0.0):
-    """Reactions of div grad u = -source with u prescribed all around, u linear unless given."""
+def solve_poisson(cell, method, components=0, field=None, source=0.0):
+    """Solve div grad u = -source with u prescribed on the whole boundary; return reactions."""
     spaces = method(mesh := unit_mesh(cell, 3), components)
     U = spaces.trial
     u, v = ufl.TrialFunction(U), ufl.TestFunction(spaces.test)
@@ -185,8 +185,8 @@ def solved(cell, method, components=0, field=None, source=0.0):
 @pytest.mark.parametrize("components", [0, 2])
 def test_an_even_flux_is_exact_at_every_node(cell, components):
     expected = -SLOPE[0] * np.arange(1, components + 1) if components else -SLOPE[0]
-    new, r_new, _ = solved(cell, PW, components)
-    standard, r, _ = solved(cell, GALERKIN, components)
+    new, r_new, _ = solve_poisson(cell, PW, components)
+    standard, r, _ = solve_poisson(cell, GALERKIN, components)
     ways = [(new, r_new, "geometric"), (new, r_new, "weight")]
     ways.append((standard, force_transfer(standard.trial) * r, "geometric"))
     if cell != CellType.tetrahedron:
@@ -203,7 +203,7 @@ def test_all_that_enters_is_what_the_source_takes(method):
     def field(x):
         return np.sin(3 * x[0]) * x[1]
 
-    spaces, r, f = solved(CellType.tetrahedron, method, field=field, source=-2.0)
+    spaces, r, f = solve_poisson(CellType.tetrahedron, method, field=field, source=-2.0)
     heat = nodal_flux(spaces, r, lambda x: x[0] > -1.0)
     assert heat.reaction.sum() == pytest.approx(-f.sum(), abs=1e-12)
     assert heat.surface.tributary_area.sum() == pytest.approx(6.0, rel=0.1)  # moved vertices
@@ -211,6 +211,6 @@ def test_all_that_enters_is_what_the_source_takes(method):
 
 
 def test_a_depth_divides():
-    spaces, r, _ = solved(CellType.triangle, PW)
+    spaces, r, _ = solve_poisson(CellType.triangle, PW)
     thin, thick = (nodal_flux(spaces, r, side, depth=depth) for depth in (1.0, 4.0))
     assert np.allclose(thin.flux, 4 * thick.flux, rtol=1e-14)
