@@ -129,7 +129,7 @@ class Elastic:
         return Reduction.dirichlet(self.space, conditions)
 
     def solve_statics(self, force):
-        """Solve for displacements, reactions and loads (n, dim) of a clamped body under body force."""
+        """Compute displacements, reactions and loads (n, dim) under a body force."""
         f = assemble_vector(self.body.body_load(force))
         a = solve(self.K, f, self.clamp())
         vectors = (a, reactions(self.K, a, f), f)

@@ -170,7 +170,7 @@ def test_the_stiffness_of_an_interval():
 
 
 def test_loads():
-    """f_PW = T f_G for uniform body loads, forces at vertices and, by the lemma, linear tractions."""
+    """f_PW = T f_G for uniform body loads and forces at vertices; the lemma covers tractions."""
     assert transfer(2)[:, :3] == sp.eye(6)[:, :3]
     assert not vanishes(TRIANGLE, (X, Y), lambda w: X * w)  # a linear body load
     assert transfer(2)[:, 3:] != sp.eye(6)[:, 3:]  # a force on a mid-side node
