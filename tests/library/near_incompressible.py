@@ -5,9 +5,9 @@
 prints, by cell, distortion and Poisson's ratio, the least singular value of L^-1 K L^-T, where K
 has piecewise-linear weights and K_G = L L^T is the standard element's stiffness on the same mesh:
 1 for the standard element itself, 0 for a singular K; and the number of meshes with a negative
-det K. The square or cube has its base clamped. Vertices (on "curved" meshes mid nodes) are moved at random by
-up to a fraction of the cell size. The map is coarse: a few meshes of 2 to 4 cells a side. The
-guide's page on theory has the results and the limits derived from them ("Nearly incompressible
+det K. The square or cube has its base clamped. Vertices (on "curved" meshes mid nodes) are moved at
+random by up to a fraction of the cell size. The map is coarse: a few meshes of 2 to 4 cells a side.
+The guide's page on theory has the results and the limits derived from them ("Nearly incompressible
 bodies").
 """
 
