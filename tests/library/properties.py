@@ -36,7 +36,7 @@ def unit_mesh(cell, n):
     return move_nodes(build(MPI.COMM_SELF, corners, [n] * dim, cell), distorted)
 
 
-def rim_of(space):
+def boundary_dofs(space):
     """Return the unknowns of a space at the boundary."""
     topology = space.mesh.topology
     topology.create_connectivity(topology.dim - 1, topology.dim)
@@ -61,7 +61,7 @@ def assert_small(error, bound):
     assert largest <= bound, f"{largest:.3g} exceeds {bound:.3g}"
 
 
-def terms(A):
+def max_row_entries(A):
     """Return the largest number of entries in a row, which bounds the round-off of a product."""
     return np.count_nonzero(A, axis=1).max()
 
@@ -148,7 +148,7 @@ class Elastic:
         |K| times that and d |K||a|.
         """
         A, full = dense(reduction.matrix(self.K)), np.abs(dense(self.K))
-        d = terms(full) * (self.round_off if round_off is None else round_off)
+        d = max_row_entries(full) * (self.round_off if round_off is None else round_off)
         wrong = d * (full @ np.abs(a.ravel()) + np.abs(f.ravel()))
         free = dense(reduction.right).T @ wrong
         displacement_bound = np.abs(np.linalg.inv(A)) @ free

@@ -31,7 +31,7 @@ def square(cell, divisions=(3, 2), pattern="right"):
 left = on_plane(0, 0.0)
 
 
-def in_order(points):
+def sort_points(points):
     return sorted(map(tuple, np.round(points[:, :2], 12)))
 
 
@@ -93,7 +93,7 @@ def test_inner_nodes_are_the_middles_of_the_quadrilaterals(pattern):
     midpoints = U.tabulate_dof_coordinates()[mid_diagonal_nodes(U)]
     x = grade(np.pad(np.linspace(0, 1, 5)[:, None], ((0, 0), (0, 2))))[:, 0]
     middles = [(a, b) for b in (1 / 6, 3 / 6, 5 / 6) for a in (x[1:] + x[:-1]) / 2]
-    assert in_order(midpoints) == in_order(np.array(middles))
+    assert sort_points(midpoints) == sort_points(np.array(middles))
 
 
 def test_refuses_triangles_without_partner():
@@ -118,7 +118,7 @@ def _mesh(x, cells):
     return create_mesh(MPI.COMM_SELF, cells=np.array(cells), x=x, e=element)
 
 
-def test_refuses_what_cannot_be_condensed(problem):
+def test_nodes_that_cannot_be_condensed_are_refused(problem):
     body, _, _ = problem
     U, inner = body.space, body.inner_nodes()
     everywhere = prescribe(U, 0, lambda x: x[0] > -9)

@@ -73,7 +73,7 @@ def test_against_dense_eigenvalues():
         assert modes.factors == pytest.approx(1 / real[:4], rel=1e-9)
 
 
-def test_refuses_what_cannot_buckle():
+def test_buckling_under_tension_is_refused():
     with pytest.raises(NoModes, match="pulls"):
         buckling(*strip(GALERKIN, stress=1.0))
 
@@ -103,7 +103,7 @@ def test_a_clamped_column_does_not_buckle_under_tension(E, form, hybrid):
     assert (modes.prestress_ratios < 0.4).all()
 
 
-def test_prestress_is_that_of_the_part_that_buckles():
+def test_prestress_ratio_is_that_of_the_part_that_buckles():
     """A loaded soft column, and a separate block that is a million times as stiff."""
     K, K_sigma, supports = clamped_column(1.0)
     stiff = clamped_column(0.0, 1e6)[0]
@@ -137,7 +137,7 @@ BODIES = {
 }
 
 
-def steel(setting, method=PW):
+def free_steel_body(setting, method=PW):
     """Create a free steel body; return it and the number of its rigid modes."""
     make_mesh, state, rigid = BODIES[setting]
     material = Material(2.1e11, 0.3, density=7856.0)
@@ -148,7 +148,7 @@ def steel(setting, method=PW):
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("setting", BODIES)
 def test_rigid_modes_of_a_free_body(setting, method, symmetrised):
-    body, rigid = steel(setting, method)
+    body, rigid = free_steel_body(setting, method)
     modes = vibration_modes(body.K, body.M, body.make_supports(), 9, symmetrised)
     assert modes.imaginary_ratio == 0
     if setting == "2-D curved" and symmetrised and method == PW:
@@ -199,7 +199,7 @@ def test_both_left_matrices_of_guyans_reduction(element):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_no_rigid_mode_is_missed_however_few_modes_are_asked_for(method):
-    body, rigid = steel("slender", method)
+    body, rigid = free_steel_body("slender", method)
     n_rigid = [
         vibration_modes(body.K, body.M, body.make_supports(), n).n_rigid for n in range(1, 9)
     ]
@@ -229,7 +229,7 @@ def test_double_buckling_factor_of_a_square_column():
 
 @pytest.mark.parametrize("setting", BODIES)
 def test_lumped_mass_of_the_new_element(setting):
-    body, rigid = steel(setting)
+    body, rigid = free_steel_body(setting)
     lumped = lumped_mass(body.M, body.space)
     diagonal = lumped.getDiagonal()
     assert np.count_nonzero(dense(lumped)) == lumped.getSize()[0]
@@ -256,7 +256,7 @@ def test_lumped_mass_of_standard_elements_is_refused():
             lumped_mass(body.M, body.space)
 
 
-def test_says_when_a_symmetrised_body_is_unstable():
+def test_an_indefinite_symmetrised_body_is_refused():
     mesh = triangles(COMM, (0.0, -0.5), (4.0, 0.5), (2, 4), "crossed")
     body = ElasticBody(mesh, PW, "plane stress")
     assert vibration_modes(body.K, body.M, body.make_supports(), 4).n_rigid == 3

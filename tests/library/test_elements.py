@@ -121,7 +121,7 @@ def cuts():
         yield corners + [(*diagonal, *pair) for pair in ((a, c), (c, b), (b, d), (d, a))]
 
 
-def brute_force(integrand):
+def integrate_over_cuts(integrand):
     """Integrate over all sub-cells of each cut, and return the mean over the cuts.
 
     The integrand takes weights (q, 10), their slopes (d, 10) and points (q, d).
@@ -150,10 +150,12 @@ def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
     K = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))[np.ix_(cell, cell)]
     M = dense(assemble_matrix(u * v * ufl.dx))[np.ix_(cell, cell)]
     f = assemble_vector(v * ufl.dx).array[cell]
-    exact_K = brute_force(
+    exact_K = integrate_over_cuts(
         lambda _, dw, x: np.einsum("dm,qnd->qmn", dw, shape_functions("T10", x)[1])
     )
-    exact_M = brute_force(lambda w, _, x: np.einsum("qm,qn->qmn", w, shape_functions("T10", x)[0]))
+    exact_M = integrate_over_cuts(
+        lambda w, _, x: np.einsum("qm,qn->qmn", w, shape_functions("T10", x)[0])
+    )
     assert np.abs(K - exact_K).max() < 1e-14 * np.abs(K).max()
     assert np.abs(M - exact_M).max() < 1e-14 * np.abs(M).max()
     volume = 1 / 6

@@ -39,7 +39,7 @@ from pw_elements.spaces.hybrid import mixed_element
 from study.elements import taylor_hood
 from study.verification.v15_layers import error, layered
 from tests.contact.cases import PW, ElasticBody, on_plane
-from tests.library.properties import rim_of
+from tests.library.properties import boundary_dofs
 
 COMM = MPI.COMM_SELF
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -59,7 +59,7 @@ def block(cell, n=3):
     return mesh
 
 
-def parts(mesh, numbers):
+def tag_cells(mesh, numbers):
     """Create tags of the first cells."""
     cells = np.arange(len(numbers), dtype=np.int32)
     return meshtags(mesh, mesh.topology.dim, cells, np.asarray(numbers, dtype=np.int32))
@@ -129,7 +129,7 @@ def test_an_incompressible_ring_in_axisymmetry_has_the_exact_pressure(method):
 def test_an_enclosed_incompressible_body_needs_its_pressure_fixed(cell, n, solver):
     body = ElasticBody(mesh := block(cell, n), Spaces.hybrid, state_of(mesh), 1.0, 0.5)
     W, dim, force = body.space, body.dim, np.array([2.0, 1.0, -4.0])
-    rim = [fem.dirichletbc(fem.Function(W), rim_of(W.sub(0)))]
+    rim = [fem.dirichletbc(fem.Function(W), boundary_dofs(W.sub(0)))]
     f, enclosed = body.body_force_load(force[:dim]), Reduction.dirichlet(W, rim)
     with pytest.raises(SingularSystem, match=r"^an incompressible .* prescribe it at a vertex"):
         solve(body.K, f, enclosed, solver)
@@ -169,17 +169,17 @@ def test_layers_are_exact_where_the_pressure_is_split_between_them(caplog):
 
 def test_a_split_pressure_has_to_be_tied_and_needs_factors():
     mesh = create_unit_square(COMM, 2, 2)
-    spaces, trial = Spaces.hybrid(mesh, parts(mesh, [1] * 8)), Spaces.hybrid(mesh).trial
+    spaces, trial = Spaces.hybrid(mesh, tag_cells(mesh, [1] * 8)), Spaces.hybrid(mesh).trial
     conditions = [prescribe(spaces.trial, 0, on_plane(0, 0.0))]
     with pytest.raises(ValueError, match="dirichlet needs both spaces"):
         Reduction.dirichlet(spaces.trial, conditions)
     with pytest.raises(ValueError, match="of all of them"):
-        Reduction.dirichlet(Spaces.hybrid(mesh, parts(mesh, [1] * 3)), conditions)
+        Reduction.dirichlet(Spaces.hybrid(mesh, tag_cells(mesh, [1] * 3)), conditions)
     # one part has the pressure of a body without parts
     tied = Reduction.dirichlet(spaces, conditions).right.getSize()[1]
     whole = Reduction.dirichlet(trial, [prescribe(trial, 0, on_plane(0, 0.0))])
     assert tied == whole.right.getSize()[1]
-    spaces = Spaces.hybrid(mesh, parts(mesh, [0, 1] * 4))
+    spaces = Spaces.hybrid(mesh, tag_cells(mesh, [0, 1] * 4))
     conditions = Reduction.dirichlet(spaces, [prescribe(spaces.trial, 0, on_plane(0, 0.0))])
     K = assemble_matrix(Body(spaces, Material(1.0, 0.4), "plane strain").stiffness())
     with pytest.raises(ValueError, match="a pressure that is split, need Direct"):
@@ -241,7 +241,7 @@ def test_conditions_contradict_each_other_field_by_field():
 
 def test_von_mises_stress_and_materials_by_tag_know_the_pressure():
     mesh = block("triangle", 2)
-    tags = parts(mesh, np.arange(8) % 2)
+    tags = tag_cells(mesh, np.arange(8) % 2)
     material = Material.by_tag(mesh, tags, {0: Material(3.0, 0.3), 1: Material(3.0, 0.499)})
     body = Body.on(mesh, material, "plane strain", parts=tags)
     assert body.spaces.is_hybrid
@@ -280,7 +280,7 @@ def test_a_body_takes_the_element_that_the_softest_of_its_materials_needs(caplog
     nu.x.array[-1:] = 0.495
     Body(PW(mesh), Material(1.0, nu), "plane strain")
     assert "nu = 0.495 in displacements alone" in caplog.text
-    tags = parts(mesh, nu.x.array > 0.4)
+    tags = tag_cells(mesh, nu.x.array > 0.4)
     assert Body.on(mesh, Material(1.0, nu), "plane strain", parts=tags).spaces.parts is tags
 
 

@@ -40,7 +40,7 @@ from study.elements import composite
 from study.inner_nodes import centre_nodes
 from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
 from tests.contact.iterative import SolidBlock, nearly_sliding_arguments
-from tests.library.properties import rim_of
+from tests.library.properties import boundary_dofs
 
 
 def box(cell, n=2, comm=MPI.COMM_SELF):
@@ -141,7 +141,7 @@ def test_the_coarse_level_is_the_stiffness_of_linear_elements(name):
 
 @pytest.mark.parametrize("sprung", [False, True])
 @pytest.mark.parametrize("blocked", [False, True])
-def test_the_coarse_level_follows_what_is_held(blocked, sprung):
+def test_the_coarse_level_follows_the_constraints(blocked, sprung):
     """The coarse matrix equals P^T K P, with DOLFINx's P and constraints removed from K and P.
 
     With springs these constrain the nodes in place of projections.
@@ -209,7 +209,7 @@ def test_a_scalar_field():
     u, v = ufl.TrialFunction(V), ufl.TestFunction(test_space(V))
     K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
     f = assemble_vector(v * ufl.dx)
-    supports = Reduction.dirichlet(V, [fem.dirichletbc(0.5, rim_of(V), V)])
+    supports = Reduction.dirichlet(V, [fem.dirichletbc(0.5, boundary_dofs(V), V)])
     assert difference(solve(K, f, supports, Iterative()), solve(K, f, supports, Direct())) < 1e-10
     with pytest.raises(SingularSystem):
         solve(K, f, Reduction.dirichlet(V, []), Iterative())
@@ -227,7 +227,7 @@ def test_options_pass_through():
     assert rough.krylov_iterations < plain.krylov_iterations / 2
 
 
-def test_what_does_not_converge_is_not_returned():
+def test_an_unconverged_solution_is_refused():
     with pytest.raises(NotConverged, match=r"after 6 iterations in all: Poisson.* use Direct\(\)"):
         Case("pw-T10").solve_by(Iterative(options={"ksp_max_it": 3}))  # begun twice
 
@@ -352,7 +352,7 @@ def small(monkeypatch):
 
 
 @pytest.mark.parametrize(("held", "method"), [(False, "LU by mumps"), (True, "GMRES with p-m")])
-def test_what_contact_alone_holds_takes_factors_up_to_a_larger_size(monkeypatch, held, method):
+def test_auto_takes_factors_for_larger_bodies_that_only_contact_holds(monkeypatch, held, method):
     monkeypatch.setattr(automatic, "_MIN_KRYLOV_DOFS", 1)
     solid = SolidBlock(n=2)
     supports = (
@@ -400,7 +400,7 @@ def test_without_memory_for_factors_the_error_stays(monkeypatch):
 
 @pytest.mark.parametrize("solver", ["auto", Iterative()])
 @pytest.mark.usefixtures("small")
-def test_a_proof_comes_before_other_ways(solver, caplog):
+def test_infeasibility_is_proved_before_the_fallback(solver, caplog):
     """A body pushed by more than friction bears: Krylov's method fails, and no solution exists."""
     K, loads, supports, pair, U = nearly_sliding_arguments(SolidBlock(n=2), push_ratio=0.8)
     with caplog.at_level(logging.INFO), pytest.raises(NoEquilibrium, match="slides along"):
@@ -429,7 +429,7 @@ def test_linear_problems_go_on_with_factors(monkeypatch):
         assert getattr(modes, name) == pytest.approx(getattr(expected, name), rel=1e-10)
 
 
-def test_memory():
+def test_factors_and_free_memory_are_estimated():
     """MUMPS took 6.2 GB for 212 355 unknowns; free memory is less than the machine's."""
     assert iterative.memory_of_factors(212_355) == pytest.approx(6.2e9, rel=0.3)
     assert (

@@ -115,7 +115,7 @@ def test_a_material_per_tag():
     assert rules[0] == rules[1]
 
 
-def test_materials_that_do_not_go_with_tags_are_named():
+def test_materials_without_matching_tags_are_refused():
     mesh = square(4)
     tags, soft, stiff = halves(mesh), Material(1.0), Material(9.0)
 

@@ -48,7 +48,7 @@ def box(comm, size=(1, 1, 2), cells=(3, 3, 5), cell="tetrahedron"):
     return create_box(comm, [(0, 0, 0), size], cells, CellType[cell])
 
 
-def foot(body, axis, values=(0.0, 0.0, 0.0)):
+def foot_supports(body, axis, values=(0.0, 0.0, 0.0)):
     """Create supports at the lower end of an axis."""
     return body.make_supports(*((i, on_plane(axis, 0.0), values[i]) for i in range(body.dim)))
 
@@ -65,7 +65,7 @@ def sizes(W, a):
 def beam(comm, method):
     mesh = triangles(comm, (0.0, -0.5), (8.0, 0.5), (16, 4), "crossed")
     body = ElasticBody(mesh, method, "plane stress", 2.0)
-    U, K, M, supports = body.space, body.K, body.M, foot(body, 0, (0.0, 0.01))
+    U, K, M, supports = body.space, body.K, body.M, foot_supports(body, 0, (0.0, 0.01))
     f = body.traction_load((-1.0, 0.0), on_plane(0, 8.0))
     f.axpy(1.0, nodal_load(U, lambda x: on_plane(0, 8.0)(x) & on_plane(1, 0.0)(x), (0, 1e-3)))
     a = solve(K, f, supports)
@@ -157,7 +157,7 @@ def hybrid(comm, state):
     body = ElasticBody(mesh, Spaces.hybrid, state, 2e9, 0.5)
     f = body.body_force_load([3e6] * body.dim)
     f.axpy(1.0, nodal_load(body.space, on_plane(0, 0.0), [2e6] * body.dim))
-    a = solve(body.K, f, foot(body, 0, (0.0, 0.01, 0.02)))
+    a = solve(body.K, f, foot_supports(body, 0, (0.0, 0.01, 0.02)))
     return sizes(body.space, a) | {"reactions": reactions(body.K, a, f).norm()}
 
 
@@ -207,7 +207,7 @@ def impact(comm):
 
 def supported_numbers(comm, cell):
     body = ElasticBody(box(comm, (2, 1, 1), (4, 2, 2), cell), PW, "solid", 1.0)
-    f, supports = body.body_force_load((0.0, 0.3, -1.0)), foot(body, 0, (0.0, 0.1, 0.2))
+    f, supports = body.body_force_load((0.0, 0.3, -1.0)), foot_supports(body, 0, (0.0, 0.1, 0.2))
     with pytest.raises(SingularSystem):
         solve(
             body.K, f, body.make_supports((0, on_plane(0, 0.0)), (1, on_plane(0, 0.0))), Iterative()
@@ -219,7 +219,7 @@ def supported_numbers(comm, cell):
 
 def incompressible(comm, cell):
     body = ElasticBody(box(comm, (2, 1, 1), (4, 2, 2), cell), Spaces.hybrid, "solid", 2e9, 0.5)
-    f, supports = body.body_force_load((0.0, 3e8, -1e9)), foot(body, 0, (0.0, 0.1, 0.2))
+    f, supports = body.body_force_load((0.0, 3e8, -1e9)), foot_supports(body, 0, (0.0, 0.1, 0.2))
     return sizes(body.space, solve(body.K, f, supports, Iterative()))
 
 

@@ -49,7 +49,7 @@ def test_a_plane_body_is_drawn_where_it_has_moved(axes, cell):
     ("cell", "view", "faces"),
     [("tetrahedron", (30, 40), 3), ("hexahedron", (0, 20), 2), ("hexahedron", (1e-5, 20), 3)],
 )
-def test_of_a_box_the_faces_are_seen_that_are_turned_to_the_eye(axes, cell, view, faces):
+def test_faces_of_a_box_that_look_at_the_viewer_are_drawn(axes, cell, view, faces):
     """Their projected area is the area of the box's shadow along the line of sight."""
     size = np.array([1.0, 2.0, 3.0])
     mesh = create_box(COMM, [np.zeros(3), size], [2, 2, 2], CellType[cell])
@@ -70,7 +70,7 @@ def test_higher_is_drawn_higher_and_in_its_colour(axes):
     assert np.corrcoef(height, grey)[0, 1] > 0.99
 
 
-def test_of_a_ball_what_is_seen_is_a_disc(axes):
+def test_a_ball_is_seen_as_a_disc(axes):
     box = create_box(COMM, [-np.ones(3), np.ones(3)], [4, 4, 4])
 
     def ball(x):

@@ -25,7 +25,7 @@ from pw_elements import (
     test_space,
 )
 from tests.contact.cases import finite_strain_residual, on_plane
-from tests.library.properties import rim_of, unit_mesh
+from tests.library.properties import boundary_dofs, unit_mesh
 
 DX = ufl.dx(metadata={"quadrature_degree": 6})
 A = np.array([[1.3, 0.2, -0.1], [-0.15, 0.8, 0.1], [0.05, -0.2, 1.1]])
@@ -33,7 +33,7 @@ A = np.array([[1.3, 0.2, -0.1], [-0.15, 0.8, 0.1], [0.05, -0.2, 1.1]])
 
 def scalar_problem(mesh):
     V = fem.functionspace(mesh, ("Lagrange", 2))
-    return V, fem.Function(V), ufl.TestFunction(test_space(V)), rim_of(V)
+    return V, fem.Function(V), ufl.TestFunction(test_space(V)), boundary_dofs(V)
 
 
 def interpolate(V, field):
@@ -114,7 +114,7 @@ def test_homogeneous_deformation_is_exact(cell):
     def load(share):
         g.interpolate(lambda x: share * strain @ x[:dim])
 
-    problem = PetrovGalerkinProblem(F, u, fem.dirichletbc(g, rim_of(V)))
+    problem = PetrovGalerkinProblem(F, u, fem.dirichletbc(g, boundary_dofs(V)))
     problem.solve(load)
     exact = V.tabulate_dof_coordinates()[:, :dim] @ strain.T
     assert np.abs(u.x.array.reshape(-1, dim) - exact).max() < 1e-13
@@ -139,7 +139,7 @@ def test_an_increment_is_cut_where_it_fails_as_a_whole():
     assert np.abs(problem.u.x.array - gentle.u.x.array).max() < 1e-8
 
 
-def test_what_cannot_be_solved_leaves_the_last_solution():
+def test_after_a_failure_u_is_the_last_solution():
     problem, move = pressed_square(-1.5)  # through the bottom
     with pytest.raises(NotConverged, match=r"of the load; u is the solution at 0\.\d+"):
         problem.solve(move)
@@ -186,7 +186,7 @@ def residual_of(u, v):
     return ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
 
 
-def test_what_is_no_problem_is_refused():
+def test_invalid_problems_are_refused():
     V, u, v, rim = scalar_problem(unit_mesh(CellType.triangle, 2))
     linear_space = fem.functionspace(V.mesh, ("Lagrange", 1))
     problem_type, test, trial = (

@@ -22,7 +22,7 @@ def all_ends(comm):
 
 
 @pytest.mark.random
-def test_what_differs_on_one_process_ends_all_alike(request):
+def test_an_error_on_one_process_ends_all_processes(request):
     processes = 3 if request.config.getoption("--nightly") else 2
     outcomes = run_on(processes, all_ends, limit=WAITING)[0]
     assert len(outcomes) > 100

@@ -20,7 +20,7 @@ from pw_elements import (
 from pw_elements.elasticity import order_by_position
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
-from tests.library.properties import rim_of, unit_mesh
+from tests.library.properties import boundary_dofs, unit_mesh
 
 CELLS = [CellType.tetrahedron, CellType.hexahedron, CellType.triangle, CellType.quadrilateral]
 PLANE = [
@@ -33,7 +33,7 @@ PLANE = [
 ]
 
 
-def uneven(build=triangles, method=PW, state="plane stress", thickness=1.0):
+def uneven_block(build=triangles, method=PW, state="plane stress", thickness=1.0):
     """Create a block 2 x 1 with cells of uneven width."""
     mesh = build(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
     mesh = move_nodes(mesh, lambda x: x + 0.1 * np.sin(3 * x[:, :1]) * [1, 0, 0])
@@ -52,7 +52,7 @@ def uniform_pressure_forces(body, where, pressure=3.0):
 @pytest.mark.parametrize(("side", "axis"), [(0, 1), (1, 0)])
 def test_forces_along_any_side_are_in_its_order(side, axis):
     """This includes a side at constant x, where round-off must not decide the order."""
-    body = uneven()
+    body = uneven_block()
     body.mesh.geometry.x[::2] *= 1 + 1e-15
     end = body.mesh.geometry.x[:, side].max()
     f = body.traction_load((2.0, 5.0), on_plane(side, end))
@@ -64,7 +64,7 @@ def test_forces_along_any_side_are_in_its_order(side, axis):
 @pytest.mark.parametrize(("build", "method", "state"), PLANE)
 def test_pressures_of_an_even_pressure(build, method, state):
     thickness = 1.0 if state == "axisymmetric" else 0.4
-    body = uneven(build, method, state, thickness)
+    body = uneven_block(build, method, state, thickness)
     surface = SurfaceNodes.from_body(body.body, on_plane(1, 0.0))
     end = 2 + 0.1 * np.sin(6)
     total = np.pi * end**2 if state == "axisymmetric" else thickness * end
@@ -89,14 +89,14 @@ def test_sawtooth_of_an_even_pressure(method, expected):
     surface = SurfaceNodes.from_body(body.body, on_plane(1, 0.0))
     force = uniform_pressure_forces(body, on_plane(1, 0.0))
     assert surface.sawtooth(force) == pytest.approx(expected)
-    uneven = abs(2 * expected / (expected + 1) - 2 / (expected + 1))
-    assert surface.unevenness(force) == pytest.approx(uneven, abs=1e-12)
+    uneven_block = abs(2 * expected / (expected + 1) - 2 / (expected + 1))
+    assert surface.unevenness(force) == pytest.approx(uneven_block, abs=1e-12)
     assert surface.unevenness(surface.pressure(force)) == pytest.approx(0, abs=1e-12)
     assert np.isnan(surface.sawtooth(force, np.zeros(len(force), dtype=bool)))
 
 
 def test_measures_leave_out_open_and_rim_nodes():
-    surface = SurfaceNodes.from_body(uneven().body, on_plane(1, 0.0))
+    surface = SurfaceNodes.from_body(uneven_block().body, on_plane(1, 0.0))
     force = np.array([9.0, 9, 1, 2, 1, 3, 1, 9, 9, 9, 9])
     assert surface.sawtooth(force, np.arange(11) < 7) == pytest.approx(2.5)
     assert surface.unevenness(np.arange(11.0)) == pytest.approx(0)
@@ -148,7 +148,7 @@ def test_transferred_loads_are_those_of_the_weights(cell):
 
 
 def test_edges_and_rim_of_a_line():
-    surface = SurfaceNodes.from_body(uneven().body, on_plane(1, 0.0))
+    surface = SurfaceNodes.from_body(uneven_block().body, on_plane(1, 0.0))
     assert surface.edges.tolist() == [[k, k - 1, k + 1] for k in (1, 3, 5, 7, 9)]
     assert np.flatnonzero(surface.rim).tolist() == [0, 10]
     halves = np.diff(surface.position[:, 0]) / 2
@@ -177,7 +177,7 @@ def solve_poisson(cell, method, components=0, field=None, source=0.0):
     K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
     q = fem.Constant(mesh, np.full(components, source) if components else np.float64(source))
     f = assemble_vector(ufl.inner(q, v) * ufl.dx)
-    a = solve(K, f, Reduction.dirichlet(U, fem.dirichletbc(g, rim_of(U))))
+    a = solve(K, f, Reduction.dirichlet(U, fem.dirichletbc(g, boundary_dofs(U))))
     return spaces, reactions(K, a, f), f
 
 
@@ -199,7 +199,7 @@ def test_an_even_flux_is_exact_at_every_node(cell, components):
 
 
 @pytest.mark.parametrize("method", [GALERKIN, PW])
-def test_all_that_enters_is_what_the_source_takes(method):
+def test_the_total_flux_balances_the_source(method):
     def field(x):
         return np.sin(3 * x[0]) * x[1]
 
@@ -210,7 +210,7 @@ def test_all_that_enters_is_what_the_source_takes(method):
     assert (heat.flux * heat.surface.tributary_area).sum() == pytest.approx(-f.sum(), abs=1e-12)
 
 
-def test_a_depth_divides():
+def test_fluxes_are_divided_by_the_depth():
     spaces, r, _ = solve_poisson(CellType.triangle, PW)
     thin, thick = (nodal_flux(spaces, r, side, depth=depth) for depth in (1.0, 4.0))
     assert np.allclose(thin.flux, 4 * thick.flux, rtol=1e-14)

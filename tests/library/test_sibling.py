@@ -106,7 +106,7 @@ def test_closed_edges_lie_on_a_curved_surface(cell):
     assert (gap[~inner] > 1e-6).any()
 
 
-def test_what_does_not_belong_together_is_refused():
+def test_mismatched_matrices_of_the_sibling_are_refused():
     block, new = Block("triangle", 1), Block("triangle", 1, PW)
     sibling, K, U, f = block.sibling, block.K, block.space, block.body_force_load((0.0, 1.0))
     supports, sibling_K = (
