@@ -433,7 +433,7 @@ def test_motions_of_many_pieces_are_found_as_those_of_few(monkeypatch, blocked):
     both, words = two_apart(), []
     both.K = assemble_matrix(both.body.stiffness(), blocked=blocked)
     for few in (60, 0):
-        monkeypatch.setattr(matrices, "_FEW_MODES", few)
+        monkeypatch.setattr(matrices, "_MAX_DENSE_MODES", few)
         unbraked = refusal(both, floor_pair(0.3), (0.5, -1.0))
         words.append((str(unbraked), unbraked.missing.moment.round(9).tolist()))
         with pytest.raises(FreeBody) as loose:

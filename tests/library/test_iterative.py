@@ -186,7 +186,7 @@ def test_the_coarse_level_follows_the_constraints(blocked, sprung):
 
 @pytest.mark.parametrize("rows", [12_000, 90])
 def test_matrices_in_blocks(monkeypatch, rows):
-    monkeypatch.setattr(matrices, "_ROWS_AT_ONCE", rows)
+    monkeypatch.setattr(matrices, "_CONVERTED_ROWS", rows)
     case = Case("pw-T10")
     blocked = assemble_matrix(case.body.stiffness(), blocked=True)
     assert blocked.getType() == "seqbaij"
