@@ -29,7 +29,7 @@ def square(request):
 
 def test_prescribed_values_against_dense_algebra(square):
     prescribed = [(0, on_plane(0, 0.0)), (1, on_plane(0, 0.0)), (0, on_plane(0, 1.0), 0.03)]
-    f = square.load((1.0, 0.2), on_plane(0, 1.0))
+    f = square.traction_load((1.0, 0.2), on_plane(0, 1.0))
     a = solve(square.K, f, square.make_supports(*prescribed)).array
     conditions = [prescribe(square.space, *condition) for condition in prescribed]
     assert np.abs(a - dense_solution(square.K, f, conditions)).max() < 1e-12
@@ -39,8 +39,8 @@ def test_prescribed_values_against_dense_algebra(square):
 def test_missing_supports_end_in_an_error(square, components):
     """Missing supports are found even if a balanced load makes the residual small."""
     supports = square.make_supports(*((i, on_plane(0, 0.0)) for i in components))
-    pull = square.load((1.0, 0.0), on_plane(0, 1.0))
-    for f in (pull, pull + square.load((-1.0, 0.0), on_plane(0, 0.0))):
+    pull = square.traction_load((1.0, 0.0), on_plane(0, 1.0))
+    for f in (pull, pull + square.traction_load((-1.0, 0.0), on_plane(0, 0.0))):
         with pytest.raises(SingularSystem, match="rigid motion"):
             solve(square.K, f, supports)
 
@@ -164,7 +164,7 @@ def beam():
     ],
 )
 def test_every_computation_takes_a_solver_and_says_what_ran(beam, solver, package):
-    f = beam.load((-1.0, 0.0), on_plane(0, 8.0))
+    f = beam.traction_load((-1.0, 0.0), on_plane(0, 8.0))
     a, reference = solve(beam.K, f, beam.foot, solver=solver), solve(beam.K, f, beam.foot)
     assert (a - reference).norm() < 1e-10 * reference.norm()
     report = a.getAttr("report")

@@ -42,7 +42,7 @@ def uneven_block(build=triangles, method=PW, state="plane stress", thickness=1.0
 
 def uniform_pressure_forces(body, where, pressure=3.0):
     """Return nodal forces of a uniform pressure in the order of the surface's nodes."""
-    f = body.load(pressure * np.eye(body.dim)[-1], where)
+    f = body.traction_load(pressure * np.eye(body.dim)[-1], where)
     x = body.space.tabulate_dof_coordinates()
     nodes = np.flatnonzero(where(x.T))
     nodes = nodes[order_by_position(x[nodes])]
