@@ -290,8 +290,8 @@ def iterative_numbers(comm):
     def contact(arguments):
         return sum_states(solve_contact(*arguments, solver=Iterative()))
 
-    def reversed_stack(case, **body):
-        """Return the arguments of a stack whose upper body is the slave."""
+    def stack_numbers(case, **body):
+        """Return the numbers of a stack whose upper body is the slave."""
         stack = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), comm=comm, **body)
         return contact(STACKED_CASES[case](stack, "upper"))
 
@@ -302,10 +302,10 @@ def iterative_numbers(comm):
         | {case: contact(SolidBlock(n=2, comm=comm).case_arguments(case)) for case in SINGLE}
         | {"hybrid sphere": contact(rubber.case_arguments("sphere"))}
         | {
-            case: reversed_stack(case, ratio=0.5)
+            case: stack_numbers(case, modulus_ratio=0.5)
             for case in ("on a floor", "forces through contact")
         }
-        | {"hybrid stacked": reversed_stack("held by contact", element="hybrid", nu=0.5)}
+        | {"hybrid stacked": stack_numbers("held by contact", element="hybrid", nu=0.5)}
         | {"sliding": contact(nearly_sliding_arguments(SolidBlock(n=2, comm=comm)))}
         | {"blocked": blocked_numbers(comm), "auto": by_auto(comm)}
     )
