@@ -66,11 +66,11 @@ def check_problem(
             if processes not in (MPI.IDENT, MPI.CONGRUENT):
                 raise ValueError(f"{name} lives on other processes than {K_name}")
             sizes = tensor.getSizes()[0] if name in matrices else tensor.getSizes()
-            arguments.check_sizes(name, sizes, K_name, K.getSizes()[0])
+            arguments.check_vector_sizes(name, sizes, K_name, K.getSizes()[0])
             _check_same_mesh(name, AssemblyRecord.read(tensor).mesh, K)
         if space is not None:
             arguments.check_space(space)
-            arguments.check_sizes(K_name, K.getSizes()[0], "the space", space)
+            arguments.check_vector_sizes(K_name, K.getSizes()[0], "the space", space)
             spaces["the space"] = space
         for name, V in spaces.items():
             _check_same_mesh(name, None if V is None else V.mesh._cpp_object, K)

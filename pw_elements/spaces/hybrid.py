@@ -6,6 +6,7 @@ same P1.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from petsc4py import PETSc
 
@@ -92,7 +93,7 @@ class SubSpace:
         """Local and global size of vectors of the field."""
         return vector_sizes(self.space)
 
-    @property
+    @cached_property
     def is_whole_space(self) -> bool:
         return self.sizes == self.full_sizes
 

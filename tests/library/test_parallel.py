@@ -41,7 +41,7 @@ from study.verification.v15_layers import error, layered
 from tests.contact.cases import GALERKIN, PW, ElasticBody, finite_strain_residual, on_plane
 from tests.contact.iterative import STACKED_CASES, SolidBlock, nearly_sliding_arguments
 from tests.contact.two_bodies import StackedBlocks
-from tests.parallel import same_numbers
+from tests.parallel import assert_same_on_processes
 
 
 def box(comm, size=(1, 1, 2), cells=(3, 3, 5), cell="tetrahedron"):
@@ -314,4 +314,4 @@ def iterative_numbers(comm):
 @pytest.mark.parametrize(("numbers", "rel"), [(direct_numbers, 1e-10), (iterative_numbers, 1e-8)])
 def test_same_numbers_on_several_processes(numbers, rel, request):
     processes = 3 if request.config.getoption("--nightly") else 2
-    same_numbers(numbers, processes=[processes], rel=rel)
+    assert_same_on_processes(numbers, processes=[processes], rel=rel)
