@@ -482,7 +482,7 @@ def test_motions_of_many_bodies_are_found_as_those_of_few(monkeypatch, blocked):
     two_blocks, messages = make_two_blocks(), []
     two_blocks.K = assemble_matrix(two_blocks.body.stiffness(), blocked=blocked)
     for n_dense in (60, 0):
-        monkeypatch.setattr(matrices, "_FEW_MODES", n_dense)
+        monkeypatch.setattr(matrices, "_MAX_DENSE_MODES", n_dense)
         refusal = solve_refused(two_blocks, floor_pair(0.3), (0.5, -1.0))
         messages.append((str(refusal), refusal.missing.moment.round(9).tolist()))
         with pytest.raises(FreeBody) as free_body:
