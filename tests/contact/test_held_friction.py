@@ -31,7 +31,7 @@ from tests.contact.residuals import (
 from tests.contact.test_large import RubberUnderCircle, step_through
 from tests.contact.test_matching import MatchingBlocks
 from tests.contact.two_bodies import StackedBlocks, split_facets_by_side
-from tests.parallel import same_numbers
+from tests.parallel import assert_same_on_processes
 
 FRICTION = 0.3
 SOLVERS = pytest.mark.parametrize("solver", [Direct(), Iterative()], ids=["factors", "krylov"])
@@ -310,7 +310,7 @@ def collect_fields(comm):
 
 
 def test_any_number_of_processes_gives_the_same_fields():
-    same_numbers(collect_fields, processes=(2,), rel=1e-9)
+    assert_same_on_processes(collect_fields, processes=(2,), rel=1e-9)
 
 
 def test_derivatives_are_refused_where_friction_acts_on_supports():

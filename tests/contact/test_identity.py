@@ -36,7 +36,7 @@ class HiddenSaturation:
     def __init__(self, saturation_force):
         self.saturation_force = saturation_force
 
-    def at(self, _):
+    def parameter_at(self, _):
         return 0.3
 
     def limit(self, mu, force):
@@ -362,9 +362,9 @@ FORGERIES = {
     "increment is 0.5": change_value("increment", 0.5),
     "an undeformed body has displacements": change_value("increment", 0),
     "unique is 'yes'": change_value("unique", "yes"),
-    "free has [0, 7]": change_value("free", [[0, 7]]),
-    "free has [3, 0]": change_value("free", [[3, 0]]),
-    "the surface of contact pair 0 is free to turn": change_value("free", [[0, 2]]),
+    "free_motions has [0, 7]": change_value("free_motions", [[0, 7]]),
+    "free_motions has [3, 0]": change_value("free_motions", [[3, 0]]),
+    "the surface of contact pair 0 is free to turn": change_value("free_motions", [[0, 2]]),
     "orientations [5]": change_value("orientations", [5]),
     "rotation of smallness is -0.1":
         change_value("smallness", {"strain": 0.0, "rotation": -0.1, "slip": 0.0}),

@@ -39,7 +39,7 @@ METHOD_NAME_BY_IS_HYBRID = {
 
 
 def assert_same_states(states, expected, tolerance=1e-10):
-    """Assert equal statuses, displacements within `tolerance`, forces within 1e-9 of the largest."""
+    """Assert equal statuses, displacements to `tolerance`, forces to 1e-9 of the largest."""
     for state, reference in zip(states, expected, strict=True):
         assert (
             state.displacement - reference.displacement

@@ -220,7 +220,7 @@ def test_no_accepted_state_has_inverted_cells(stress):
     with pytest.raises(NotFound, match="halved further") as raised:
         press()
     assert len(states) > 1
-    fraction, reached_state = raised.value.reached
+    fraction, reached_state = raised.value.last_substate
     assert 0 < fraction < 1
     assert reached_state.converged
     assert reached_state.pairs[0].translation[1] <= states[-1].pairs[0].translation[1]

@@ -26,7 +26,7 @@ from pw_elements.contact import (
     plot,
     write,
 )
-from pw_elements.contact.interface import gathered_trace
+from pw_elements.contact.interface import gather_trace
 from pw_elements.spaces import SubSpace
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.test_friction import assert_friction_law
@@ -130,7 +130,7 @@ def test_patch_test_passes_where_facets_are_partly_covered(cell, slave):
         (5, 4) if cell in PLANE_CELLS else (3, 2), cell, map_upper=lambda x: x * [end, 1.0, 1.0]
     )
     load = stack.traction_load(-PRESSURE * np.eye(stack.dim)[stack.up])
-    nodes, corners, _ = gathered_trace(stack.space, stack.sides["lower"]).parts
+    nodes, corners, _ = gather_trace(stack.space, stack.sides["lower"]).sub_facets
     forces = -PRESSURE * weights_beyond(corners, end)
     np.add.at(load.array.reshape(-1, stack.dim)[:, stack.up], nodes, forces)
     state = stack.solve_uniaxial(slave, 0.3 if cell == "hexahedron" else 0.0, load)
@@ -239,7 +239,7 @@ def test_invalid_mortar_pairs_are_refused(nodes, facets, kind, message):
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
 def test_elements_without_piecewise_linear_weights_are_refused(cell):
     """With them the patch test fails, by up to 60 % of the pressure."""
-    raises_error = pytest.raises(ValueError, match="forces of piecewise-linear weights")
+    raises_error = pytest.raises(ValueError, match="forces by piecewise-linear weights")
     for element in ("galerkin", "taylor_hood"):
         with raises_error:
             StackedBlocks((3, 2), cell, element=element).solve_uniaxial()
@@ -322,12 +322,12 @@ def test_gap_slip_and_status_of_the_master_are_means_of_those_of_the_slave(slave
     x = low + (high - low) * (np.arange(100_000) + 0.5) / 100_000
     slave_hats, master_hats = (
         hat_functions(x, pair.position[:, 0]),
-        hat_functions(x, stack.x[pair.opposite, 0]),
+        hat_functions(x, stack.x[pair.opposite_node, 0]),
     )
     weight = master_hats.T @ slave_hats
     faced = weight.sum(axis=1) > 0
     mean = weight[faced] / weight[faced].sum(axis=1, keepdims=True)
-    faced_nodes = pair.opposite[faced]
+    faced_nodes = pair.opposite_node[faced]
     gap = np.where(np.isfinite(pair.gap), pair.gap, 0.0)
     for contact_fields in (fields, fields_of_space):
         assert nodal_values(contact_fields.gap, faced_nodes) == pytest.approx(mean @ gap, abs=1e-9)
@@ -338,7 +338,7 @@ def test_gap_slip_and_status_of_the_master_are_means_of_those_of_the_slave(slave
         assert np.array_equal(
             nodal_values(contact_fields.status, faced_nodes), status_fractions.argmax(axis=1)
         )
-        unfaced_nodes = pair.opposite[~faced]
+        unfaced_nodes = pair.opposite_node[~faced]
         assert np.isnan(nodal_values(contact_fields.gap, unfaced_nodes)).all()
         assert not nodal_values(contact_fields.slip, unfaced_nodes).any()
         assert (nodal_values(contact_fields.status, unfaced_nodes) == OPEN).all()
@@ -420,12 +420,12 @@ def test_pictures_of_the_opposite_side_show_its_tractions(element, tmp_path):
     write(tmp_path / "two.bp", [state], stack.body)
     (pair,), fields = state.pairs, ContactFields.of(state, stack.body)
     curves = [line.get_xydata() for line in plot(state, stack.body, along=0, opposite=True).lines]
-    shear = nodal_values(fields.traction, pair.opposite)[:, 0]
-    for expected in (nodal_values(fields.pressure, pair.opposite), shear):
-        curve = np.column_stack([stack.x[pair.opposite, 0], expected])
+    shear = nodal_values(fields.traction, pair.opposite_node)[:, 0]
+    for expected in (nodal_values(fields.pressure, pair.opposite_node), shear):
+        curve = np.column_stack([stack.x[pair.opposite_node, 0], expected])
         assert any(c.shape == curve.shape and np.allclose(c, curve, equal_nan=True) for c in curves)
     solid = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), element=element)
     state = solid.solve_shifted_top()
     axes = plot(state, solid.body, opposite=True)
     (coloured_faces,) = (c for c in axes.collections if hasattr(c, "_triangulation"))
-    assert len(coloured_faces.get_array()) == len(state.pairs[0].opposite)
+    assert len(coloured_faces.get_array()) == len(state.pairs[0].opposite_node)

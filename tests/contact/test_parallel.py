@@ -115,7 +115,7 @@ def collect_numbers(comm, folder):
             (pair,) = state.pairs
             for field in ("position", "force_normal", "force_tangential", "status", "gap", "slip"):
                 numbers[f"{name} {k} {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
-            if len(pair.opposite):
+            if len(pair.opposite_node):
                 numbers[f"{name} {k} opposite force"] = pair.opposite_force
             numbers[f"{name} {k} translation"] = pair.translation
             numbers[f"{name} {k} force"] = pair.force

@@ -105,10 +105,10 @@ def compute_modes_and_contact():
 
 
 def test_progress_lines_are_written_after_a_pause(monkeypatch, capsys):
-    monkeypatch.setattr(progress, "_written", perf_counter())
+    monkeypatch.setattr(progress, "_last_report", perf_counter())
     compute_modes_and_contact()
     assert capsys.readouterr() == ("", "")  # within ten seconds
-    monkeypatch.setattr(progress, "_PAUSE", -1.0)
+    monkeypatch.setattr(progress, "_MIN_PAUSE", -1.0)
     compute_modes_and_contact()
     lines, n_dofs = capsys.readouterr().err.splitlines(), BLOCK.K.getSize()[0]
     template = "{} of 3 increments done, contact increment {}"
@@ -119,7 +119,7 @@ def test_progress_lines_are_written_after_a_pause(monkeypatch, capsys):
 
 @pytest.mark.parametrize("case", ["log", "silent", "null"])
 def test_no_progress_line_is_written_where_a_log_is_configured(case, monkeypatch, caplog, capsys):
-    monkeypatch.setattr(progress, "_PAUSE", -1.0)
+    monkeypatch.setattr(progress, "_MIN_PAUSE", -1.0)
     if case == "null":
         monkeypatch.setattr(progress.logger, "handlers", [logging.NullHandler()])
     else:

@@ -353,7 +353,7 @@ def test_the_refusal_of_a_ring_pushed_off_its_shaft_states_the_friction_capacity
     capacity = 0.3 * fitted.pairs[0].force_normal.sum()
     pushed = problem.step(fitted, ring.traction_load((0, 0.95 * capacity / area), on_plane(1, 1.0)))
     assert pushed.pairs[0].force[1] == pytest.approx(-0.95 * capacity)
-    with pytest.raises(NotFound, match=r"pair 0 is used up: .*smaller increments do not") as caught:
+    with pytest.raises(NotFound, match=r"pair 0 is exhausted: .*increments do not") as caught:
         problem.step(fitted, ring.traction_load((0, 1.5 * capacity / area), on_plane(1, 1.0)))
     assert "may find one" not in str(caught.value)
     assert capacity_in_message(caught.value) == pytest.approx(capacity, rel=0.03)
@@ -363,7 +363,7 @@ def test_the_refusal_of_a_tool_pushed_too_hard_states_the_friction_capacity():
     rubber = RubberUnderCircle(friction=0.3)
     pressed = rubber.problem.step(rubber.problem.undeformed, motions=Motion((0.0, -0.15)))
     normal = pressed.pairs[0].force_normal.sum()
-    with pytest.raises(NotFound, match=r"pair 0 is used up: .*smaller increments do not") as caught:
+    with pytest.raises(NotFound, match=r"pair 0 is exhausted: .*increments do not") as caught:
         rubber.problem.step(pressed, motions=Motion((None, -0.15), (-0.6 * normal, 0.0)))
     assert capacity_in_message(caught.value) == pytest.approx(0.3 * normal, rel=0.15)
 

@@ -134,10 +134,10 @@ def solve_and_measure_errors(shells):
     exact_displacement = shells.exact_displacement()
     difference = state.displacement.array.reshape(exact_displacement.shape) - exact_displacement
     errors = [np.abs(difference).max() / np.abs(exact_displacement).max()]
-    for nodes in (pair.node, pair.opposite):
+    for nodes in (pair.node, pair.opposite_node):
         error = fields.pressure.x.array[nodes] / shells.exact_pressure - 1
         errors.append(np.sqrt(np.mean(error**2)))
-    shear = fields.traction.x.array.reshape(shells.x.shape)[pair.opposite]
+    shear = fields.traction.x.array.reshape(shells.x.shape)[pair.opposite_node]
     return np.array(errors), np.abs(shear).max() / shells.exact_pressure
 
 
@@ -178,7 +178,7 @@ def test_sides_that_do_not_coincide_are_refused():
     coincident = replace(pair, surface=replace(pair.surface, coincident=True))
     with pytest.raises(ValueError, match="farther than meshes of one surface do"):
         stack.solve_contact(coincident)
-    with pytest.raises(ValueError, match="is a depth where sides are coincident"):
+    with pytest.raises(ValueError, match="interference of coincident sides is a depth"):
         replace(coincident, interference=True)
 
 
@@ -214,7 +214,7 @@ def press_fit_error(state, edges, interference, depth=FIT_DEPTH, slave="inner"):
     )
     ends = [(0, on_plane(0, 0.0))] if is_plane else [(1, on_plane(1, 0.5))]
     (solution,) = rings.solve_contact(pair, rings.make_supports((1, on_plane(1, 0.0)), *ends))
-    both_sides = np.concatenate([solution.pairs[0].node, solution.pairs[0].opposite])
+    both_sides = np.concatenate([solution.pairs[0].node, solution.pairs[0].opposite_node])
     pressure = ContactFields.of(solution, rings.body).pressure.x.array[both_sides]
     a, b, c = INNER_RADIUS, INTERFACE_RADIUS, OUTER_RADIUS
     exact = depth / (1 - NU**2) / (2 * b**3) * (b**2 - a**2) * (c**2 - b**2) / (c**2 - a**2)
@@ -293,7 +293,7 @@ def test_friction_on_a_curved_face_has_coulombs_torque(slave):
         assert (result.status == SLIP).all()
         fields, x = ContactFields.of(state, rings.body), rings.x
         errors = []
-        for side_nodes in (result.node, result.opposite):
+        for side_nodes in (result.node, result.opposite_node):
             force = fields.force.x.array.reshape(-1, 2)[side_nodes]
             moment = np.abs(np.sum(x[side_nodes, 0] * force[:, 1] - x[side_nodes, 1] * force[:, 0]))
             errors.append(abs(moment / torque - 1))

@@ -22,7 +22,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.interface import SlidingMortar, Trace
 from pw_elements.contact.steps import finite
-from pw_elements.contact.steps.slip import SlipCheck
+from pw_elements.contact.steps.smallness import SlipCheck
 from tests.contact.cases import on_plane, rotation_matrix
 from tests.contact.sliding import (
     DIE_PATH,
@@ -51,36 +51,40 @@ def disturbed_sides(revolved):
     slave_side = quadratic_trace(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
     master_side = quadratic_trace(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
     mortar, rng = SlidingMortar(slave_side, master_side, revolved), np.random.default_rng(3)
-    shift = np.where(np.arange(len(mortar.x)) < mortar.slaves, 0.0, 0.33)[:, None] * [1, 0]
+    shift = np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.33)[:, None] * [1, 0]
     return mortar, mortar.x + shift + [2.0, 0.0] + rng.normal(size=mortar.x.shape) * 0.004
 
 
 @pytest.mark.parametrize("revolved", [False, True])
 def test_derivatives_agree_with_central_differences(revolved):
     mortar, x = disturbed_sides(revolved)
-    projected, h = mortar.meet(x), 1e-6
-    force = np.random.default_rng(5).normal(size=(mortar.slaves, 2))
+    projected, h = mortar.linearise(x), 1e-6
+    force = np.random.default_rng(5).normal(size=(mortar.n_slave_nodes, 2))
     assert 0 < projected.faced.sum() < len(projected.faced)
-    assert np.abs(projected.parts.sum(axis=1) - projected.faced).max() < 1e-13
+    assert np.abs(projected.master_fractions.sum(axis=1) - projected.faced).max() < 1e-13
     start_x = x + np.random.default_rng(7).normal(size=x.shape) * 0.01
-    start_x[: mortar.slaves] -= [0.3, 0.0]  # so that some nodes face nothing at the start
+    start_x[: mortar.n_slave_nodes] -= [0.3, 0.0]  # so that some nodes face nothing at the start
     reference = mortar.make_reference(start_x)
     assert (projected.faced & ~reference.faced).any()
     assert (projected.faced & reference.faced).any()
 
     def quantities(x):
-        projected = mortar.meet(x)
+        projected = mortar.linearise(x)
         angles = np.arctan2(projected.normals[:, 1], projected.normals[:, 0])
-        slip, _ = projected.motions(reference, x)
+        slip, _ = projected.measure_slip_and_rates(reference, x)
         return [
-            (projected.parts.T @ force).ravel(),
-            projected.places.ravel(),
+            (projected.master_fractions.T @ force).ravel(),
+            projected.mean_distance.ravel(),
             projected.gaps,
             slip,
             angles,
         ]
 
-    derivatives = [projected.turned(force), projected.changes, *projected.motions(reference, x)[1]]
+    derivatives = [
+        projected.differentiate_master_forces(force),
+        projected.distance_rate,
+        *projected.measure_slip_and_rates(reference, x)[1],
+    ]
     for k in range(x.size):
         step = h * np.eye(x.size)[k].reshape(x.shape)
         end_values = [quantities(x + sign * step) for sign in (1, -1)]
@@ -98,9 +102,10 @@ def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
     """Disturbed sides shift and rotate; normals of ends may lie in symmetry planes."""
     mortar, x = disturbed_sides(revolved)
     end_nodes = np.setxor1d(*mortar.sides.slave_facets.T)
-    mortar.kept[end_nodes[0]], mortar.kept[end_nodes[1], 0] = at_ends, seed % 2 == 0
+    mortar.allowed_components[end_nodes[0]] = at_ends
+    mortar.allowed_components[end_nodes[1], 0] = seed % 2 == 0
     rng = np.random.default_rng(seed)
-    is_slave = (np.arange(len(x)) < mortar.slaves)[:, None]
+    is_slave = (np.arange(len(x)) < mortar.n_slave_nodes)[:, None]
     start_x = (
         x + rng.normal(size=x.shape) * 0.01 + is_slave * rng.uniform(-0.6, 0.6, 2) * [1.0, 0.1]
     )
@@ -108,7 +113,7 @@ def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
         start_x = start_x @ rotation_matrix(np.radians(rng.uniform(0, 360))).T
     for start, end in ((x, start_x), (start_x, x), (x, x)):
         assert max(kernel_check_differences(mortar, start, end).values()) < 1e-12
-    assert mortar.meet(x).faced.any()
+    assert mortar.linearise(x).faced.any()
 
 
 @pytest.mark.parametrize("degrees", [90, 170])
@@ -116,12 +121,14 @@ def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
     """Mortar operators are those of the start, so that paired points stay paired."""
     mortar, x = disturbed_sides(False)
     end = x @ rotation_matrix(np.radians(degrees)).T + [3.0, -2.0]
-    start, projected = mortar.make_reference(x), mortar.meet(end)
-    assert abs(projected.rows - start.rows).max() < 1e-13
+    start, projected = mortar.make_reference(x), mortar.linearise(end)
+    assert abs(projected.distance_rows - start.distance_rows).max() < 1e-13
     # nor is there slip of nodes that face nothing at the start, wherever they are
-    unfaced_start = replace(start, rows=0.0 * start.rows, faced=np.zeros_like(start.faced))
+    unfaced_start = replace(
+        start, distance_rows=0.0 * start.distance_rows, faced=np.zeros_like(start.faced)
+    )
     for reference in (start, unfaced_start):
-        assert np.abs(projected.motions(reference, end)[0]).max() < 1e-13
+        assert np.abs(projected.measure_slip_and_rates(reference, end)[0]).max() < 1e-13
 
 
 def test_linear_fields_are_transferred_exactly():
@@ -129,10 +136,11 @@ def test_linear_fields_are_transferred_exactly():
     slave_side = quadratic_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
     master_side = quadratic_trace(3, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(slave_side, master_side, False)
-    x = mortar.x + np.where(np.arange(len(mortar.x)) < mortar.slaves, 0.0, 0.31)[:, None] * [1, 0]
-    projected = mortar.meet(x)
+    shift = np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.31)
+    x = mortar.x + shift[:, None] * [1, 0]
+    projected = mortar.linearise(x)
     linear = x[:, 0] * 3 - 1
-    assert np.abs((projected.rows @ linear)[projected.faced]).max() < 1e-12
+    assert np.abs((projected.distance_rows @ linear)[projected.faced]).max() < 1e-12
     assert np.abs(projected.gaps[projected.faced] - 0.02).max() < 1e-13
 
 
@@ -180,7 +188,7 @@ def test_the_verification_agrees_for_bodies_cut_by_a_symmetry_plane(revolved):
     half_die.problem = ContactProblem.of_residual(half_die.residual, half_die.u, conditions, pair)
     states = slide_along_path(half_die, [(0.0, -0.05), (0.0, -0.12), (0.0, -0.04)])
     mortar, positions = mortar_positions_in_states(half_die, states)
-    assert not mortar.kept.all()
+    assert not mortar.allowed_components.all()
     for start, end in itertools.pairwise([mortar.x, *positions]):
         assert max(kernel_check_differences(mortar, start, end).values()) < 1e-10
 
@@ -244,8 +252,11 @@ def test_nothing_is_faced_beyond_the_point_where_normals_meet():
     for shift in np.stack(np.meshgrid([-5.0, -3.2, 3.2, 5.0], [-0.3, -0.1, 0.2]), -1).reshape(
         -1, 2
     ):
-        x = mortar.x + np.where(np.arange(len(mortar.x)) < mortar.slaves, 1.0, 0.0)[:, None] * shift
-        assert not mortar.meet(x).faced.any()
+        x = (
+            mortar.x
+            + np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 1.0, 0.0)[:, None] * shift
+        )
+        assert not mortar.linearise(x).faced.any()
 
 
 @pytest.mark.parametrize("upper_is_slave", [True, False])
@@ -296,11 +307,11 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monk
 
     def make_reference_by_closest_points(mortar, x):
         reference = make_reference(mortar, x)
-        ends, parts = mortar._find_closest(x)
-        rows = reference.rows.tolil()
+        ends, parts = mortar._find_closest_points(x)
+        rows = reference.distance_rows.tolil()
         for j in np.flatnonzero(~reference.faced):
             rows[j, j], rows[j, ends[j]] = 1.0, -parts[j]
-        return replace(reference, rows=rows.tocsr(), faced=np.ones_like(reference.faced))
+        return replace(reference, distance_rows=rows.tocsr(), faced=np.ones_like(reference.faced))
 
     monkeypatch.setattr(SlidingMortar, "make_reference", make_reference_by_closest_points)
     with pytest.raises(NotFound, match="computed anew"):
@@ -344,14 +355,14 @@ def test_the_depth_of_penetration_is_measured_between_the_ends_of_a_side():
     slave_side = quadratic_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
     master_side = quadratic_trace(3, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(slave_side, master_side, False)
-    is_slave = (np.arange(len(mortar.x)) < mortar.slaves)[:, None]
+    is_slave = (np.arange(len(mortar.x)) < mortar.n_slave_nodes)[:, None]
     lowered_x, shifted_x = mortar.x - is_slave * [0.0, 0.52], mortar.x + is_slave * [2.5, 0.0]
-    depth = mortar.measure_depth(mortar.x, lowered_x)
+    depth = mortar.measure_penetration(mortar.x, lowered_x)
     assert depth[1:-1] == pytest.approx(0.5)
-    assert not mortar.measure_depth(shifted_x, shifted_x - is_slave * [0.0, 0.52]).any()
-    assert not mortar.measure_depth(lowered_x, lowered_x).any()
-    depth_behind = mortar.measure_depth(mortar.x, mortar.x - is_slave * [0.0, 3.0])
-    assert depth_behind[mortar.x[: mortar.slaves, 0] == 0.0] == pytest.approx(2.98)
+    assert not mortar.measure_penetration(shifted_x, shifted_x - is_slave * [0.0, 0.52]).any()
+    assert not mortar.measure_penetration(lowered_x, lowered_x).any()
+    depth_behind = mortar.measure_penetration(mortar.x, mortar.x - is_slave * [0.0, 3.0])
+    assert depth_behind[mortar.x[: mortar.n_slave_nodes, 0] == 0.0] == pytest.approx(2.98)
 
 
 def test_both_sides_may_be_the_slave(die_history):
@@ -396,10 +407,10 @@ def test_fields_contain_pressures_and_forces_of_both_sides(die_history):
     fields.fill(states[-1])
     (pair,) = states[-1].pairs
     forces = fields.force.x.array.reshape(-1, 2)
-    assert np.abs(forces[pair.opposite] - pair.opposite_force).max() < 1e-15
+    assert np.abs(forces[pair.opposite_node] - pair.opposite_force).max() < 1e-15
     is_closed = pair.status > 0
     slave_pressure, master_pressure = (
-        fields.pressure.x.array[node] for node in (pair.node[is_closed], pair.opposite)
+        fields.pressure.x.array[node] for node in (pair.node[is_closed], pair.opposite_node)
     )
     assert (slave_pressure > 0).all()
     is_pressed = master_pressure > 0.1 * np.nanmax(master_pressure)
@@ -409,7 +420,7 @@ def test_fields_contain_pressures_and_forces_of_both_sides(die_history):
     master_results = master_fields.results(pair)
     assert 0 < master_results.draw < 0.1
     assert master_results.draw == -master_results.pressed.min() / master_results.pressed.max()
-    true_pressure = fields.true_pressure.x.array[pair.opposite][is_pressed]
+    true_pressure = fields.true_pressure.x.array[pair.opposite_node][is_pressed]
     assert np.abs(true_pressure / master_pressure[is_pressed] - 1).max() < 0.2
     refilled_fields = ContactFields.of(states[-1], bodies.body)
     for function, refilled in zip(fields.functions(), refilled_fields.functions(), strict=True):
@@ -433,7 +444,7 @@ def test_a_uniform_pressure_is_transferred_exactly():
     )
     fields = ContactFields.of(state, bodies.body)
     (pair,) = state.pairs
-    both_sides = np.concatenate([pair.node, pair.opposite])
+    both_sides = np.concatenate([pair.node, pair.opposite_node])
     for function in (fields.pressure, fields.true_pressure, fields.tributary_pressure):
         values = function.x.array[both_sides]
         assert np.ptp(values) < 1e-9 * values.max()

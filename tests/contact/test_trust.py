@@ -178,7 +178,7 @@ def test_a_refusal_names_the_fallbacks_and_the_part_that_was_reached(caplog):
         make_problem(104).solve()
     for remedy in ("by springs", "in parts"):
         assert f"{remedy}, for what 150 linear systems take at most" in caplog.text
-    fraction, state = caught.value.reached
+    fraction, state = caught.value.last_substate
     assert f"In parts {fraction} of it was reached" in str(caught.value)
     assert fraction == 0.5
     assert state.converged

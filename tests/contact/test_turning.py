@@ -167,7 +167,7 @@ def test_a_free_angle_under_a_torque_is_the_prescribed_one():
     del violations[:]
     free_state = rubber.problem.step(pressed_state, motions=free)
     (pair,) = free_state.pairs
-    assert free_state.free == ((0, 1), (0, 2))
+    assert free_state.free_motions == ((0, 1), (0, 2))
     assert pair.rotation == pytest.approx(-0.1, abs=1e-9)
     assert np.abs(pair.force_vector - driven_pair.force_vector).max() < 1e-9
     assert free_state.residuals.balance < 1e-9

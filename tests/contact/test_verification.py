@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import ContactFailed, ContactPair, Motion, NotFound, Plane
-from pw_elements.contact.interface.sliding import Meeting, SlidingMortar
+from pw_elements.contact.interface.sliding import LinearisedMortar, SlidingMortar
 from pw_elements.contact.iteration import Increment
 from pw_elements.contact.nodes import DeformedKinematics, UndeformedKinematics
 from pw_elements.contact.steps.verification import Sizes, measure_residuals, places_undeformed
@@ -92,10 +92,12 @@ def test_wrong_kinematics_of_small_displacements_lead_to_no_state(wrong, monkeyp
 
 
 WRONG_PROJECTIONS = {
-    "gap": lambda met: replace(met, places=met.places + 1e-4 * met.normals),
+    "gap": lambda met: replace(met, mean_distance=met.mean_distance + 1e-4 * met.normals),
     "normal": lambda met: replace(met, normals=met.normals @ rotation_matrix(1e-3).T),
-    "parts": lambda met: replace(
-        met, parts=1.001 * met.parts, turned=lambda r: 1.001 * met.turned(r)
+    "fractions": lambda met: replace(
+        met,
+        master_fractions=1.001 * met.master_fractions,
+        differentiate_master_forces=lambda r: 1.001 * met.differentiate_master_forces(r),
     ),
 }
 
@@ -104,16 +106,18 @@ WRONG_PROJECTIONS = {
 def test_wrong_mortar_integrals_lead_to_no_state(wrong, monkeypatch):
     """The verification computes gap, normal, slip and master forces by independent code."""
     bodies = make_die_on_block(friction=0.3)
-    meet, motions = SlidingMortar.meet, Meeting.motions
+    meet, motions = SlidingMortar.linearise, LinearisedMortar.measure_slip_and_rates
     if wrong == "slip":
 
         def slip_too_far(projected, *arguments):
             slip, derivatives = motions(projected, *arguments)
             return slip + 1e-4 * projected.faced, derivatives
 
-        monkeypatch.setattr(Meeting, "motions", slip_too_far)
+        monkeypatch.setattr(LinearisedMortar, "measure_slip_and_rates", slip_too_far)
     else:
-        monkeypatch.setattr(SlidingMortar, "meet", lambda *a: WRONG_PROJECTIONS[wrong](meet(*a)))
+        monkeypatch.setattr(
+            SlidingMortar, "linearise", lambda *a: WRONG_PROJECTIONS[wrong](meet(*a))
+        )
     with pytest.raises(NotFound, match="computed anew"):
         slide_along_path(bodies, DIE_PATH[:2])
 
