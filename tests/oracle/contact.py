@@ -139,7 +139,9 @@ class _ContactCompliance:
         for k, pair in enumerate(pairs):
             if pair.opposite_nodes is not None:
                 rows = np.arange(m * dim).reshape(m, dim)[self.pair == k]
-                B[rows.ravel(), (pair.opposite_nodes[:, None] * dim + np.arange(dim)).ravel()] = -1.0
+                B[
+                    rows.ravel(), (pair.opposite_nodes[:, None] * dim + np.arange(dim)).ravel()
+                ] = -1.0
         surface_columns = np.zeros((m * dim, n_free))
         for column, (k, axis) in enumerate(np.argwhere(free)):
             surface_columns[np.flatnonzero(self.pair == k) * dim + axis, column] = -1.0
