@@ -365,7 +365,7 @@ FORGERIES = {
     "free_motions has [0, 7]": change_value("free_motions", [[0, 7]]),
     "free_motions has [3, 0]": change_value("free_motions", [[3, 0]]),
     "the surface of contact pair 0 is free to turn": change_value("free_motions", [[0, 2]]),
-    "orientations [5]": change_value("orientations", [5]),
+    "determinant_signs [5]": change_value("determinant_signs", [5]),
     "rotation of smallness is -0.1":
         change_value("smallness", {"strain": 0.0, "rotation": -0.1, "slip": 0.0}),
     "report has not the parts": change_value("report", {"method": "LU"}),

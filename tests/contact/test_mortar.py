@@ -382,7 +382,7 @@ def test_two_slaves_on_one_master_and_a_rigid_floor_have_uniform_pressure():
         assert nodal_values(fields.pressure, face_nodes) == pytest.approx(PRESSURE, rel=1e-9)
     assert fields.opposite[1] is None
     changed_state = replace(
-        state, pairs=(*state.pairs[:2], replace(state.pairs[2], opposite=nodes[0]))
+        state, pairs=(*state.pairs[:2], replace(state.pairs[2], opposite_node=nodes[0]))
     )
     for part in (body.body, body.space):
         with pytest.raises(ValueError, match="other contact nodes than the fields"):

@@ -60,13 +60,13 @@ def test_derivatives_agree_with_central_differences(revolved):
     mortar, x = disturbed_sides(revolved)
     projected, h = mortar.linearise(x), 1e-6
     force = np.random.default_rng(5).normal(size=(mortar.n_slave_nodes, 2))
-    assert 0 < projected.faced.sum() < len(projected.faced)
-    assert np.abs(projected.master_fractions.sum(axis=1) - projected.faced).max() < 1e-13
+    assert 0 < projected.faces_master.sum() < len(projected.faces_master)
+    assert np.abs(projected.master_fractions.sum(axis=1) - projected.faces_master).max() < 1e-13
     start_x = x + np.random.default_rng(7).normal(size=x.shape) * 0.01
     start_x[: mortar.n_slave_nodes] -= [0.3, 0.0]  # so that some nodes face nothing at the start
     reference = mortar.make_reference(start_x)
-    assert (projected.faced & ~reference.faced).any()
-    assert (projected.faced & reference.faced).any()
+    assert (projected.faces_master & ~reference.faced_master).any()
+    assert (projected.faces_master & reference.faced_master).any()
 
     def quantities(x):
         projected = mortar.linearise(x)
@@ -113,7 +113,7 @@ def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
         start_x = start_x @ rotation_matrix(np.radians(rng.uniform(0, 360))).T
     for start, end in ((x, start_x), (start_x, x), (x, x)):
         assert max(kernel_check_differences(mortar, start, end).values()) < 1e-12
-    assert mortar.linearise(x).faced.any()
+    assert mortar.linearise(x).faces_master.any()
 
 
 @pytest.mark.parametrize("degrees", [90, 170])
@@ -125,7 +125,9 @@ def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
     assert abs(projected.distance_rows - start.distance_rows).max() < 1e-13
     # nor is there slip of nodes that face nothing at the start, wherever they are
     unfaced_start = replace(
-        start, distance_rows=0.0 * start.distance_rows, faced=np.zeros_like(start.faced)
+        start,
+        distance_rows=0.0 * start.distance_rows,
+        faced_master=np.zeros_like(start.faced_master),
     )
     for reference in (start, unfaced_start):
         assert np.abs(projected.measure_slip_and_rates(reference, end)[0]).max() < 1e-13
@@ -140,8 +142,8 @@ def test_linear_fields_are_transferred_exactly():
     x = mortar.x + shift[:, None] * [1, 0]
     projected = mortar.linearise(x)
     linear = x[:, 0] * 3 - 1
-    assert np.abs((projected.distance_rows @ linear)[projected.faced]).max() < 1e-12
-    assert np.abs(projected.gaps[projected.faced] - 0.02).max() < 1e-13
+    assert np.abs((projected.distance_rows @ linear)[projected.faces_master]).max() < 1e-12
+    assert np.abs(projected.gaps[projected.faces_master] - 0.02).max() < 1e-13
 
 
 @pytest.fixture(scope="module")
@@ -256,7 +258,7 @@ def test_nothing_is_faced_beyond_the_point_where_normals_meet():
             mortar.x
             + np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 1.0, 0.0)[:, None] * shift
         )
-        assert not mortar.linearise(x).faced.any()
+        assert not mortar.linearise(x).faces_master.any()
 
 
 @pytest.mark.parametrize("upper_is_slave", [True, False])
@@ -309,9 +311,11 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monk
         reference = make_reference(mortar, x)
         ends, parts = mortar._find_closest_points(x)
         rows = reference.distance_rows.tolil()
-        for j in np.flatnonzero(~reference.faced):
+        for j in np.flatnonzero(~reference.faced_master):
             rows[j, j], rows[j, ends[j]] = 1.0, -parts[j]
-        return replace(reference, distance_rows=rows.tocsr(), faced=np.ones_like(reference.faced))
+        return replace(
+            reference, distance_rows=rows.tocsr(), faced_master=np.ones_like(reference.faced_master)
+        )
 
     monkeypatch.setattr(SlidingMortar, "make_reference", make_reference_by_closest_points)
     with pytest.raises(NotFound, match="computed anew"):

@@ -111,7 +111,7 @@ def test_wrong_mortar_integrals_lead_to_no_state(wrong, monkeypatch):
 
         def slip_too_far(projected, *arguments):
             slip, derivatives = motions(projected, *arguments)
-            return slip + 1e-4 * projected.faced, derivatives
+            return slip + 1e-4 * projected.faces_master, derivatives
 
         monkeypatch.setattr(LinearisedMortar, "measure_slip_and_rates", slip_too_far)
     else:

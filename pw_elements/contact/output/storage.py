@@ -24,7 +24,7 @@ from pw_elements.contact.model import (
     ContactState,
     PairState,
     Residuals,
-    Scale,
+    ResidualScale,
     Smallness,
 )
 from pw_elements.contact.output.identity import Identity
@@ -41,7 +41,7 @@ _OF_NUMBERS = {
     "residuals": Residuals,
     "allowance": Residuals,
     "report": SolverReport,
-    "scale": Scale,
+    "scale": ResidualScale,
     "smallness": Smallness,
 }
 _KIND = "pw_elements contact state"
@@ -84,7 +84,7 @@ def write_state(
         numbers = {name: getattr(state, name) for name in _PLAIN}
         told = {name: getattr(state, name) for name in _OF_NUMBERS}
         numbers |= {name: None if part is None else vars(part) for name, part in told.items()}
-        numbers |= {"orientations": sorted(state.orientations)}
+        numbers |= {"determinant_signs": sorted(state.determinant_signs)}
         numbers |= {"format": _FORMAT, "pairs": len(state.pairs)}
         arrays |= {f"{_PROBLEM}{name}": values for name, values in identity.items()}
         arrays["state"] = np.array(json.dumps(numbers))
@@ -141,7 +141,7 @@ def read_state(
     stored = {k.removeprefix(_PROBLEM): v for k, v in arrays.items() if k.startswith(_PROBLEM)}
     problem.refuse_another(path, comm.bcast(stored), changed)
     length = _LARGEST_MOTION * float(np.linalg.norm(extents(comm, space.mesh.geometry.x)))
-    largest = Scale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
+    largest = ResidualScale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
     fields = list_fields(space)
     with collective_errors(comm):
         if comm.rank == 0:
@@ -160,7 +160,7 @@ def read_state(
     given = {name: numbers[name] for name in _OF_NUMBERS}
     state |= {k: None if v is None else _OF_NUMBERS[k](**v) for k, v in given.items()}
     state["free_motions"] = tuple((pair, axis) for pair, axis in numbers["free_motions"])
-    state["orientations"] = frozenset(numbers["orientations"])
+    state["determinant_signs"] = frozenset(numbers["determinant_signs"])
     state["pairs"] = tuple(PairState(**pair) for pair in pairs)
     functions = parts[len(fields) :]
     state["history"] = tuple(_with_ghosts(of, values[name]) for name, _, of in functions)

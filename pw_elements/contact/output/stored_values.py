@@ -18,7 +18,7 @@ from pw_elements.contact.model import (
     ContactState,
     PairState,
     Residuals,
-    Scale,
+    ResidualScale,
     Smallness,
 )
 from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK
@@ -43,8 +43,9 @@ def check_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
         _check_count(name, numbers[name])
     if not (numbers["unique"] is None or isinstance(numbers["unique"], bool)):
         raise ValueError(f"unique is {numbers['unique']!r}: it is true, false or unknown")
-    if not set(_list("orientations", numbers["orientations"])) <= {-1, 0, 1}:
-        raise ValueError(f"orientations {numbers['orientations']}: they are signs")
+    signs = numbers["determinant_signs"]
+    if not set(_list("determinant_signs", signs)) <= {-1, 0, 1}:
+        raise ValueError(f"determinant_signs {signs}: they are signs")
     free = [
         tuple(_list("a free component", one))
         for one in _list("free_motions", numbers["free_motions"])
@@ -57,7 +58,11 @@ def check_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
             )
     if len(set(free)) < len(free):
         raise ValueError("free_motions names a component twice")
-    for name, kind in (("residuals", Residuals), ("allowance", Residuals), ("scale", Scale)):
+    for name, kind in (
+        ("residuals", Residuals),
+        ("allowance", Residuals),
+        ("scale", ResidualScale),
+    ):
         _check_sizes(name, numbers[name], kind)
     if numbers["smallness"] is not None:
         _check_sizes("smallness", numbers["smallness"], Smallness)
@@ -80,7 +85,7 @@ def check_pairs(
     stated: Sequence[ContactPair],
     numbers: Mapping[str, Any],
     displacement: npt.NDArray,
-    largest: Scale,
+    largest: ResidualScale,
 ) -> None:
     """Raise ValueError unless the results of pairs are those of a problem's contact nodes.
 
@@ -96,7 +101,7 @@ def check_pairs(
     for pair, axis in numbers["free_motions"]:
         if axis == dim and stated[pair].pivot is None:
             raise ValueError(f"the surface of contact pair {pair} is free to turn, without a pivot")
-    scale = Scale(**numbers["scale"])
+    scale = ResidualScale(**numbers["scale"])
     check_size("the scale of forces", scale.force, largest.force)
     check_size("the scale of lengths", scale.length, largest.length)
     check_size("a displacement", np.abs(displacement).max(initial=0.0), largest.length)
@@ -110,7 +115,10 @@ def check_pairs(
 
 
 def _check_pair(
-    values: Mapping[str, npt.NDArray], own: PairState, displacement: npt.NDArray, largest: Scale
+    values: Mapping[str, npt.NDArray],
+    own: PairState,
+    displacement: npt.NDArray,
+    largest: ResidualScale,
 ) -> None:
     for name, expected in vars(own).items():
         array = values[name]

@@ -166,10 +166,10 @@ def refuse_supports_through_each_other(
     """
     comm, fixed = interface.comm, held.all(axis=1)
     for k, reference in references.items():
-        if not reference.faced.any():
+        if not reference.faced_master.any():
             continue
-        slaves = reference.x[: len(reference.faced)][reference.faced]
-        tangent = reference.tangents[reference.faced].mean(axis=0)
+        slaves = reference.x[: len(reference.faced_master)][reference.faced_master]
+        tangent = reference.tangents[reference.faced_master].mean(axis=0)
         tangent /= max(float(np.linalg.norm(tangent)), np.finfo(float).tiny)
         normal = np.array([tangent[1], -tangent[0]])
         start = positions[fixed] + paths[0][fixed]

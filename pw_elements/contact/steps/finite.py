@@ -53,7 +53,7 @@ from pw_elements.contact.model import (
     FreeMotions,
     Motion,
     NotFound,
-    Scale,
+    ResidualScale,
     describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
@@ -395,7 +395,7 @@ class FiniteStepping:
             increment, end, state, sizes=sizes, iterations=0, report=system.report, smallness=None
         )
         solution = self._verify(solution, state, target, sizes)
-        return replace(solution, unique=None, orientations=frozenset(signs[-1:]))
+        return replace(solution, unique=None, determinant_signs=frozenset(signs[-1:]))
 
     def _check_end(
         self,
@@ -447,7 +447,7 @@ class FiniteStepping:
         if self._watch is not None and self._watch.is_beyond_limit():
             signs = ()  # they change without any instability
         is_comparable = bool(of_solver) and state.free_motions == system.free
-        before = state.orientations if is_comparable else frozenset[int]()
+        before = state.determinant_signs if is_comparable else frozenset[int]()
         if signs and signs[-1] not in (before or signs[:1]):
             raise NotFound("the state found is unstable: its tangent's determinant has turned sign")
         return of_solver
@@ -457,7 +457,7 @@ class FiniteStepping:
         solution: ContactState,
         before: ContactState,
         target: IncrementTarget,
-        sizes: tuple[Scale, float, float],
+        sizes: tuple[ResidualScale, float, float],
     ) -> ContactState:
         """Return the state with residuals that the form, surfaces and law alone give."""
         _, force, length = sizes

@@ -45,7 +45,7 @@ from pw_elements.contact.model import (
     Motion,
     NoEquilibrium,
     NotFound,
-    Scale,
+    ResidualScale,
 )
 from pw_elements.contact.nodes import (
     TOLERANCE,
@@ -427,7 +427,7 @@ class Stepping:
         solution: ContactState,
         before: ContactState,
         target: IncrementTarget,
-        sizes: tuple[Scale, float, float],
+        sizes: tuple[ResidualScale, float, float],
     ) -> ContactState:
         """Return the state with residuals that K, the load, surfaces and law alone give."""
         _, force, length = sizes
