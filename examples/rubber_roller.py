@@ -14,14 +14,14 @@ from dolfinx import fem
 
 from pw_elements import Spaces, SurfaceNodes, draw
 from pw_elements.contact import OPEN, ContactPair, ContactProblem, Plane
-from pw_elements.meshes import mapped, triangles
+from pw_elements.meshes import move_nodes, triangles
 
 cells = 8  # through the rubber, whose radii are 0.5 and 1
 mu, lame, friction = 1.0, 4.0, 0.5  # MPa
 depth, angle, slip, steps = 0.12, 0.6, 0.03, 6  # of the hub's way
 
 mesh = triangles(MPI.COMM_WORLD, (-2.6, 0.5), (0.3, 1.0), (8 * cells, cells), "crossed")
-mesh = mapped(mesh, lambda p: p[:, 1:2] * np.stack([np.cos(p[:, 0]), np.sin(p[:, 0])], axis=1))
+mesh = move_nodes(mesh, lambda p: p[:, 1:2] * np.stack([np.cos(p[:, 0]), np.sin(p[:, 0])], axis=1))
 spaces = Spaces.petrov_galerkin(mesh)
 u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
 F = ufl.Identity(2) + ufl.grad(u)

@@ -7,12 +7,12 @@ import ufl
 from dolfinx import fem
 
 from pw_elements import PetrovGalerkinProblem, Spaces, as_function, draw, split
-from pw_elements.meshes import curved, triangles
+from pw_elements.meshes import curved_mesh, triangles
 
 cells = 16  # across the cord, whose radius is 1 mm
 ring, mu, squeeze, steps = 8.0, 1.0, 0.25, 10  # mm, MPa, part of the cord's diameter
 square = triangles(MPI.COMM_WORLD, (-1, -1), (1, 1), (cells, cells), "crossed")
-mesh = curved(square, lambda x: x * np.sqrt(1 - x[:, [1, 0, 2]] ** 2 / 2) + [ring, 0, 0])
+mesh = curved_mesh(square, lambda x: x * np.sqrt(1 - x[:, [1, 0, 2]] ** 2 / 2) + [ring, 0, 0])
 spaces = Spaces.hybrid(mesh)
 W, w = spaces.trial, fem.Function(spaces.trial)
 (u, p), (v, q) = ufl.split(w), ufl.split(ufl.TestFunction(spaces.test))

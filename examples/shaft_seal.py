@@ -14,7 +14,7 @@ from dolfinx.mesh import create_submesh, locate_entities, locate_entities_bounda
 
 from pw_elements import Spaces, draw, prescribe
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
-from pw_elements.meshes import mapped, triangles
+from pw_elements.meshes import move_nodes, triangles
 
 cells = 10  # over the lip's width
 width, gap, rise, friction = 0.8, 0.01, 0.1, 0.3  # mm
@@ -34,7 +34,7 @@ def shaped(p):
     return np.stack([x, np.where(y < row / 2, y + (1 + y / 0.4) * shoulder, lip)], axis=1)
 
 
-mesh = mapped(create_submesh(whole, 2, np.union1d(shaft, lip))[0], shaped)
+mesh = move_nodes(create_submesh(whole, 2, np.union1d(shaft, lip))[0], shaped)
 spaces = Spaces.petrov_galerkin(mesh)
 u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
 mu = fem.Function(fem.functionspace(mesh, ("DG", 0)))  # MPa; the shaft is 50 times as stiff

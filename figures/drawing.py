@@ -127,7 +127,7 @@ def check_exports(path: Path) -> None:
         ForeignEntry: Says which.
     """
     for file in exports(path):
-        files.check_file(file, _is_export)
+        files.check_file_replaceable(file, _is_export)
 
 
 def _is_export(file: Path) -> bool:

@@ -28,7 +28,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
-MARK = ".pw-elements"
+MARK_NAME = ".pw-elements"
 
 _MADE_BY = "pw_elements"
 _UNFINISHED = ".pw-elements-unfinished"
@@ -49,20 +49,22 @@ class ForeignEntry(FileExistsError):
 
 
 @contextmanager
-def replacing_file(path: Path, ours: Callable[[Path], bool] | None = None) -> Iterator[IO[bytes]]:
+def replacing_file(
+    path: Path, is_ours: Callable[[Path], bool] | None = None
+) -> Iterator[IO[bytes]]:
     """Open a file that takes the place of another one, or makes it, when the block ends.
 
     Args:
         path: Of the file; of a link, its end is replaced. The folder has to be there.
-        ours: Tells whether a file that is there may be replaced; without it, any regular file may.
+        is_ours: Whether an existing file may be replaced; without it, any regular file may be.
 
     Raises:
         ForeignEntry: If something else is there.
         OSError: If it cannot be written; what was there is as it was.
     """
     path = path.resolve()
-    check_file(path, ours)
-    sweep(path.parent)
+    check_file_replaceable(path, is_ours)
+    remove_unfinished(path.parent)
     with _naming(path):
         temporary, descriptor = _create_locked(path.parent)
         try:
@@ -70,7 +72,7 @@ def replacing_file(path: Path, ours: Callable[[Path], bool] | None = None) -> It
                 yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
-                check_file(path, ours)
+                check_file_replaceable(path, is_ours)
                 os.replace(temporary, path)
         except BaseException:
             with suppress(OSError):
@@ -78,9 +80,9 @@ def replacing_file(path: Path, ours: Callable[[Path], bool] | None = None) -> It
             raise
 
 
-def replace_file(path: Path, content: bytes, ours: Callable[[Path], bool] | None = None) -> None:
+def replace_file(path: Path, content: bytes, is_ours: Callable[[Path], bool] | None = None) -> None:
     """Write a file whole or not at all, see `replacing_file`."""
-    with replacing_file(path, ours) as stream:
+    with replacing_file(path, is_ours) as stream:
         stream.write(content)
 
 
@@ -117,8 +119,8 @@ class FolderReplacement:
             ForeignEntry: If something is in the place that is not to be replaced.
             OSError: If nothing can be written there.
         """
-        check_replaceable(self.path, self.kind)
-        sweep(self.path.parent)
+        check_folder_replaceable(self.path, self.kind)
+        remove_unfinished(self.path.parent)
         with _naming(self.path):
             self._container = _make_container(self.path)
             container, _ = self._container
@@ -143,7 +145,7 @@ class FolderReplacement:
                 for entry in entries:
                     _sync(self.folder / entry)
             _write_mark(self.folder, self.kind, entries)
-            check_replaceable(self.path, self.kind)
+            check_folder_replaceable(self.path, self.kind)
             if os.path.lexists(self.path) and not _entries(self.path):
                 _remove_finished(self.path, [])  # an exchange might take along what comes now
             if not os.path.lexists(self.path):
@@ -163,7 +165,7 @@ class FolderReplacement:
                 os.rename(replaced, self.path)
                 raise
         try:
-            check_replaceable(replaced, self.kind)
+            check_folder_replaceable(replaced, self.kind)
         except BaseException:  # something has come since the last look, perhaps
             if replaced == self.folder:
                 _exchange(self.folder, self.path)
@@ -201,7 +203,7 @@ def replacing_folder(path: Path, kind: str) -> Iterator[FolderReplacement]:
         replacement.abandon()
 
 
-def check_file(path: Path, ours: Callable[[Path], bool] | None = None) -> None:
+def check_file_replaceable(path: Path, is_ours: Callable[[Path], bool] | None = None) -> None:
     """Refuse to replace what is no regular file, or none of ours.
 
     Raises:
@@ -212,14 +214,14 @@ def check_file(path: Path, ours: Callable[[Path], bool] | None = None) -> None:
         return
     if not path.is_file():
         raise ForeignEntry(f"{path} is no regular file: it is not replaced")
-    if ours is not None and not ours(path):
+    if is_ours is not None and not is_ours(path):
         raise ForeignEntry(
             f"{path} is there, and was not written by pw_elements: it is not replaced. Move it "
             "away, or give another name"
         )
 
 
-def check_replaceable(path: Path, kind: str) -> None:
+def check_folder_replaceable(path: Path, kind: str) -> None:
     """Refuse to replace what is not a folder of this kind with nothing foreign in it.
 
     What is not there, and an empty folder, may be replaced.
@@ -248,13 +250,15 @@ def check_replaceable(path: Path, kind: str) -> None:
         )
 
 
-def claim_folder(path: Path, kind: str, adopt: Callable[[Path], bool] = lambda _: False) -> None:
+def claim_folder(
+    path: Path, kind: str, may_adopt: Callable[[Path], bool] = lambda _: False
+) -> None:
     """Make a folder whose content is replaced piece by piece, or find that it is one already.
 
     Args:
         path: Of the folder, which is made with all around it.
         kind: What it is.
-        adopt: Tells whether a folder without a mark is one, too; an empty one is.
+        may_adopt: Tells whether a folder without a mark is one, too; an empty one is.
 
     Raises:
         ForeignEntry: If something else is there.
@@ -264,15 +268,15 @@ def claim_folder(path: Path, kind: str, adopt: Callable[[Path], bool] = lambda _
     mark = _read_mark(path)
     if mark.get("kind") == kind:
         return
-    if mark or (_entries(path) and not adopt(path)):
+    if mark or (_entries(path) and not may_adopt(path)):
         raise ForeignEntry(
             f"{path} is not empty, and does not say that it is {kind} of pw_elements: name a new "
             "folder, or an empty one"
         )
-    replace_file(path / MARK, _mark(kind, None))
+    replace_file(path / MARK_NAME, _mark(kind, None))
 
 
-def sweep(folder: Path) -> None:
+def remove_unfinished(folder: Path) -> None:
     """Remove what killed processes have left unfinished in a folder, and nothing else.
 
     Of a folder that was about to be replaced, the old one is put back. What cannot be removed, or
@@ -299,7 +303,7 @@ def _sweep(path: Path) -> None:
         with suppress(OSError):
             os.rmdir(path)  # of a process that was killed before it made the mark
             return
-        lock = path / MARK
+        lock = path / MARK_NAME
     descriptor = os.open(lock, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -346,7 +350,7 @@ def _make_container(path: Path) -> tuple[Path, int]:
         container = path.with_name(f".{secrets.token_hex(8)}{_UNFINISHED}")
         os.mkdir(container)
         try:
-            descriptor = _open_new(container / MARK)
+            descriptor = _open_new(container / MARK_NAME)
         except FileNotFoundError:  # taken for remains
             continue
         except BaseException:
@@ -420,7 +424,7 @@ def _put_back(container: Path) -> None:
 def _remove_container(container: Path) -> None:
     """Remove an unfinished folder: of a finished one in it, no more than its mark lists."""
     with os.scandir(container) as entries:
-        paths = [Path(entry.path) for entry in entries if entry.name != MARK]
+        paths = [Path(entry.path) for entry in entries if entry.name != MARK_NAME]
     for path in paths:
         if path.is_symlink() or not path.is_dir():
             os.unlink(path)
@@ -428,7 +432,7 @@ def _remove_container(container: Path) -> None:
             _remove_finished(path, listed)
         else:
             shutil.rmtree(path)
-    os.unlink(container / MARK)
+    os.unlink(container / MARK_NAME)
     os.rmdir(container)
 
 
@@ -437,7 +441,7 @@ def _remove_finished(folder: Path, listed: list[str]) -> None:
     for entry in sorted(_entries(folder) & {*listed}, reverse=True):  # what is in a folder first
         (os.rmdir if entry.endswith("/") else os.unlink)(folder / entry)
     if not _entries(folder):
-        remove_file(folder / MARK)
+        remove_file(folder / MARK_NAME)
     os.rmdir(folder)
 
 
@@ -449,7 +453,7 @@ def _entries(folder: Path, within: str = "") -> set[str]:
             name = f"{within}{entry.name}"
             if entry.is_dir(follow_symlinks=False):
                 found |= {f"{name}/"} | _entries(Path(entry.path), f"{name}/")
-            elif name != MARK and not _UNFINISHED_NAME.fullmatch(name):
+            elif name != MARK_NAME and not _UNFINISHED_NAME.fullmatch(name):
                 found.add(name)
     return found
 
@@ -460,7 +464,7 @@ def _mark(kind: str, entries: list[str] | None, place: str = "") -> bytes:
 
 
 def _write_mark(folder: Path, kind: str, entries: list[str]) -> None:
-    descriptor = _open_new(folder / MARK)
+    descriptor = _open_new(folder / MARK_NAME)
     try:
         _write_all(descriptor, _mark(kind, entries))
         os.fsync(descriptor)
@@ -471,7 +475,7 @@ def _write_mark(folder: Path, kind: str, entries: list[str]) -> None:
 def _read_mark(folder: Path) -> dict[str, Any]:
     """Return a folder's mark: an empty one if it has none, one of no kind if it is not ours."""
     try:
-        mark = json.loads((folder / MARK).read_bytes())
+        mark = json.loads((folder / MARK_NAME).read_bytes())
     except FileNotFoundError:
         return {}
     except (ValueError, RecursionError):

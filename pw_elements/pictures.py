@@ -24,7 +24,7 @@ from ufl.domain import extract_unique_domain
 
 from pw_elements._compat import interpolation_points
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, collective, same_everywhere
+from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.elasticity import facets_in_cells
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class _Faces(NamedTuple):
     behind: Array  # (f, dim), the middle of the cell that each belongs to
 
 
-@same_everywhere
+@check_same_arguments
 def draw(
     mesh: Mesh,
     values: Expr | None = None,
@@ -103,20 +103,20 @@ def draw(
         ValueError: for values that are not scalar, a displacement, scale, view or limits that are
             not finite or of the wrong size, another mesh's function, unknown cells or colours.
     """
-    arguments.mesh(mesh)
-    with collective(mesh.comm):
+    arguments.check_mesh_type(mesh)
+    with collective_errors(mesh.comm):
         _check(mesh, values, displacement)
         check_axes(axes)
     import matplotlib.pyplot as plt
 
-    arguments.number("scale", scale)
-    arguments.of_type("label", label, str, "it has to be a string")
-    arguments.flag("edges", edges)
+    arguments.check_number("scale", scale)
+    arguments.check_type("label", label, str, "it has to be a string")
+    arguments.check_flag("edges", edges)
     if not (isinstance(colours, str) and colours in plt.colormaps()):
         raise ValueError(f"colours = {colours!r}: give the name of one of Matplotlib's colour maps")
-    arguments.vector("view", view, 2)
+    arguments.check_vector("view", view, 2)
     if limits is not None:
-        arguments.vector("limits", limits, 2)
+        arguments.check_vector("limits", limits, 2)
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 
@@ -143,7 +143,7 @@ def check_axes(axes: object) -> None:
     if axes is not None:
         from matplotlib.axes import Axes
 
-        arguments.of_type("axes", axes, Axes, "give Matplotlib's, figure.subplots()")
+        arguments.check_type("axes", axes, Axes, "give Matplotlib's, figure.subplots()")
 
 
 def _check(mesh: Mesh, values: Expr | None, displacement: fem.Function | None) -> None:
@@ -154,7 +154,7 @@ def _check(mesh: Mesh, values: Expr | None, displacement: fem.Function | None) -
     if mesh.topology.dim != dim or dim == 1:
         raise ValueError(f"a mesh of {mesh.topology.dim}-D cells in {dim}-D space is not drawn")
     if values is not None:
-        arguments.of_type("values", values, Expr, "give a function or a UFL expression")
+        arguments.check_type("values", values, Expr, "give a function or a UFL expression")
         if values.ufl_shape != ():
             raise ValueError(f"values have the shape {values.ufl_shape}: draw one component, u[0]")
         domain = extract_unique_domain(values)
@@ -164,7 +164,7 @@ def _check(mesh: Mesh, values: Expr | None, displacement: fem.Function | None) -
             raise ValueError("the values belong to another mesh")
     if displacement is not None:
         remedy = "as_function(U, a) makes a function of a vector"
-        arguments.of_type("displacement", displacement, fem.Function, remedy)
+        arguments.check_type("displacement", displacement, fem.Function, remedy)
         if displacement.ufl_shape != (dim,):
             raise ValueError(
                 f"the displacement has the shape {displacement.ufl_shape}: a vector has ({dim},)"
@@ -179,7 +179,7 @@ def _faces(
     if displacement is not None:
         place = place + fem.Constant(mesh, float(scale)) * displacement
     moved = _in_cells(mesh, place, (dim,))
-    with collective(mesh.comm):
+    with collective_errors(mesh.comm):
         if not np.all(np.abs(moved) < _FAR):
             raise ValueError("the displacement times scale is not finite, or off any picture")
     field = np.zeros(moved.shape[:2]) if values is None else _in_cells(mesh, values, ())

@@ -30,12 +30,12 @@ _written = perf_counter()
 
 
 @contextmanager
-def doing(comm: MPI.Comm, what: str) -> Iterator[None]:
+def report_activity(comm: MPI.Comm, activity: str) -> Iterator[None]:
     """Says on stderr what is being done in a block, and in what block around it."""
     global _written
     speaks = logger.isEnabledFor(logging.INFO) and logger.hasHandlers()
     silent = comm.rank > 0 or speaks or bool(logger.handlers) or logger.level > logging.INFO
-    _doing.append(what)
+    _doing.append(activity)
     if not silent and perf_counter() - _written >= _PAUSE:
         _written = perf_counter()
         print(", ".join(_doing), file=sys.stderr, flush=True)
@@ -45,7 +45,7 @@ def doing(comm: MPI.Comm, what: str) -> Iterator[None]:
         _doing.pop()
 
 
-def told(comm: MPI.Comm, level: int, words: str, of: str = "") -> None:
+def log_on_root(comm: MPI.Comm, level: int, message: str, subsystem: str = "") -> None:
     """Logs words once, on process 0; `of` names the logger, such as ".contact"."""
     if comm.rank == 0:
-        logging.getLogger(f"pw_elements{of}").log(level, words)
+        logging.getLogger(f"pw_elements{subsystem}").log(level, message)

@@ -6,13 +6,13 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
-from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
+from pw_elements.meshes import DiagonalPattern, move_nodes, quadrilaterals, triangles
 
 Array = npt.NDArray[np.float64]
 
 
 def on_lines(
-    comm: MPI.Comm, x_lines: Array, y_lines: Array, cell: str, pattern: Pattern = "right"
+    comm: MPI.Comm, x_lines: Array, y_lines: Array, cell: str, pattern: DiagonalPattern = "right"
 ) -> Mesh:
     """Mesh along increasing lines x = constant (m,) and y = constant (n,).
 
@@ -33,5 +33,5 @@ def on_lines(
         return moved
 
     if cell == "triangle":
-        return mapped(triangles(comm, *corners, divisions, pattern), placed)
-    return mapped(quadrilaterals(comm, *corners, divisions), placed)
+        return move_nodes(triangles(comm, *corners, divisions, pattern), placed)
+    return move_nodes(quadrilaterals(comm, *corners, divisions), placed)

@@ -17,7 +17,7 @@ from unittest.mock import patch
 import numpy as np
 
 from pw_elements import files
-from pw_elements.files import claim_folder, replace_file, replacing_folder, sweep
+from pw_elements.files import claim_folder, remove_unfinished, replace_file, replacing_folder
 from study.core.store import CorruptResult, MissingResult, Result, Results, save
 
 CALLS = (
@@ -155,7 +155,7 @@ class FolderCase:
             return "missing"
         found = {OLD: "old", NEW: "new"}[(made / "one").read_bytes()]
         names = {str(path.relative_to(made)) for path in made.rglob("*")}
-        assert names == {files.MARK, "one", found, f"{found}/deep"}, names
+        assert names == {files.MARK_NAME, "one", found, f"{found}/deep"}, names
         assert (made / found / "deep").read_bytes() == (made / "one").read_bytes()
         return found
 
@@ -200,7 +200,7 @@ class ClaimCase:
         if not made.exists():
             return "missing"
         names = [path.name for path in made.iterdir()]
-        return "new" if names == [files.MARK] else "missing"
+        return "new" if names == [files.MARK_NAME] else "missing"
 
 
 class ResultCase:
@@ -214,7 +214,7 @@ class ResultCase:
         self.keep(folder, 1.0)
 
     def operate(self, folder):
-        sweep(folder / "made" / "7.1")
+        remove_unfinished(folder / "made" / "7.1")
         self.keep(folder, 2.0)
 
     def look(self, folder):
@@ -286,7 +286,7 @@ def judge(case, folder, raised=None):
     if raised is not None and name not in ALLOWED:
         assert found == "old", found
     if name in PUT_BACK and found == "missing":
-        sweep(folder)
+        remove_unfinished(folder)
         assert case.look(folder) == "old"
     case.operate(folder)
     assert case.look(folder) == "new"

@@ -199,9 +199,9 @@ class Deck:
             self._x.extend(x)
         self._name_rows("NSET", block, first, len(self._node_keys))
         size = max(map(abs, self._x[3 * first :]), default=0.0)
-        if not size <= arguments.LARGEST:
+        if not size <= arguments.MAX_MAGNITUDE:
             raise ValueError(
-                f"a coordinate is of the size {size:.3g}, larger than {arguments.LARGEST:g}"
+                f"a coordinate is of the size {size:.3g}, larger than {arguments.MAX_MAGNITUDE:g}"
             )
 
     def _add_elements(self, block: Block) -> None:

@@ -24,8 +24,8 @@ from pw_elements.algebra.linear import explained, factorise, symmetric_part
 from pw_elements.algebra.problem_checks import check_problem, refuse_negative
 from pw_elements.algebra.reduction import Reduction, equilibrated, masked
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, collective, same_everywhere
-from pw_elements.progress import doing, told
+from pw_elements.checks import arguments, check_same_arguments, collective_errors
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     Direct,
     Iterative,
@@ -131,7 +131,7 @@ class VibrationModes:
     report: SolverReport
 
 
-@same_everywhere
+@check_same_arguments
 def vibration_modes(
     K: PETSc.Mat,
     M: PETSc.Mat,
@@ -200,7 +200,7 @@ def _vibrations(
     return VibrationModes(values.real, shapes, residuals, imaginary, int(rigid.sum()), report)
 
 
-@same_everywhere
+@check_same_arguments
 def buckling(
     K: PETSc.Mat,
     K_sigma: PETSc.Mat,
@@ -294,7 +294,7 @@ def _check_prestress(factors: Array, prestress: Array, comm: MPI.Comm) -> None:
             "times the stiffness: strains are far from small, and the factor means little. Look "
             "at the sign of the load"
         )
-        told(comm, logging.WARNING, words, ".eigen")
+        log_on_root(comm, logging.WARNING, words, ".eigen")
 
 
 @dataclass(frozen=True)
@@ -309,8 +309,8 @@ class _Asked:
     def check(self, K: PETSc.Mat, name: str, other: PETSc.Mat) -> None:
         pair, reductions = {"the stiffness": K, name: other}, (self.reduction,)
         check_problem(pair, reductions=reductions, solver=self.solver)
-        arguments.whole("count", self.count, 1)
-        arguments.flag("symmetrised", self.symmetrised)
+        arguments.check_integer("count", self.count, 1)
+        arguments.check_flag("symmetrised", self.symmetrised)
         refuse_negative("the stiffness", K, self.reduction.space)
 
     def by_solver(self, modes: Callable[[LinearSolver], T]) -> T:
@@ -382,13 +382,13 @@ def _largest(
     eigensolver.getST().setKSP(inverse.ksp)
     what = f"{count} eigenvalues of {A.getSize()[0]} unknowns"
     try:
-        with doing(comm, what):
+        with report_activity(comm, what):
             eigensolver.solve()
     except PETSc.Error as error:
         raise NoModes(f"the eigenvalue solver broke down: {error}") from error
     steps, how = eigensolver.getIterationNumber(), inverse.report.method
     words = f"{what}: {steps} iterations, {how}, {perf_counter() - begun:.2f} s"
-    told(comm, logging.INFO, words, ".eigen")
+    log_on_root(comm, logging.INFO, words, ".eigen")
     if eigensolver.getConverged() < count:
         raise NoModes(
             f"only {eigensolver.getConverged()} of {count} eigenvalues converged "
@@ -452,7 +452,7 @@ def _shape(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
     return mode
 
 
-@same_everywhere
+@check_same_arguments
 def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     """Largest stable time step of central differences: 2 over the highest frequency.
 
@@ -513,7 +513,7 @@ def diagonal_mass(M: PETSc.Mat) -> PETSc.Vec:
     first, last = M.getOwnershipRange()
     indptr, column, value = M.getValuesCSR()
     row = np.repeat(np.arange(first, last), np.diff(indptr))
-    with collective(M.comm.tompi4py()):
+    with collective_errors(M.comm.tompi4py()):
         if np.any(value[row != column] != 0):
             raise ValueError(
                 "the mass is not diagonal, as explicit dynamics needs it: lumped_mass makes one"

@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.algebra.reduction import Reduction, equilibrated, masked
-from pw_elements.checks import same_everywhere
-from pw_elements.progress import doing
+from pw_elements.checks import check_same_arguments
+from pw_elements.progress import report_activity
 from pw_elements.solvers import (
     Direct,
     FreePressure,
@@ -32,7 +32,7 @@ from pw_elements.solvers import (
 from pw_elements.spaces import NOTHING, Assembled, SubSpace, is_hybrid
 
 
-@same_everywhere
+@check_same_arguments
 def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = None) -> PETSc.Vec:
     """Displacements a (n,) of K a = f under a reduction.
 
@@ -81,7 +81,7 @@ def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolv
     return full
 
 
-@same_everywhere
+@check_same_arguments
 def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     """Nodal forces r = K a - f (n,) that supports exert on the body.
 
@@ -165,4 +165,4 @@ def explained(
 
 def _told(prepared: PreparedSolver, matrix: PETSc.Mat) -> AbstractContextManager[object]:
     what = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
-    return doing(matrix.comm.tompi4py(), what)
+    return report_activity(matrix.comm.tompi4py(), what)

@@ -25,8 +25,13 @@ from ufl.algorithms.check_arities import ArityMismatch
 from pw_elements.algebra.problem_checks import check_solver, is_finite
 from pw_elements.algebra.reduction import prescribed
 from pw_elements.arrays import Array
-from pw_elements.checks import answer, arguments, collective, same_everywhere
-from pw_elements.progress import doing, told
+from pw_elements.checks import (
+    arguments,
+    call_user_function,
+    check_same_arguments,
+    collective_errors,
+)
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import Direct, LinearSolver, NotConverged, SingularSystem, is_matrix_free
 from pw_elements.spaces import (
     Assembled,
@@ -131,7 +136,7 @@ class Newton:
         for name, values in (("the tangent", system.matrix), ("the residual", system.forces())):
             size = values.norm(PETSc.NormType.INFINITY)
             if np.isfinite(size):  # the iteration says where it is not
-                arguments.check_range(f"{name} at the start", size)
+                arguments.check_magnitude(f"{name} at the start", size)
         self._scale = equilibration(system.u.function_space, system.matrix)
         system.matrix.diagonalScale(self._scale, self._scale)
         self._x.pointwiseDivide(self._x, self._scale)
@@ -197,7 +202,9 @@ class Newton:
             self._before.aypx(-1.0, now)
             self.corrections.append(_largest(self._before) / (_largest(now) or 1.0))
             correction = f"correction {self.corrections[-1]:.1e}, residual {residual:.1e}"
-            told(now.comm, logging.DEBUG, f"iteration {iteration}: {correction}", ".problems")
+            log_on_root(
+                now.comm, logging.DEBUG, f"iteration {iteration}: {correction}", ".problems"
+            )
         now.copy(self._before)
         small = iteration and (self._linear or self.corrections[-1] <= _CORRECTION)
         if residual == 0 or (small and self._relative_residual(snes) <= _RESIDUAL):
@@ -266,7 +273,7 @@ class PetrovGalerkinProblem:
         NumberingError: if trial and test space number their nodes differently.
     """
 
-    @same_everywhere
+    @check_same_arguments
     def __init__(
         self,
         residual: ufl.Form,
@@ -274,8 +281,8 @@ class PetrovGalerkinProblem:
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC] = (),
         solver: LinearSolver | None = None,
     ) -> None:
-        arguments.of_type("u", u, fem.Function, "fem.Function(V) is an unknown")
-        arguments.of_type("the residual", residual, ufl.Form, "an integrand times a measure")
+        arguments.check_type("u", u, fem.Function, "fem.Function(V) is an unknown")
+        arguments.check_type("the residual", residual, ufl.Form, "an integrand times a measure")
         check_solver(solver)
         if isinstance(solver, str) or is_matrix_free(solver):
             raise ValueError(
@@ -313,7 +320,7 @@ class PetrovGalerkinProblem:
         self._solver: LinearSolver = Direct() if solver is None else solver
         self._held: dict[fem.Constant, Array] = {}
 
-    @same_everywhere
+    @check_same_arguments
     def solve(self, load: Load | None = None, increments: int = 1) -> fem.Function:
         """Solves for u, starting from its present values.
 
@@ -333,7 +340,7 @@ class PetrovGalerkinProblem:
             TypeError, ValueError: for an invalid load, or conditions that contradict each
                 other or are not finite.
         """
-        arguments.whole("increments", increments, 1)
+        arguments.check_integer("increments", increments, 1)
         path = self._path(load)
         total, size, done = increments * _MOST_PARTS, _MOST_PARTS, 0
         self.increments = ()
@@ -345,11 +352,11 @@ class PetrovGalerkinProblem:
             share = (done + size) / total
             self._apply(path, share)
             try:
-                with doing(self._comm, f"load {share:.3g}"):
+                with report_activity(self._comm, f"load {share:.3g}"):
                     self._newton(share)
             except (NotConverged, SingularSystem) as failed:
                 words = f"not from {done / total:.4g} to {share:.4g}: {failed}"
-                told(self._comm, logging.INFO, words, ".problems")
+                log_on_root(self._comm, logging.INFO, words, ".problems")
                 self.u.x.array[:] = last
                 self._apply(path, done / total)
                 if load is None or size == 1:
@@ -363,7 +370,7 @@ class PetrovGalerkinProblem:
         self._keep(load)
         return self.u
 
-    @same_everywhere
+    @check_same_arguments
     def reactions(self) -> PETSc.Vec:
         """Residual (n,) at all nodes: at prescribed ones what the supports exert on the body.
 
@@ -378,7 +385,7 @@ class PetrovGalerkinProblem:
 
     def _path(self, load: Load | None) -> Callable[[float], None]:
         """The function that sets the load to a share of it; local."""
-        if arguments.is_function(load):
+        if arguments.is_user_function(load):
             return load
         ways = []
         for constant in _constants(load):
@@ -392,8 +399,8 @@ class PetrovGalerkinProblem:
         return to
 
     def _apply(self, path: Callable[[float], None], share: float) -> None:
-        with collective(self._comm) as same:
-            answer(self._comm, "the load", path, share)
+        with collective_errors(self._comm) as same:
+            call_user_function(self._comm, "the load", path, share)
             same["what the residual and the conditions hold"] = (
                 self.form.constants(),
                 self._conditions,
@@ -410,19 +417,19 @@ class PetrovGalerkinProblem:
         newton.solve()
         self.increments += (Increment(share, tuple(newton.corrections)),)
         words = f"load {share:.4g}: {len(newton.corrections)} iterations"
-        told(self._comm, logging.INFO, words, ".problems")
+        log_on_root(self._comm, logging.INFO, words, ".problems")
 
 
 def _constants(load: Load | None) -> Sequence[fem.Constant]:
     if isinstance(load, fem.Constant):
         return [load]
-    if load is None or arguments.is_function(load):
+    if load is None or arguments.is_user_function(load):
         return ()
     remedy = "give a fem.Constant, a list of these, or a function of the share"
-    arguments.of_type("the load", load, Sequence, remedy)
+    arguments.check_type("the load", load, Sequence, remedy)
     assert isinstance(load, Sequence)
     for constant in load:
-        arguments.of_type("a load", constant, fem.Constant, remedy)
+        arguments.check_type("a load", constant, fem.Constant, remedy)
     return load
 
 

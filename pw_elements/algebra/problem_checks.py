@@ -14,7 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.checks import arguments, collective
+from pw_elements.checks import arguments, collective_errors
 from pw_elements.spaces import Assembled, SubSpace
 
 _STIFFNESS = "the stiffness"
@@ -38,11 +38,13 @@ def check_problem(
     loads = loads or {}
     every = {**(vectors or {}), **loads}
     first, K = next(iter(matrices.items()))
-    with collective(arguments.processes(*every.values(), *matrices.values(), *reductions, space)):
+    with collective_errors(
+        arguments.find_communicator(*every.values(), *matrices.values(), *reductions, space)
+    ):
         for name, matrix in matrices.items():
-            arguments.matrix(name, matrix)
+            arguments.check_matrix(name, matrix)
         for name, vector in every.items():
-            arguments.petsc_vector(name, vector)
+            arguments.check_petsc_vector(name, vector)
         check_solver(solver)
         things, spaces = {**matrices, **every}, {}
         for reduction in reductions:
@@ -53,11 +55,11 @@ def check_problem(
             if processes not in (MPI.IDENT, MPI.CONGRUENT):
                 raise ValueError(f"{name} lives on other processes than {first}")
             sizes = thing.getSizes()[0] if name in matrices else thing.getSizes()
-            arguments.same_sizes(name, sizes, first, K.getSizes()[0])
+            arguments.check_sizes(name, sizes, first, K.getSizes()[0])
             _check_mesh(name, Assembled.of(thing).mesh, K)
         if space is not None:
-            arguments.space(space)
-            arguments.same_sizes(first, K.getSizes()[0], "the space", space)
+            arguments.check_space(space)
+            arguments.check_sizes(first, K.getSizes()[0], "the space", space)
             spaces["the space"] = space
         for name, known in spaces.items():
             _check_mesh(name, None if known is None else known.mesh._cpp_object, K)
@@ -68,22 +70,22 @@ def check_problem(
         size, largest = (matrix.norm(kind) for kind in (_FROBENIUS, _INFINITY))
         if not np.isfinite(size) and not _LARGEST < largest < np.inf:
             raise ValueError(f"{name} has entries that are not finite")
-        arguments.check_range(name, largest)
+        arguments.check_magnitude(name, largest)
     for name, vector in every.items():
         if not is_finite(vector):
             raise ValueError(f"{name} is not finite")
-        arguments.check_range(name, vector.norm(_INFINITY))
+        arguments.check_magnitude(name, vector.norm(_INFINITY))
 
 
 def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
     """Raises unless a load is a finite vector (n,) made with the weight functions of K (n, n)."""
-    with collective(K.comm.tompi4py()):
-        arguments.petsc_vector(name, load, _STIFFNESS, K.getSizes()[0])
+    with collective_errors(K.comm.tompi4py()):
+        arguments.check_petsc_vector(name, load, _STIFFNESS, K.getSizes()[0])
         _check_mesh(name, Assembled.of(load).mesh, K)
         _check_likeness(name, load, K)
     if not is_finite(load):
         raise ValueError(f"{name} is not finite")
-    arguments.check_range(name, load.norm(_INFINITY))
+    arguments.check_magnitude(name, load.norm(_INFINITY))
 
 
 def _check_mesh(name: str, mesh: Any, K: PETSc.Mat) -> None:  # noqa: ANN401
@@ -133,7 +135,7 @@ def check_reduction(reduction: object) -> None:
         conditions = isinstance(reduction, fem.DirichletBC | list | tuple)
         raise TypeError(
             "the reduction is "
-            + ("Dirichlet conditions" if conditions else arguments.described(reduction))
+            + ("Dirichlet conditions" if conditions else arguments.describe(reduction))
             + ": make one by Reduction.dirichlet(space, conditions)"
         )
 
@@ -143,7 +145,7 @@ def check_solver(solver: object) -> None:
         return
     if isinstance(solver, type) or not callable(getattr(solver, "prepare", None)):
         raise TypeError(
-            f"the solver is {arguments.described(solver)}: give a LinearSolver such as Direct() or "
+            f"the solver is {arguments.describe(solver)}: give a LinearSolver such as Direct() or "
             'Iterative(), or "auto"'
         )
 

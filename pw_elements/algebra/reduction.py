@@ -17,7 +17,7 @@ from dolfinx import fem
 
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.arrays import Mask
-from pw_elements.checks import arguments, collective, listed, same_everywhere
+from pw_elements.checks import arguments, check_same_arguments, collective_errors, format_points
 from pw_elements.solvers import (
     NO_SUPPORTS,
     Masked,
@@ -53,15 +53,17 @@ def prescribed(
     space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
 ) -> tuple[Mask, PETSc.Vec]:
     """Which owned degrees of freedom are free, and the prescribed values (zero where free)."""
-    arguments.space(space)
+    arguments.check_space(space)
     each = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     owned, comm = index_map.size_local * block, space.mesh.comm
     values = np.zeros(owned + index_map.num_ghosts * block)
     free = np.ones(owned, dtype=bool)
     difference = np.zeros(owned)
-    with collective(comm):
-        arguments.of_type("the list of conditions", each, Sequence, "`prescribe` makes its items")
+    with collective_errors(comm):
+        arguments.check_type(
+            "the list of conditions", each, Sequence, "`prescribe` makes its items"
+        )
         for condition in each:
             _check_condition(condition, space)
             own = np.zeros(len(values))
@@ -75,7 +77,7 @@ def prescribed(
         if not np.isfinite(values[:owned]).all():
             raise ValueError("a prescribed value is not a finite number")
         size = np.abs(values[:owned]).max(initial=0.0)
-        arguments.check_range("the largest prescribed value", float(size), least=0.0)
+        arguments.check_magnitude("the largest prescribed value", float(size), minimum=0.0)
     places = np.zeros((0, space.mesh.geometry.dim))
     for field in fields_of(space):
         largest = comm.allreduce(np.abs(values[field.owned]).max(initial=0.0), MPI.MAX)
@@ -86,8 +88,8 @@ def prescribed(
     places = np.unique(np.concatenate(comm.allgather(places)), axis=0)
     if len(places):
         raise ValueError(
-            f"Dirichlet conditions contradict each other at {listed(places)}: a degree of freedom "
-            "can have one value"
+            f"Dirichlet conditions contradict each other at {format_points(places)}: a degree of "
+            "freedom can have one value"
         )
     offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
     offset.setArray(values[:owned])
@@ -95,7 +97,7 @@ def prescribed(
 
 
 def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> None:
-    arguments.of_type("a condition", condition, fem.DirichletBC, "`prescribe` makes one")
+    arguments.check_type("a condition", condition, fem.DirichletBC, "`prescribe` makes one")
     theirs = condition.function_space
     other, own = theirs.dofmap.index_map, space.dofmap.index_map
     same_nodes = (other.size_global, other.size_local) == (own.size_global, own.size_local)
@@ -122,7 +124,7 @@ def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
     size = K_ii.norm(largest)
     add(K_ii, -1.0, block_diagonal(blocks, sizes, K.comm))
     coupled = K_ii.norm(largest) > _ZERO_ENTRY * size
-    with collective(K.comm.tompi4py()):
+    with collective_errors(K.comm.tompi4py()):
         if coupled:
             raise ValueError(
                 "the stiffness couples nodes that are to be condensed: no two of them may share a "
@@ -167,15 +169,15 @@ class Reduction:
     space: fem.FunctionSpace | None = None
     supports: Supports | None = None
 
-    @same_everywhere
+    @check_same_arguments
     def __post_init__(self) -> None:
-        with collective(arguments.processes(self.offset, self.space)):
+        with collective_errors(arguments.find_communicator(self.offset, self.space)):
             remedy = "`Reduction.dirichlet` and `condensation` make it"
             for name, kind in get_type_hints(type(self)).items():
                 part = getattr(self, name)
-                arguments.of_type(f"its part `{name}`", part, kind, remedy)
+                arguments.check_type(f"its part `{name}`", part, kind, remedy)
                 if isinstance(part, PETSc.Object):
-                    arguments.refuse_empty(f"its part `{name}`", part)
+                    arguments.check_petsc_object(f"its part `{name}`", part)
             sizes = self.right.getSizes()
             if self.left.getSizes() != sizes or self.offset.getSizes() != sizes[0]:
                 raise ValueError(
@@ -183,7 +185,7 @@ class Reduction:
                 )
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def dirichlet(
         cls,
         space: fem.FunctionSpace | Spaces,
@@ -213,7 +215,7 @@ class Reduction:
         return cls(kept, kept, offset, space=space, supports=Supports(space, free))
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def condensation(
         cls,
         K: PETSc.Mat,
@@ -238,7 +240,7 @@ class Reduction:
                 not finite.
             SingularSystem: if an inner node has no stiffness.
         """
-        arguments.space(space)
+        arguments.check_space(space)
         check_problem({"the stiffness": K}, space=space)
         if is_hybrid(space):
             raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
@@ -247,7 +249,7 @@ class Reduction:
         block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
         comm = space.mesh.comm
         inner = np.zeros(len(free), dtype=bool)
-        with collective(comm):
+        with collective_errors(comm):
             known = index_map.size_local + index_map.num_ghosts
             chosen = numbered(comm, "the nodes to be condensed", nodes, known)
             inner.reshape(-1, block)[chosen[chosen < index_map.size_local]] = True
@@ -262,7 +264,7 @@ class Reduction:
         left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(kept)), different)
         return cls(left, right, offset, Q, space)
 
-    @same_everywhere
+    @check_same_arguments
     def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
         """Makes the reduction for a load f (n,) that acts on inner nodes, too.
 
@@ -278,7 +280,7 @@ class Reduction:
             return self
         return replace(self, offset=self.offset - self.inner * (K * self.offset - f))
 
-    @same_everywhere
+    @check_same_arguments
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
         """Reduces a matrix K (n, n) to L^T K R, (n_r, n_r).
 
@@ -289,7 +291,7 @@ class Reduction:
         reduced = self.left.transposeMatMult(unblocked(K).matMult(self.right))
         return Assembled.of(K).mark(reduced)
 
-    @same_everywhere
+    @check_same_arguments
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
         """Reduces a load to L^T (f - K a_0).
 
@@ -305,7 +307,7 @@ class Reduction:
         self.left.multTranspose(f - K * self.offset, reduced)
         return reduced
 
-    @same_everywhere
+    @check_same_arguments
     def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """R a_r + a_0.
 
@@ -316,15 +318,15 @@ class Reduction:
             TypeError, ValueError: if it is not a vector (n_r,).
         """
         expected = self.right.getSizes()[1]
-        arguments.petsc_vector("the reduced vector", reduced, "the reduced system", expected)
+        arguments.check_petsc_vector("the reduced vector", reduced, "the reduced system", expected)
         return self.right * reduced + self.offset
 
     def _check_system(self, K: PETSc.Mat, *loads: PETSc.Vec) -> None:
         sizes = self.offset.getSizes()
-        with collective(self.offset.comm.tompi4py()):
-            arguments.matrix("the matrix", K, "the reduction", sizes)
+        with collective_errors(self.offset.comm.tompi4py()):
+            arguments.check_matrix("the matrix", K, "the reduction", sizes)
             for f in loads:
-                arguments.petsc_vector("the load", f, "the reduction", sizes)
+                arguments.check_petsc_vector("the load", f, "the reduction", sizes)
 
 
 def masked(reduction: Reduction) -> Reduction:

@@ -2,10 +2,10 @@
 
 Were an error raised on one process only, or were processes given different problems, they would
 wait for each other for ever in their next communication. So public functions that communicate are
-`same_everywhere`, and local work of users' functions is done under the guard,
+decorated by `check_same_arguments`, and local work of users' functions is done under the guard,
 
-    with collective(mesh.comm):
-        marked = answer(mesh.comm, "the marker", where, x)
+    with collective_errors(mesh.comm):
+        marked = call_user_function(mesh.comm, "the marker", where, x)
 
 with whatever communicates before it or after it, never within. Neither knows of errors elsewhere:
 within PETSc, or between two guards, `python -m mpi4py` ends all processes.
@@ -50,7 +50,7 @@ _open: list[list[tuple[BaseException, int]]] = []
 # Attribute of a statement that its check has refused, on one of several processes
 _REFUSAL = "_refusal"
 # Relative difference of values of two processes that is no round-off of other machines
-ROUND_OFF = 1e-8
+RANK_DIFFERENCE_TOLERANCE = 1e-8
 # Points of each process at which functions are compared on all of them, and the most of all
 _COMPARED_POINTS, _ALL_COMPARED_POINTS = 64, 2**15
 # Whether what is called now has been compared by a function around it; a user's function has not
@@ -60,7 +60,7 @@ _OWNERS = "comm mesh function_space space _space u spaces displacement offset"
 
 
 @contextmanager
-def collective(comm: MPI.Comm) -> Iterator[dict[str, object]]:
+def collective_errors(comm: MPI.Comm) -> Iterator[dict[str, object]]:
     """Has an exception of a block on one process raised on all of them, with the same words.
 
     What the block puts into its mapping has to be the same on all processes, to the last bit.
@@ -117,7 +117,7 @@ def _differing(name: str, other: int, comm: MPI.Comm) -> BaseException:
     return _known(error, comm)
 
 
-def relative_difference(values: Array, reference: Array, least_scale: float = 0.0) -> float:
+def relative_difference(values: Array, reference: Array, min_scale: float = 0.0) -> float:
     """Return the largest difference over the largest finite size of the reference.
 
     It is infinite where shapes differ, or what is infinite or no number.
@@ -125,7 +125,7 @@ def relative_difference(values: Array, reference: Array, least_scale: float = 0.
     Args:
         values: of any shape.
         reference: of the same shape.
-        least_scale: a size below which the reference is nothing but round-off.
+        min_scale: a size below which the reference is nothing but round-off.
     """
     if values.shape != reference.shape:
         return np.inf
@@ -133,14 +133,14 @@ def relative_difference(values: Array, reference: Array, least_scale: float = 0.
     if not np.array_equal(values[~finite], reference[~finite], equal_nan=True):
         return np.inf
     difference = float(np.abs(values[finite] - reference[finite]).max(initial=0.0))
-    scale = max(least_scale, float(np.abs(reference[finite]).max(initial=0.0)))
+    scale = max(min_scale, float(np.abs(reference[finite]).max(initial=0.0)))
     if not difference <= np.finfo(float).max:
         return np.inf
     return 0.0 if difference == 0.0 else difference / scale if scale else np.inf
 
 
-def compare_function(
-    comm: MPI.Comm, whose: str, function: Callable[[Array], Any], *points: Array
+def check_same_function(
+    comm: MPI.Comm, name: str, function: Callable[[Array], Any], *points: Array
 ) -> None:
     """Raise ValueError on all processes where a user's function differs between them; collective.
 
@@ -149,41 +149,41 @@ def compare_function(
 
     Args:
         comm: of the processes.
-        whose: name of the function.
+        name: of the function.
         function: of points as rows (n, dim); the first axis of its answer is theirs.
         points: kinds of points (n, dim) of this process, of each of which some are taken.
     """
     if comm.size == 1:
         return
     count = max(2, min(_COMPARED_POINTS, _ALL_COMPARED_POINTS // comm.size))
-    own = np.concatenate([spread_rows(rows, count) for rows in points])
+    own = np.concatenate([evenly_spaced_rows(rows, count) for rows in points])
     every: Array = np.concatenate(comm.allgather(own))
     values: Array = np.empty(0)
-    with collective(comm), np.errstate(all="ignore"), suppress(Exception):
-        values = np.asarray(answer(comm, whose, function, every.copy()), dtype=float)
+    with collective_errors(comm), np.errstate(all="ignore"), suppress(Exception):
+        values = np.asarray(call_user_function(comm, name, function, every.copy()), dtype=float)
     if comm.allreduce(values.shape[:1] == (len(every),), MPI.LAND):
-        compare_numbers(comm, {whose: values}, ROUND_OFF)
+        check_same_values(comm, {name: values}, RANK_DIFFERENCE_TOLERANCE)
 
 
-def spread_rows(rows: Array, count: int) -> Array:
+def evenly_spaced_rows(rows: Array, max_rows: int) -> Array:
     """Return at most so many rows, evenly spread."""
-    return rows[np.unique(np.linspace(0, max(0, len(rows) - 1), count).astype(int))[: len(rows)]]
+    return rows[np.unique(np.linspace(0, max(0, len(rows) - 1), max_rows).astype(int))[: len(rows)]]
 
 
-def compare_numbers(comm: MPI.Comm, numbers: Mapping[str, Array], tolerance: float) -> None:
+def check_same_values(comm: MPI.Comm, arrays: Mapping[str, Array], tolerance: float) -> None:
     """Raise ValueError on all processes for numbers that differ between them; collective.
 
     Args:
         comm: of the processes.
-        numbers: by the names of what gave them, the same names on all processes.
+        arrays: by the names of what gave them, the same names on all processes.
         tolerance: of differences, over the largest size of each array.
     """
     if comm.size == 1:
         return
-    reference = comm.bcast(dict(numbers))
+    reference = comm.bcast(dict(arrays))
     unlike = [
         name
-        for name, values in numbers.items()
+        for name, values in arrays.items()
         if not relative_difference(values, reference[name]) <= tolerance
     ]
     for rank, names in enumerate(comm.allgather(unlike)):
@@ -191,7 +191,7 @@ def compare_numbers(comm: MPI.Comm, numbers: Mapping[str, Array], tolerance: flo
             raise _differing(names[0], rank, comm)
 
 
-def same_everywhere(function: F) -> F:
+def check_same_arguments(function: F) -> F:
     """A function that all processes call with the same arguments: they are compared first.
 
     What it calls in its turn has arguments that follow from these, which are not compared again.
@@ -202,7 +202,7 @@ def same_everywhere(function: F) -> F:
     def called(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
         if MPI.COMM_WORLD.size == 1 or _compared[-1]:
             return function(*args, **kwargs)
-        with collective(processes(*args, *kwargs.values())) as same:
+        with collective_errors(find_communicator(*args, *kwargs.values())) as same:
             given = signature.bind(*args, **kwargs)
             given.apply_defaults()
             same["the function that is called"] = function.__qualname__
@@ -217,7 +217,7 @@ def same_everywhere(function: F) -> F:
     return cast(F, called)
 
 
-def refused_together(check: Callable[[Any], None]) -> Callable[[Any], None]:
+def defer_errors_if_parallel(check: Callable[[Any], None]) -> Callable[[Any], None]:
     """Return the check of a statement whose error all processes raise, if there are several.
 
     Each process states materials, motions and pairs by itself: an error there would stay on its
@@ -241,7 +241,7 @@ def refused_together(check: Callable[[Any], None]) -> Callable[[Any], None]:
 
 
 def _raise_refusal(value: object) -> None:
-    """Raise the error that `refused_together` has kept of a statement, if there is one."""
+    """Raise the error that `defer_errors_if_parallel` has kept of a statement, if there is one."""
     refusal = getattr(value, "__dict__", {}).get(_REFUSAL)
     if refusal is not None:
         raise refusal
@@ -256,12 +256,12 @@ def _comparing(done: bool) -> Iterator[None]:
         _compared.pop()
 
 
-def processes(*things: object) -> MPI.Comm:
+def find_communicator(*objects: object) -> MPI.Comm:
     """The communicator of some things: the largest one; all processes if none has one.
 
     So a process that has nothing in place of a mesh is waited for if the mesh is all processes'.
     """
-    found = [comm for comm in map(_communicator, things) if comm is not None]
+    found = [comm for comm in map(_communicator, objects) if comm is not None]
     largest = max(found, key=lambda comm: comm.size, default=MPI.COMM_WORLD)
     # duplicates of one communicator would not meet each other
     return MPI.COMM_WORLD if largest.size == MPI.COMM_WORLD.size else largest
@@ -299,8 +299,8 @@ def _sent(error: BaseException | None) -> BaseException | None:
     return RuntimeError(f"{type(error).__name__}: {error}")
 
 
-def answer(
-    comm: MPI.Comm, whose: str, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
+def call_user_function(
+    comm: MPI.Comm, name: str, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
 ) -> T:
     """Calls a user's function, whose errors become a ValueError; local, for use under the guard."""
     try:
@@ -309,7 +309,7 @@ def answer(
     except Exception as error:
         where = f" on process {comm.rank}" if comm.size > 1 else ""
         said = "".join(format_exception_only(error)).strip()
-        raise ValueError(f"{whose} failed{where}: {said}") from error
+        raise ValueError(f"{name} failed{where}: {said}") from error
 
 
 def _digest(value: object) -> bytes:

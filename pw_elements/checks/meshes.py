@@ -29,7 +29,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements._compat import cell_nodes
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 
 # Largest coordinate whose products with others, such as volumes, are finite
 MAX_COORDINATE = 1e100
@@ -51,7 +51,7 @@ class DegenerateMesh(ValueError):
     """Cells that are flat or inverted, or cells and boundaries that do not make a body."""
 
 
-def listed(points: Array) -> str:
+def format_points(points: Array) -> str:
     """Positions (m, dim) as words, in order of their coordinates, round-off left out."""
     points = np.round(points, 12) + 0.0
     points = points[np.lexsort(np.round(points, 9).T[::-1])]
@@ -169,7 +169,7 @@ class _Cells:
     def _refuse(self, wrong: Mask, what: str) -> None:
         places = np.concatenate(self.mesh.comm.allgather(self.middle[wrong]))
         if len(places):
-            raise DegenerateMesh(f"cells around {listed(np.unique(places, axis=0))} {what}")
+            raise DegenerateMesh(f"cells around {format_points(np.unique(places, axis=0))} {what}")
 
 
 class _Surface:
@@ -219,7 +219,7 @@ class _Surface:
         """
         if len(places := self._gathered(self._middle[self._torn()])):
             raise DegenerateMesh(
-                f"facets around {listed(places)} have hanging nodes: smaller facets of "
+                f"facets around {format_points(places)} have hanging nodes: smaller facets of "
                 "their neighbours lie on them, and the mesh is torn apart there"
             )
 
@@ -289,7 +289,9 @@ class _Surface:
         mesh.comm.Allreduce(MPI.IN_PLACE, number, MPI.SUM)
         if np.any(number > 1):
             places = np.unique(suspects[number > 1], axis=0)
-            raise DegenerateMesh(f"cells around {listed(places)} lie in other parts of the mesh")
+            raise DegenerateMesh(
+                f"cells around {format_points(places)} lie in other parts of the mesh"
+            )
 
     def log_contacts(self) -> None:
         least = self._comm.allreduce(self._radius.min(initial=np.inf), MPI.MIN)
@@ -298,7 +300,7 @@ class _Surface:
         if not self._comm.allreduce(len(pairs)):
             return
         cells, mesh = self._cells, self._cells.mesh
-        number, _ = pieces_of(mesh.comm, mesh.geometry.index_map(), cells.vertices)
+        number, _ = connected_components(mesh.comm, mesh.geometry.index_map(), cells.vertices)
         piece = self._exchanged(number[cells.vertices[self._cell, 0]])[pairs]
         crack = self._gathered(piece[:, 0] == piece[:, 1])
         middle = self._gathered(self._middle[pairs[:, 0]])
@@ -307,8 +309,10 @@ class _Surface:
             (~crack, logging.INFO, "two pieces of the mesh that touch"),
         ):
             if which.any():
-                words = f"facets coincide, but share no nodes: {what} at {listed(middle[which])}"
-                told(mesh.comm, level, words)
+                words = (
+                    f"facets coincide, but share no nodes: {what} at {format_points(middle[which])}"
+                )
+                log_on_root(mesh.comm, level, words)
 
 
 def _cofactors(jacobian: Array) -> Array:
@@ -322,7 +326,9 @@ def _cofactors(jacobian: Array) -> Array:
     return np.array([np.cross(*rows, axis=0) for rows in ((b, c), (c, a), (a, b))])
 
 
-def pieces_of(comm: MPI.Comm, index_map: IndexMap, cells: npt.NDArray) -> tuple[Indices, int]:
+def connected_components(
+    comm: MPI.Comm, index_map: IndexMap, cells: npt.NDArray
+) -> tuple[Indices, int]:
     """Number of the connected piece that each node (ghosts too) of cells (n, k) belongs to."""
     nodes = index_map.size_local + index_map.num_ghosts
     others = cells[:, 1:]  # a cell's first node links them

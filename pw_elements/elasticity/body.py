@@ -26,14 +26,20 @@ from ufl.domain import extract_unique_domain
 
 from pw_elements.algebra import check_problem
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, check_mesh, listed, refused_together, same_everywhere
+from pw_elements.checks import (
+    arguments,
+    check_mesh,
+    check_same_arguments,
+    defer_errors_if_parallel,
+    format_points,
+)
 from pw_elements.elasticity.incompressibility import (
     REMEDY,
     bulk_over_shear,
     has_parallel_cells,
     max_bulk_over_shear,
 )
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
     STATE,
     Assembled,
@@ -103,11 +109,11 @@ class Material:
     poissons_ratio: Scalar = 0.0
     density: Scalar = 1.0
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
         for name in ("youngs_modulus", "density"):
-            _set(self, name, arguments.positive_coefficient(name, getattr(self, name)))
-        nu = arguments.coefficient(
+            _set(self, name, arguments.check_positive_coefficient(name, getattr(self, name)))
+        nu = arguments.check_coefficient(
             "poissons_ratio",
             self.poissons_ratio,
             lambda values: (values > -1) & (values <= 0.5),
@@ -116,7 +122,7 @@ class Material:
         _set(self, "poissons_ratio", nu)
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def by_tag(
         cls, mesh: Mesh, cell_tags: MeshTags, materials: Mapping[int, "Material"]
     ) -> "Material":
@@ -134,16 +140,18 @@ class Material:
             ValueError: for tags of facets or of another mesh, cells without a tag, tags without a
                 material, materials without a cell, or constants that are not numbers.
         """
-        arguments.mesh(mesh)
-        arguments.of_type(
+        arguments.check_mesh_type(mesh)
+        arguments.check_type(
             "the mapping of tags", materials, Mapping, "give {tag: Material(E, nu), ...}"
         )
         constants = {}
         for tag, one in materials.items():
             of = f"the material of tag {tag}"
-            arguments.of_type(of, one, Material, "Material(E, nu) makes one")
+            arguments.check_type(of, one, Material, "Material(E, nu) makes one")
             numbers = vars(one).items()
-            constants[tag] = [arguments.number(f"{name} of {of}", value) for name, value in numbers]
+            constants[tag] = [
+                arguments.check_number(f"{name} of {of}", value) for name, value in numbers
+            ]
         return cls(*by_cell_tag(mesh, cell_tags, constants))
 
 
@@ -182,10 +190,12 @@ class Body:
     thickness: Scalar = 1.0
     quadrature_degree: int | None = None
 
-    @same_everywhere
+    @check_same_arguments
     def __post_init__(self) -> None:
-        arguments.of_type("spaces", self.spaces, Spaces, "Spaces.petrov_galerkin(mesh) makes some")
-        arguments.of_type("material", self.material, Material, "Material(E, nu) makes one")
+        arguments.check_type(
+            "spaces", self.spaces, Spaces, "Spaces.petrov_galerkin(mesh) makes some"
+        )
+        arguments.check_type("material", self.material, Material, "Material(E, nu) makes one")
         try:
             _set(self, "state", StressState(self.state))
         except ValueError:
@@ -217,27 +227,29 @@ class Body:
                     "Spaces.petrov_galerkin"
                 )
             below = "has to be positive in hybrid spaces, the pressure being -lambda div u"
-            arguments.coefficient("poissons_ratio", nu, lambda values: values > 0, below, mesh.comm)
+            arguments.check_coefficient(
+                "poissons_ratio", nu, lambda values: values > 0, below, mesh.comm
+            )
             varies = not (
                 arguments.is_number(nu) and arguments.is_number(self.material.youngs_modulus)
             )
             if varies and self.spaces.parts is None:
-                told(mesh.comm, logging.WARNING, _JUMPS)
+                log_on_root(mesh.comm, logging.WARNING, _JUMPS)
         elif self.state is not StressState.PLANE_STRESS:
             above = "in plane stress only may it be 0.5, or in the spaces of Spaces.hybrid(mesh)"
-            arguments.coefficient(
+            arguments.check_coefficient(
                 "poissons_ratio", nu, lambda values: values < 0.5, above, mesh.comm
             )
             largest = _largest(nu, mesh.comm)
             if largest > _LOCKING_NU:
-                told(mesh.comm, logging.WARNING, _LOCKS % largest + self._loss(largest))
-        thickness = arguments.positive_coefficient("thickness", self.thickness, mesh.comm)
+                log_on_root(mesh.comm, logging.WARNING, _LOCKS % largest + self._loss(largest))
+        thickness = arguments.check_positive_coefficient("thickness", self.thickness, mesh.comm)
         _set(self, "thickness", thickness)
         if self.quadrature_degree is not None:
-            arguments.whole("quadrature_degree", self.quadrature_degree, 0)
+            arguments.check_integer("quadrature_degree", self.quadrature_degree, 0)
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def on(
         cls, mesh: Mesh, material: Material, state: StressState | str, parts: MeshTags | None = None
     ) -> "Body":
@@ -259,8 +271,8 @@ class Body:
             TypeError: for arguments of the wrong type.
             ValueError: as `Body`.
         """
-        arguments.mesh(mesh)
-        arguments.of_type("material", material, Material, "Material(E, nu) makes one")
+        arguments.check_mesh_type(mesh)
+        arguments.check_type("material", material, Material, "Material(E, nu) makes one")
         check_parts(parts)
         largest = _largest(material.poissons_ratio, mesh.comm)
         named = isinstance(state, str | StressState)  # other things may refuse to be compared
@@ -271,7 +283,7 @@ class Body:
         else:
             spaces = Spaces.hybrid(mesh, parts)
             words = f"hybrid: nu = {largest:g}, displacements alone would lock"
-            told(mesh.comm, logging.INFO, words)
+            log_on_root(mesh.comm, logging.INFO, words)
         return cls(spaces, material, state)  # type: ignore[arg-type]
 
     def _loss(self, nu: float) -> str:
@@ -293,7 +305,9 @@ class Body:
         Raises:
             TypeError: for anything but such an expression.
         """
-        arguments.of_type("displacement", u, Expr, "as_function(U, a) makes a function of a vector")
+        arguments.check_type(
+            "displacement", u, Expr, "as_function(U, a) makes a function of a vector"
+        )
         return ufl.sym(self._gradient(u))
 
     def stress(self, u: Expr) -> Expr:
@@ -338,7 +352,7 @@ class Body:
             trace, squares = trace + third, squares + third**2
         return ufl.sqrt((3 * squares - trace**2) / 2)
 
-    @same_everywhere
+    @check_same_arguments
     def stiffness(self) -> ufl.Form:
         """The bilinear form of the stiffness, Eq. (10)."""
         u, v = self._arguments()
@@ -351,13 +365,13 @@ class Body:
         volume = ufl.tr(self.strain(u)) + flexibility * p
         return work + self._integral(-q * volume, 2)
 
-    @same_everywhere
+    @check_same_arguments
     def mass(self) -> ufl.Form:
         """The bilinear form of the consistent mass, Eq. (11)."""
         (u, _), (v, _) = map(self._split, self._arguments())
         return self._bilinear(self._value(self.material.density) * ufl.inner(u, v), 4)
 
-    @same_everywhere
+    @check_same_arguments
     def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
         """Load of a traction vector (force per area), Eq. (12), over a `boundary_measure`.
 
@@ -371,7 +385,7 @@ class Body:
             TypeError, ValueError: for anything but a measure of exterior facets of the body's mesh,
                 or a traction of the wrong size.
         """
-        arguments.of_type(
+        arguments.check_type(
             "surface", surface, ufl.Measure, "boundary_measure(mesh, where) makes one"
         )
         if surface.integral_type() != "exterior_facet":
@@ -386,7 +400,7 @@ class Body:
             ufl.inner(self._vector("traction", traction), v) * self._depth() * self._stated(surface)
         )
 
-    @same_everywhere
+    @check_same_arguments
     def body_load(self, force: Vector) -> ufl.Form:
         """Load of a body force vector (force per volume), Eq. (12).
 
@@ -396,7 +410,7 @@ class Body:
         v, _ = self._split(ufl.TestFunction(self.spaces.test))
         return self._integral(ufl.inner(self._vector("force", force), v), 2)
 
-    @same_everywhere
+    @check_same_arguments
     def initial_stress(self, stress: Expr, form: Literal["G", "J"] = "G") -> ufl.Form:
         """Initial stress form, Eq. (25) and Eq. (26), for a prestress tensor.
 
@@ -408,7 +422,7 @@ class Body:
         Raises:
             ValueError: for an unknown form, or a tensor of the wrong shape.
         """
-        arguments.of_type("stress", stress, Expr, "body.stress(u) makes one")
+        arguments.check_type("stress", stress, Expr, "body.stress(u) makes one")
         u, v = self._arguments()
         if stress.ufl_shape != (shape := self.strain(u).ufl_shape):
             raise ValueError(f"stress has the shape {stress.ufl_shape}: the strain's is {shape}")
@@ -489,11 +503,11 @@ class Body:
 
     def _vector(self, name: str, value: Vector) -> Expr:
         mesh = self.spaces.mesh
-        vector = arguments.components(name, value, mesh.geometry.dim)
+        vector = arguments.check_components(name, value, mesh.geometry.dim)
         return vector if isinstance(vector, Expr) else fem.Constant(mesh, vector)
 
 
-@same_everywhere
+@check_same_arguments
 def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl.Measure:
     """Surface measure of a part of the boundary, for `Body.surface_load` and other forms.
 
@@ -507,8 +521,8 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
         ValueError: if no exterior facet is marked, the marker fails or does not return truth
             values, or a number does not belong to a facet.
     """
-    arguments.mesh(mesh)
-    arguments.whole("quadrature_degree", quadrature_degree, 0)
+    arguments.check_mesh_type(mesh)
+    arguments.check_integer("quadrature_degree", quadrature_degree, 0)
     dimension = mesh.topology.dim - 1
     facets = exterior_facets(mesh, where)
     if mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
@@ -523,7 +537,7 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
     )
 
 
-@same_everywhere
+@check_same_arguments
 def prescribe(
     space: fem.FunctionSpace,
     component: int | Literal["pressure"],
@@ -546,7 +560,7 @@ def prescribe(
         ValueError: if there is no such node or no such component, the marker fails or does not
             return truth values, or the value is not a finite number.
     """
-    arguments.space(space)
+    arguments.check_space(space)
     hybrid = is_hybrid(space)
     fluid = hybrid and component == "pressure"
     field = SubSpace.pressure(space) if fluid else SubSpace.displacements(space)
@@ -554,9 +568,9 @@ def prescribe(
     if not (fluid or (arguments.is_number(component) and component in range(components))):
         raise ValueError(f"component {component}: the space has {components}, counted from 0")
     now = value.value if isinstance(value, fem.Constant) else value
-    arguments.number("the prescribed value", now)
+    arguments.check_number("the prescribed value", now)
     axis = 0 if fluid else int(component)
-    if arguments.is_function(where):
+    if arguments.is_user_function(where):
         nodes = some_nodes_of(field.space, "the prescribed nodes", where)
     else:
         # nodes given in place of facets are hardly ever all of the boundary's
@@ -572,7 +586,7 @@ def prescribe(
     return fem.dirichletbc(held, np.ascontiguousarray(dofs), part)
 
 
-@same_everywhere
+@check_same_arguments
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
     """Load vector of a concentrated force at each node that a marker selects.
 
@@ -587,9 +601,9 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
         ValueError: if there is no such node, the marker fails or does not return truth values, or
             the force has another number of components than the space, or one that is not finite.
     """
-    arguments.space(space)
+    arguments.check_space(space)
     comm, field = space.mesh.comm, SubSpace.displacements(space)
-    arguments.vector("nodal force", force, field.unknowns.shape[1])
+    arguments.check_vector("nodal force", force, field.unknowns.shape[1])
     nodes = some_nodes_of(field.space, "the loaded nodes", where)
     nodes = nodes[nodes < len(field.owned)]
     values = np.zeros(field.owned.shape)
@@ -599,7 +613,7 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
     return load
 
 
-@same_everywhere
+@check_same_arguments
 def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     """Diagonal matrix (n, n) of the row sums of a mass matrix.
 
@@ -619,7 +633,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
         ValueError: if a row sum is not positive (it names the nodes), or the matrix is not one of
             the space.
     """
-    arguments.space(space)
+    arguments.check_space(space)
     check_problem({"the mass matrix": M}, space=space)
     if is_hybrid(space):
         raise ValueError("a pressure has no mass: lump that of Spaces.petrov_galerkin(mesh)")
@@ -630,7 +644,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
         places = space.mesh.comm.allgather(space.tabulate_dof_coordinates()[nodes[:3]])
         raise ValueError(
             f"{count} nodes have no positive lumped mass, among them those at "
-            f"{listed(np.concatenate(places)[:3])}: row sums serve piecewise-linear weights"
+            f"{format_points(np.concatenate(places)[:3])}: row sums serve piecewise-linear weights"
         )
     lumped = PETSc.Mat().createAIJ(M.getSizes(), nnz=1, comm=M.comm)
     lumped.setDiagonal(mass)
@@ -645,7 +659,7 @@ def _constant(value: Scalar) -> bool:
 
 
 def _largest(ratio: Scalar, comm: MPI.Comm) -> float:
-    values = arguments.known_values(ratio)
+    values = arguments.available_values(ratio)
     return float(comm.allreduce(values.max(initial=-np.inf), MPI.MAX))
 
 

@@ -27,8 +27,8 @@ from scipy.spatial import cKDTree
 from ufl.core.expr import Expr
 
 from pw_elements.algebra import is_finite
-from pw_elements.arrays import Array, Indices, Local, Mask
-from pw_elements.checks import arguments, collective, same_everywhere
+from pw_elements.arrays import Array, Indices, LocalIndices, Mask
+from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.elasticity.body import Body, Scalar, boundary_measure
 from pw_elements.spaces import (
     Marker,
@@ -51,7 +51,7 @@ _GOES = 1 / 8
 Area = Literal["geometric", "own"]
 
 
-@same_everywhere
+@check_same_arguments
 def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     """Matrix T, (n, n), that evens out the nodal forces of the standard quadratic element.
 
@@ -79,7 +79,7 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
 
 def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
     """T^T, (n, n), or T^-T, which has the same pattern: see `force_transfer`."""
-    arguments.space(space)
+    arguments.check_space(space)
     element, whole = space.element.basix_element, space.ufl_element()
     cell = space.mesh.topology.cell_name()
     if whole != quadratic_element(cell, tuple(whole.reference_value_shape)):
@@ -128,7 +128,7 @@ class BoundaryForces:
     force: Array
 
 
-@same_everywhere
+@check_same_arguments
 def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> BoundaryForces:
     """Nodal forces at the nodes that a marker selects, sorted by their coordinates.
 
@@ -146,9 +146,9 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
         ValueError: if there is no such node, the marker fails or does not return truth values, or
             the vector is not finite or does not belong to the space.
     """
-    arguments.space(space)
-    with collective(space.mesh.comm):
-        arguments.petsc_vector("the vector of forces", forces, "the space", space)
+    arguments.check_space(space)
+    with collective_errors(space.mesh.comm):
+        arguments.check_petsc_vector("the vector of forces", forces, "the space", space)
     if not is_finite(forces):
         raise ValueError("the vector of forces is not finite")
     nodes = some_nodes_of(space, "the line", where)
@@ -182,7 +182,7 @@ class SurfaceNodes:
     facets: Indices
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def of(cls, body: Body, where: Part, stretch: Expr | None = None) -> "SurfaceNodes":
         """Nodes of a part of the boundary.
 
@@ -199,13 +199,13 @@ class SurfaceNodes:
             ValueError: if there are none, the marker fails or does not return truth values, or a
                 number is none of a facet.
         """
-        arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
-        arguments.of_type("stretch", stretch, Expr | None, "SurfaceNodes.stretch(u) makes it")
+        arguments.check_type("body", body, Body, "Body(spaces, material, state) makes one")
+        arguments.check_type("stretch", stretch, Expr | None, "SurfaceNodes.stretch(u) makes it")
         depth = body._depth() if stretch is None else body._depth() * stretch
         return cls.scalar(_scalar(body.spaces.displacements), where, depth)
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def scalar(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
         """Nodes of a part of the boundary of a scalar problem.
 
@@ -217,10 +217,10 @@ class SurfaceNodes:
         Raises:
             ValueError: as `of`, or if the spaces are not scalar.
         """
-        arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
+        arguments.check_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
         if spaces.trial.ufl_element().reference_value_shape != ():
             raise ValueError("the spaces have components: it takes those of a scalar")
-        depth = arguments.positive_coefficient("depth", depth, spaces.mesh.comm)
+        depth = arguments.check_positive_coefficient("depth", depth, spaces.mesh.comm)
         position, own, node = _areas(spaces, where, depth)
         other, tributary = position, own
         if spaces.test.ufl_element() != macro_element(spaces.mesh.topology.cell_name()):
@@ -248,7 +248,7 @@ class SurfaceNodes:
         Args:
             u: displacements, or these and a pressure, with the values of when areas are taken.
         """
-        arguments.of_type("u", u, fem.Function, "as_function(U, a) makes a function of a vector")
+        arguments.check_type("u", u, fem.Function, "as_function(U, a) makes a function of a vector")
         space = u.function_space
         moved = ufl.split(u)[0] if is_hybrid(space) else u
         if moved.ufl_shape != (space.mesh.geometry.dim,):
@@ -359,13 +359,15 @@ def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.
     return np.lexsort(np.round(keys / (size or 1.0), 9).T[::-1])
 
 
-def facet_nodes(space: fem.FunctionSpace, facets: Local) -> Local:
+def facet_nodes(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
     """Local numbers (f, k) of the nodes of exterior facets, in the order of Basix' own facets."""
     cells, places = facets_in_cells(space, facets)
     return np.asarray(space.dofmap.list[cells[:, None], places])
 
 
-def facets_in_cells(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Local]:
+def facets_in_cells(
+    space: fem.FunctionSpace, facets: LocalIndices
+) -> tuple[LocalIndices, LocalIndices]:
     """Cell (f,) of each exterior facet, and places (f, k) of its nodes there."""
     dim = space.mesh.topology.dim
     topology, layout = space.mesh.topology, space.dofmap.dof_layout
@@ -380,7 +382,7 @@ def facets_in_cells(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Loc
     return cells, closure[local]
 
 
-def facets_between(space: fem.FunctionSpace, nodes: Indices) -> Local:
+def facets_between(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
     """Local numbers of exterior facets of owned cells with all nodes among global ones (m,)."""
     index_map, topology = space.dofmap.index_map, space.mesh.topology
     local = index_map.global_to_local(nodes)
@@ -403,7 +405,7 @@ def _areas(spaces: Spaces, where: Part, depth: Scalar) -> tuple[Array, Array, In
 
 
 def _in_order(
-    space: fem.FunctionSpace, nodes: Local, values: Array
+    space: fem.FunctionSpace, nodes: LocalIndices, values: Array
 ) -> tuple[Array, Array, Indices]:
     """Positions (m, 3) of all processes' nodes, owners' values there, and global numbers."""
     index_map = space.dofmap.index_map
@@ -451,7 +453,7 @@ class NodalFlux:
     flux: Array
 
 
-@same_everywhere
+@check_same_arguments
 def nodal_flux(
     spaces: Spaces, reactions: PETSc.Vec, where: Part, area: Area = "geometric", depth: Scalar = 1.0
 ) -> NodalFlux:
@@ -481,10 +483,10 @@ def nodal_flux(
         ValueError: for a vector that is not finite or of another space, an unknown area, a depth
             that is not positive, or a part of the boundary without facets.
     """
-    arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
+    arguments.check_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
     space = spaces.trial
-    with collective(space.mesh.comm):
-        arguments.petsc_vector("the vector of reactions", reactions, "the space", space)
+    with collective_errors(space.mesh.comm):
+        arguments.check_petsc_vector("the vector of reactions", reactions, "the space", space)
     if not arguments.is_one_of(area, get_args(Area)):
         raise ValueError(f"area {area!r}: it is 'geometric' or 'own'")
     if not is_finite(reactions):

@@ -20,8 +20,8 @@ from dolfinx.mesh import Mesh
 
 from pw_elements._compat import cell_nodes, interpolation_points
 from pw_elements.arrays import Array
-from pw_elements.checks import listed
-from pw_elements.progress import told
+from pw_elements.checks import format_points
+from pw_elements.progress import log_on_root
 from pw_elements.spaces import compiled_form
 
 # Bulk over shear modulus up to which K is safe. Curved cells: 50, that is nu = 0.49; the least
@@ -173,7 +173,7 @@ class TangentWatch:
                 self._ratio = TangentRatio(form, u)
             except Exception as error:
                 words = f"bulk over shear stiffness of the tangent is not measured: {error}"
-                told(self._mesh.comm, logging.INFO, words, ".contact")
+                log_on_root(self._mesh.comm, logging.INFO, words, ".contact")
 
     def is_beyond_limit(self) -> bool:
         """Return whether the tangent where u is has too large a bulk stiffness; log it once."""
@@ -187,11 +187,11 @@ class TangentWatch:
             cells = np.flatnonzero(ratio > self._limit)
             own = self._mesh.geometry.x[cell_nodes(self._mesh)[cells]].mean(axis=1)
             middle = np.concatenate(comm.allgather(own[:, : self._mesh.geometry.dim]))
-            told(
+            log_on_root(
                 comm,
                 logging.WARNING,
                 f"the tangent's bulk stiffness is up to {largest:.3g} times its shear stiffness, "
-                f"in {len(middle)} cells, first around {listed(middle[:3])}, more than "
+                f"in {len(middle)} cells, first around {format_points(middle[:3])}, more than "
                 f"{self._limit:g} times. With displacements and piecewise-linear weights on such "
                 f"cells {REMEDY}. Signs of determinants do not tell instability there",
                 ".contact",

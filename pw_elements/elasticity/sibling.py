@@ -13,7 +13,13 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction, is_finite
-from pw_elements.checks import arguments, collective, listed, same_everywhere, sizes_of
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments,
+    collective_errors,
+    format_points,
+    vector_sizes,
+)
 from pw_elements.elasticity.forces import transposed_transfer
 from pw_elements.solvers import unblocked
 from pw_elements.spaces import Assembled
@@ -52,7 +58,7 @@ class Sibling:
     inverse: PETSc.Mat
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def of(cls, space: fem.FunctionSpace) -> "Sibling":
         """The sibling of a quadratic Lagrange space.
 
@@ -64,7 +70,7 @@ class Sibling:
         """
         return cls(space, transposed_transfer(space), transposed_transfer(space, inverse=True))
 
-    @same_everywhere
+    @check_same_arguments
     def matrix(self, standard: PETSc.Mat) -> PETSc.Mat:
         """T A T^T of the standard element's stiffness or mass A (n, n).
 
@@ -74,13 +80,13 @@ class Sibling:
         Raises:
             TypeError, ValueError: if it is not a matrix of the space, or has another test space.
         """
-        with collective(self.space.mesh.comm):
-            arguments.matrix("the matrix", standard, "the space", sizes_of(self.space))
+        with collective_errors(self.space.mesh.comm):
+            arguments.check_matrix("the matrix", standard, "the space", vector_sizes(self.space))
             self._check("the matrix", standard)
         known = replace(Assembled.of(standard), sibling=self)
         return known.mark(unblocked(standard).ptap(self.basis))
 
-    @same_everywhere
+    @check_same_arguments
     def load(self, standard: PETSc.Vec) -> PETSc.Vec:
         """T f of the standard element's load, or of any nodal forces, f (n,).
 
@@ -96,7 +102,7 @@ class Sibling:
         self.basis.multTranspose(standard, load)
         return replace(Assembled.of(standard), sibling=self).mark(load)
 
-    @same_everywhere
+    @check_same_arguments
     def displacement(self, coefficients: PETSc.Vec) -> PETSc.Vec:
         """Displacements u = T^T a, (n,).
 
@@ -109,7 +115,7 @@ class Sibling:
         self._check_vector("the coefficients", coefficients)
         return self.basis * coefficients
 
-    @same_everywhere
+    @check_same_arguments
     def coefficients(self, displacement: PETSc.Vec) -> PETSc.Vec:
         """Coefficients a = T^-T u, (n,), of displacements or velocities.
 
@@ -122,7 +128,7 @@ class Sibling:
         self._check_vector("the displacement", displacement)
         return self.inverse * displacement
 
-    @same_everywhere
+    @check_same_arguments
     def dirichlet(self, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]) -> Reduction:
         """Supports that prescribe coefficients in place of displacements.
 
@@ -142,16 +148,16 @@ class Sibling:
         places = np.concatenate(self.space.mesh.comm.allgather(places))
         if len(places):
             raise ValueError(
-                f"the nodes at {listed(places)} have a prescribed displacement, but not all nodes "
-                "on which their coefficients depend: prescribe whole edges"
+                f"the nodes at {format_points(places)} have a prescribed displacement, but not all "
+                "nodes on which their coefficients depend: prescribe whole edges"
             )
         offset = self.inverse * standard.offset
         offset.setArray(offset.array_r * (1 - free.array_r))
         return replace(standard, offset=offset)
 
     def _check_vector(self, name: str, vector: PETSc.Vec) -> None:
-        with collective(self.space.mesh.comm):
-            arguments.petsc_vector(name, vector, "the space", self.space)
+        with collective_errors(self.space.mesh.comm):
+            arguments.check_petsc_vector(name, vector, "the space", self.space)
             self._check(name, vector)
         if not is_finite(vector):
             raise ValueError(f"{name} is not finite")

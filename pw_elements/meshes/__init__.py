@@ -2,13 +2,13 @@
 
 from pw_elements.meshes.files import from_file, from_gmsh
 from pw_elements.meshes.shapes import (
-    PATTERNS,
-    Pattern,
-    curved,
-    mapped,
+    DIAGONAL_PATTERNS,
+    DiagonalPattern,
+    curved_mesh,
+    move_nodes,
     quadrilaterals,
     triangles,
 )
 from pw_elements.meshes.tagged import TaggedMesh
 
-__all__ = ["curved", "from_file", "from_gmsh", "mapped", "quadrilaterals", "triangles"]
+__all__ = ["curved_mesh", "from_file", "from_gmsh", "move_nodes", "quadrilaterals", "triangles"]

@@ -8,14 +8,20 @@ from typing import Any
 from mpi4py import MPI
 
 from pw_elements.abaqus import read_deck
-from pw_elements.checks import DegenerateMesh, arguments, check_cells, collective, same_everywhere
+from pw_elements.checks import (
+    DegenerateMesh,
+    arguments,
+    check_cells,
+    check_same_arguments,
+    collective_errors,
+)
 from pw_elements.meshes.groups import from_model
 from pw_elements.meshes.msh import read_msh
 from pw_elements.meshes.tagged import MeshArrays, TaggedMesh, distribute
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 
 
-@same_everywhere
+@check_same_arguments
 def from_file(
     path: str | Path,
     comm: MPI.Comm = MPI.COMM_WORLD,
@@ -51,10 +57,10 @@ def from_file(
         ValueError: for a file of another kind, or one that states no such mesh; the message says
             where and why, such as elements C3D15, which DOLFINx has no cells for.
     """
-    arguments.communicator(comm)
-    arguments.of_type("path", path, (str, Path), "it has to be the path of a file")
+    arguments.check_communicator(comm)
+    arguments.check_type("path", path, (str, Path), "it has to be the path of a file")
     one_or_more = (str, Sequence, type(None))
-    arguments.of_type("cells", cells, one_or_more, "give the name of an ELSET, or several")
+    arguments.check_type("cells", cells, one_or_more, "give the name of an ELSET, or several")
     path = Path(path)
     if path.suffix.lower() == ".msh":
         if cells is not None:
@@ -68,7 +74,7 @@ def from_file(
     raise ValueError(f"{path}: files end with .msh (Gmsh) or .inp (Abaqus, CalculiX)")
 
 
-@same_everywhere
+@check_same_arguments
 def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
     """Mesh from a `.msh` file or from the model that Gmsh has just meshed, with physical groups.
 
@@ -95,15 +101,15 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
             mesh; a mesh of dimension 2 that does not lie in a plane z = constant; cells of a file
             without volume or partly inside out; or groups that overlap and have no names.
     """
-    arguments.communicator(comm)
+    arguments.check_communicator(comm)
     path = Path(source) if isinstance(source, str | Path) else None
     arrays, notes = None, list[str]()
-    with collective(comm) as same:
+    with collective_errors(comm) as same:
         same["source"] = path  # a model is process 0's
         if comm.rank == 0:
             arrays, notes = _read_gmsh(source, path)
     for note in notes:
-        told(comm, logging.WARNING, note)
+        log_on_root(comm, logging.WARNING, note)
     # of a model cells are checked where a body is made of them: until then they may be moved
     return distribute(comm, arrays) if path is None else _make_checked(comm, arrays, str(path))
 
@@ -111,7 +117,7 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
 def _read_gmsh(model: Any, path: Path | None) -> tuple[MeshArrays, list[str]]:  # noqa: ANN401
     if path is None and not hasattr(model, "getPhysicalGroups"):
         words = "it has to be a file's name, or gmsh.model"
-        raise TypeError(f"the source is {arguments.described(model)}: {words}")
+        raise TypeError(f"the source is {arguments.describe(model)}: {words}")
     whose = "Gmsh's model" if path is None else str(path)
     try:
         mesh = from_model(model) if path is None else read_msh(path)
@@ -123,13 +129,13 @@ def _read_gmsh(model: Any, path: Path | None) -> tuple[MeshArrays, list[str]]:  
 
 def _from_abaqus(path: Path, comm: MPI.Comm, chosen: Sequence[str] | None) -> TaggedMesh:
     arrays, notes = None, list[str]()
-    with collective(comm):
+    with collective_errors(comm):
         if comm.rank == 0:
             deck = read_deck(path, chosen)
             kind = deck.cell, deck.degree
             arrays, notes = MeshArrays(kind, deck.x, deck.cells, deck.tags, deck.names), deck.notes
     if notes := comm.bcast(notes):
-        told(comm, logging.WARNING, f"{path}: {'; '.join(notes)}")
+        log_on_root(comm, logging.WARNING, f"{path}: {'; '.join(notes)}")
     return _make_checked(comm, arrays, str(path))
 
 

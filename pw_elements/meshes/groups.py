@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx.io.utils import cell_perm_gmsh
 from dolfinx.mesh import CellType
 
-from pw_elements.arrays import Array, Indices, Local, Mask
+from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import MAX_COORDINATE
 from pw_elements.meshes.connectivity import check_nodes_of_cells, encode_rows, find_facets
 from pw_elements.meshes.elements import CELL_TYPES, kind_of
@@ -206,7 +206,7 @@ class GroupedMesh:
 
     def _number_tags(
         self, dim: int, combinations: Indices, what: str, notes: list[str]
-    ) -> tuple[Local, dict[str, tuple[int, ...]]]:
+    ) -> tuple[LocalIndices, dict[str, tuple[int, ...]]]:
         """Return tags (n,), 0 being none, and those of each name.
 
         The tag is the group's number, or a number above all of them for several groups.
@@ -246,7 +246,7 @@ class GroupedMesh:
         cell: str,
         used: Indices,
         notes: list[str],
-    ) -> tuple[Local, dict[str, tuple[int, ...]]]:
+    ) -> tuple[LocalIndices, dict[str, tuple[int, ...]]]:
         """Return tags of the sides of cells (n, sides), and those of each name."""
         topology = basix.topology(basix.CellType[cell])
         dim, n_corners = len(topology) - 1, len(topology[-2][0])

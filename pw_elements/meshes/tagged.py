@@ -11,7 +11,7 @@ import numpy.typing as npt
 from dolfinx.mesh import Mesh, MeshTags, create_mesh, meshtags
 
 from pw_elements.abaqus import capitals
-from pw_elements.arrays import Array, Indices, Local
+from pw_elements.arrays import Array, Indices, LocalIndices
 
 Names = dict[str, dict[str, tuple[int, ...]]]  # of "cells" and "facets": the tags of each set
 
@@ -34,7 +34,7 @@ class TaggedMesh(NamedTuple):
     facet_tags: MeshTags
     names: Names
 
-    def cells(self, name: str) -> Local:
+    def cells(self, name: str) -> LocalIndices:
         """Local numbers of the cells in a named set.
 
         Args:
@@ -45,7 +45,7 @@ class TaggedMesh(NamedTuple):
         """
         return self._find("cells", self.cell_tags, name)
 
-    def facets(self, name: str) -> Local:
+    def facets(self, name: str) -> LocalIndices:
         """Local numbers of the facets in a named set, as `boundary_measure` takes them.
 
         Args:
@@ -56,7 +56,7 @@ class TaggedMesh(NamedTuple):
         """
         return self._find("facets", self.facet_tags, name)
 
-    def _find(self, kind: str, tags: MeshTags, name: str) -> Local:
+    def _find(self, kind: str, tags: MeshTags, name: str) -> LocalIndices:
         known = self.names[kind]
         own = known.get(name, known.get(capitals(name), ()))
         if not own:

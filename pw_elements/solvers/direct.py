@@ -18,10 +18,10 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from pw_elements._compat import option_used
+from pw_elements._compat import is_petsc_option_used
 from pw_elements.arrays import Indices
-from pw_elements.checks import arguments, refused_together, same_everywhere
-from pw_elements.progress import told
+from pw_elements.checks import arguments, check_same_arguments, defer_errors_if_parallel
+from pw_elements.progress import log_on_root
 
 Options: TypeAlias = Mapping[str, str | int | float | bool]
 
@@ -187,11 +187,11 @@ class Direct:
 
     options: Options = field(default_factory=dict)
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
         check_options(self.options)
 
-    @same_everywhere
+    @check_same_arguments
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "Factors":
         """Binds the solver to a square matrix (n, n).
 
@@ -202,8 +202,8 @@ class Direct:
         Raises:
             TypeError, ValueError: if it is not such a matrix, or PETSc refuses the options.
         """
-        arguments.flag("symmetric", symmetric)
-        arguments.matrix("the matrix", matrix)
+        arguments.check_flag("symmetric", symmetric)
+        arguments.check_matrix("the matrix", matrix)
         with said_clearly(self.options):
             return Factors(matrix, symmetric, self.options)
 
@@ -277,7 +277,7 @@ class Factors:
         self._failed = False
         refuse_unused(self.ksp, self._options)
         words = f"{self._method} of {n} unknowns: {perf_counter() - begun:.2f} s"
-        told(comm, logging.DEBUG, words, ".linear_solver")
+        log_on_root(comm, logging.DEBUG, words, ".linear_solver")
         if self._mumps:
             factor = self._preconditioner.getFactorMatrix()
             operations, entries = factor.getMumpsRinfog(3), factor.getMumpsInfog(29)
@@ -373,13 +373,15 @@ class Factors:
 
 
 def check_options(options: object) -> None:
-    arguments.of_type("options", options, Mapping, "give PETSc options such as {'ksp_view': ''}")
+    arguments.check_type("options", options, Mapping, "give PETSc options such as {'ksp_view': ''}")
     assert isinstance(options, Mapping)
     for name, value in options.items():
         if not isinstance(name, str) or not name.strip("- "):
             raise ValueError(f"option {name!r}: its name has to be a string")
         kinds = (str, int, float, np.number)
-        arguments.of_type(f"option {name!r}", value, kinds, "it has to be a string, number or bool")
+        arguments.check_type(
+            f"option {name!r}", value, kinds, "it has to be a string, number or bool"
+        )
         if _COUNT.search(name):
             _check_count(name, value)
 
@@ -388,7 +390,7 @@ def _check_count(name: str, value: str | float) -> None:
     """Raise ValueError for numbers of repetitions of which PETSc would make an endless loop."""
     of_outer_method = name.lstrip("-") in _OUTER_COUNTS
     try:
-        count = arguments.whole(name, int(value) if isinstance(value, str) else value, 1)
+        count = arguments.check_integer(name, int(value) if isinstance(value, str) else value, 1)
     except ValueError:
         count = 0
     if count < 1 or (count > _MOST_INNER_STEPS and not of_outer_method):
@@ -414,7 +416,7 @@ def said_clearly(options: Options) -> Iterator[None]:
 
 def refuse_unused(ksp: PETSc.KSP, options: Options) -> None:
     prefix = ksp.getOptionsPrefix()
-    unused = [name for name in options if not option_used(f"{prefix}{name.lstrip('-')}")]
+    unused = [name for name in options if not is_petsc_option_used(f"{prefix}{name.lstrip('-')}")]
     if unused:
         raise ValueError(f"PETSc has no use for the options {unused} here: look at their names")
 

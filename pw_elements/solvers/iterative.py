@@ -24,16 +24,16 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
-from pw_elements.arrays import Array, Indices, Local, Mask
+from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import (
     arguments,
-    collective,
-    pieces_of,
-    refused_together,
-    same_everywhere,
-    sizes_of,
+    check_same_arguments,
+    collective_errors,
+    connected_components,
+    defer_errors_if_parallel,
+    vector_sizes,
 )
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 from pw_elements.solvers.direct import (
     Direct,
     FreePressure,
@@ -273,9 +273,9 @@ class Iterative:
     tolerance: float = 1e-11
     options: Options = field(default_factory=dict)
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        if not 0 < arguments.number("tolerance", self.tolerance) < 1:
+        if not 0 < arguments.check_number("tolerance", self.tolerance) < 1:
             raise ValueError(f"tolerance = {self.tolerance}: has to lie between 0 and 1")
         check_options(self.options)
         for name, value in self.options.items():
@@ -285,7 +285,7 @@ class Iterative:
                     "Direct() has factors, mg_coarse_ the coarse level's own options"
                 )
 
-    @same_everywhere
+    @check_same_arguments
     def prepare(
         self, matrix: PETSc.Mat, symmetric: bool = False, supports: Supports | None = None
     ) -> "Krylov":
@@ -301,10 +301,10 @@ class Iterative:
         """
         if supports is None:
             raise ValueError(NO_SUPPORTS)
-        arguments.of_type("supports", supports, Supports, "a reduction's `supports` are some")
-        arguments.flag("symmetric", symmetric)
-        with collective(supports.space.mesh.comm):
-            arguments.matrix("the matrix", matrix)
+        arguments.check_type("supports", supports, Supports, "a reduction's `supports` are some")
+        arguments.check_flag("symmetric", symmetric)
+        with collective_errors(supports.space.mesh.comm):
+            arguments.check_matrix("the matrix", matrix)
         if symmetric:
             raise ValueError(
                 "Iterative() does not count negative pivots, without which a symmetrised pair is "
@@ -442,7 +442,7 @@ class _Foreign:
             x, y = right.duplicate(), right.duplicate()
 
             def image(values: Array) -> Array:
-                with collective(comm) as same:  # all still iterate, and ask for the same
+                with collective_errors(comm) as same:  # all still iterate, and ask for the same
                     same["the next step of iterate"] = apply.__name__
                     x.setArray(_own(values, x))
                 apply(x, y)
@@ -453,7 +453,7 @@ class _Foreign:
         product, precondition = of(ksp.getOperators()[0].mult), of(ksp.getPC().apply)
         size = ksp.getTolerances()[1]
         try:
-            with collective(comm):
+            with collective_errors(comm):
                 found = self._iterate(product, precondition, np.array(right.array_r), size)
                 solution.setArray(_own(found, right))
         except BaseException as error:
@@ -472,7 +472,7 @@ def solve_by(ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec, options: Opt
 
 def _own(values: Array, like: PETSc.Vec) -> Array:
     layout = "it takes and gives this process' part of vectors (n,)"
-    return arguments.field("iterate", np.ravel(values), like.array_r.shape, layout)
+    return arguments.check_function_values("iterate", np.ravel(values), like.array_r.shape, layout)
 
 
 def with_levels(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -> Krylov:
@@ -506,7 +506,7 @@ class Pieces:
     @classmethod
     def of(cls, space: fem.FunctionSpace) -> "Pieces":
         comm, dim, block = space.mesh.comm, space.mesh.geometry.dim, space.dofmap.index_map_bs
-        number, count = pieces_of(comm, space.dofmap.index_map, space.dofmap.list)
+        number, count = connected_components(comm, space.dofmap.index_map, space.dofmap.list)
         owned = number[: space.dofmap.index_map.size_local]
 
         def total(values: Array) -> Array:
@@ -541,7 +541,7 @@ class Pieces:
         self,
         K: PETSc.Mat,
         free: Mask,
-        at: Local | None = None,
+        at: LocalIndices | None = None,
         transposed: bool = False,
         others: int = 0,
     ) -> sp.csr_array:
@@ -641,17 +641,19 @@ def auto_solver(
         raise ValueError(f'solver {solver!r}: use Direct(), Iterative() or "auto"')
     if supports is None:
         return Direct()
-    mesh, dofs = supports.space.mesh, sizes_of(supports.space)[1]
+    mesh, dofs = supports.space.mesh, vector_sizes(supports.space)[1]
     if mesh.geometry.dim < 3 or dofs < (_MANY_FOR_MODES if modes else _MANY):
         return Direct()
     small = in_contact is not None and dofs < _MANY_LOOSE and not is_hybrid(supports.space)
     if small and free_motion(in_contact, supports):
-        told(mesh.comm, logging.INFO, f"auto: Direct for {dofs} unknowns that contact has to hold")
+        log_on_root(
+            mesh.comm, logging.INFO, f"auto: Direct for {dofs} unknowns that contact has to hold"
+        )
         return Direct()
     taken: LinearSolver = Direct() if needs_factors else Iterative()
     why, needed = f" ({needs_factors})" if needs_factors else "", memory_of_factors(dofs) / 1e9
     what = f"{type(taken).__name__} for {dofs} unknowns in space{why}"
-    told(mesh.comm, logging.INFO, f"auto: {what}; factors take some {needed:.2g} GB")
+    log_on_root(mesh.comm, logging.INFO, f"auto: {what}; factors take some {needed:.2g} GB")
     return taken
 
 
@@ -668,11 +670,11 @@ def with_fallback(
         if supports is None or solver not in (None, "auto"):
             raise
         comm = supports.space.mesh.comm
-        needed, left = memory_of_factors(sizes_of(supports.space)[1]), free_memory(comm)
+        needed, left = memory_of_factors(vector_sizes(supports.space)[1]), free_memory(comm)
         if not _SPARE_MEMORY * needed <= left:
             raise NotConverged(
                 f'{failure}. "auto" does not use Direct() with {left / 1e9:.2g} GB left'
             ) from failure
     memory = f"factors take some {needed / 1e9:.2g} of {left / 1e9:.2g} GB"
-    told(comm, logging.INFO, f"auto: Iterative gave up, Direct goes on; {memory}")
+    log_on_root(comm, logging.INFO, f"auto: Iterative gave up, Direct goes on; {memory}")
     return compute(Direct())  # whatever the first attempt took has been freed

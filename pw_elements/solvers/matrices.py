@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from dolfinx import fem
 from scipy.sparse.csgraph import connected_components
 
-from pw_elements._compat import single_entries
+from pw_elements._compat import single_entry_matrix
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.spaces import Assembled
 
@@ -120,7 +120,7 @@ def selection(free: Mask, rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat
     count = int(free.sum()) if renumbered else len(free)
     number = np.cumsum(free) - 1 if renumbered else np.arange(count)
     column = np.where(free, comm.scan(count) - count + number, -1)
-    return single_entries(column, (rows.getSizes(), (count, PETSc.DETERMINE)), rows.comm)
+    return single_entry_matrix(column, (rows.getSizes(), (count, PETSc.DETERMINE)), rows.comm)
 
 
 def python_matrix(

@@ -15,7 +15,7 @@ from dolfinx import fem, la
 from dolfinx.fem.petsc import interpolation_matrix
 
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import sizes_of
+from pw_elements.checks import vector_sizes
 from pw_elements.solvers.matrices import (
     Masked,
     Projection,
@@ -60,7 +60,7 @@ def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, I
     rows.eliminate_zeros()  # at corners that a node does not see
     rows = sp.kron(rows, sp.eye_array(block), "csr")
     csr = *(part.astype(PETSc.IntType) for part in (rows.indptr, rows.indices)), rows.data
-    P = PETSc.Mat().createAIJ((sizes_of(space), sizes_of(linear)), csr=csr, comm=mesh.comm)
+    P = PETSc.Mat().createAIJ((vector_sizes(space), vector_sizes(linear)), csr=csr, comm=mesh.comm)
     destroy(every)
     return linear, node[: index_map.size_local], P
 
@@ -70,7 +70,7 @@ def near_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
     block, dim = linear.dofmap.index_map_bs, linear.mesh.geometry.dim
     if block != dim or dim == 1:
         return None
-    sizes = sizes_of(linear)
+    sizes = vector_sizes(linear)
     places = PETSc.Vec().createMPI(sizes, bsize=block, comm=linear.mesh.comm)
     places.setArray(linear.tabulate_dof_coordinates()[: sizes[0] // dim, :dim].ravel())
     return PETSc.NullSpace().createRigidBody(places)

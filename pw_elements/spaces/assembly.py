@@ -32,8 +32,8 @@ from ufl.classes import Grad
 from ufl.corealg.traversal import unique_pre_traversal
 
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, same_everywhere
-from pw_elements.progress import doing
+from pw_elements.checks import arguments, check_same_arguments
+from pw_elements.progress import report_activity
 from pw_elements.spaces.elements import TwelveCellElement, twelve_cell_rule, vertex_rule
 
 # Key under which the metadata of a body's integrals hold its state of stress
@@ -76,7 +76,7 @@ class Assembled:
         return None if self.form is None or self.lumped else self.form.function_spaces[0]
 
 
-@same_everywhere
+@check_same_arguments
 def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     """Matrix of a bilinear form, all rows and columns free.
 
@@ -94,7 +94,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
         ValueError: if it is not bilinear, cannot be compiled, or has a measure with a quadrature
             rule that does not suit the weights.
     """
-    arguments.flag("blocked", blocked)
+    arguments.check_flag("blocked", blocked)
     compiled = compiled_form(form, 2, "a matrix")
     nodal = all(space.dofmap.index_map_bs > 1 for space in compiled.function_spaces)
     matrix = create_matrix(compiled, "baij" if blocked and nodal else None)
@@ -103,7 +103,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     return Assembled.made_of(compiled, form).mark(matrix)
 
 
-@same_everywhere
+@check_same_arguments
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     """Vector (n,) of a linear form, contributions of all processes added.
 
@@ -123,7 +123,7 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     return Assembled.made_of(compiled, form).mark(vector)
 
 
-@same_everywhere
+@check_same_arguments
 def assemble_scalar(form: ufl.Form) -> float:
     """Value of a functional (an energy, an error's square), summed over all processes.
 
@@ -144,7 +144,9 @@ def assemble_scalar(form: ufl.Form) -> float:
 
 
 def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
-    arguments.of_type("the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form")
+    arguments.check_type(
+        "the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form"
+    )
     kinds = {0: "a number (no test function)", 1: "linear", 2: "bilinear"}
     found = len(form.arguments())
     if found != rank:
@@ -152,7 +154,7 @@ def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
         raise ValueError(f"{of} needs {needed}; this one is {kinds.get(found, found)}")
     spaces = [argument.ufl_function_space() for argument in form.arguments()]
     for space in spaces:
-        arguments.space(space, "the space of a form's argument")
+        arguments.check_space(space, "the space of a form's argument")
     functions = [f for f in form.coefficients() if isinstance(f, fem.Function)]
     meshes = [thing.mesh for thing in (*spaces, *(f.function_space for f in functions))]
     domains = form.ufl_domains()
@@ -169,7 +171,7 @@ def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
     plain = _with(form, lambda part: {k: v for k, v in part.metadata().items() if k != STATE})
     ruled = with_cell_rules(plain)
     try:
-        with doing(mesh.comm, "compiling a form"):
+        with report_activity(mesh.comm, "compiling a form"):
             return fem.form(ruled)
     except Exception as error:
         raise ValueError(f"the form cannot be compiled: {error}") from error
@@ -185,8 +187,8 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
         space: the test space.
         degree: of the polynomials that are integrated exactly on each sub-cell.
     """
-    arguments.space(space)
-    arguments.whole("degree", degree, 0)
+    arguments.check_space(space)
+    arguments.check_integer("degree", degree, 0)
     metadata: dict[str, Any] = {"quadrature_degree": degree}
     if _halved_tetrahedra(space.ufl_element()):
         metadata |= _custom(*twelve_cell_rule(degree))

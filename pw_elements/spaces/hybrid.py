@@ -13,9 +13,9 @@ import numpy as np
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags
 
-from pw_elements._compat import single_entries
-from pw_elements.arrays import Array, Local, Mask
-from pw_elements.checks import collective, sizes_of
+from pw_elements._compat import single_entry_matrix
+from pw_elements.arrays import Array, LocalIndices, Mask
+from pw_elements.checks import collective_errors, vector_sizes
 
 # What a constant pressure does, over the largest stiffness, that is round-off
 NOTHING = 1e-10
@@ -49,7 +49,7 @@ class SubSpace:
     """A field of its own space among the unknowns of a space, owned by the same processes."""
 
     space: fem.FunctionSpace
-    unknowns: Local  # (nodes, components), local numbers among the unknowns, ghosts too
+    unknowns: LocalIndices  # (nodes, components), local numbers among the unknowns, ghosts too
     rows: tuple[int, int]  # sizes of vectors of unknowns, own and global
 
     @classmethod
@@ -60,7 +60,7 @@ class SubSpace:
         index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
         nodes = index_map.size_local + index_map.num_ghosts
         numbers = np.arange(nodes * block, dtype=np.int32).reshape(nodes, block)
-        return cls(space, numbers, sizes_of(space))
+        return cls(space, numbers, vector_sizes(space))
 
     @classmethod
     def pressure(cls, space: fem.FunctionSpace) -> "SubSpace":
@@ -73,18 +73,18 @@ class SubSpace:
         unknowns = np.zeros((index_map.size_local + index_map.num_ghosts, block), dtype=np.int32)
         cells = space.sub(number).dofmap.list
         unknowns[alone.dofmap.list.ravel()] = cells.reshape(-1, block)
-        return cls(alone, unknowns, sizes_of(space))
+        return cls(alone, unknowns, vector_sizes(space))
 
     @property
     def sizes(self) -> tuple[int, int]:
-        return sizes_of(self.space)
+        return vector_sizes(self.space)
 
     @property
     def is_all(self) -> bool:
         return self.sizes == self.rows
 
     @property
-    def owned(self) -> Local:
+    def owned(self) -> LocalIndices:
         """(owned nodes, components), those of the nodes that this process owns."""
         return self.unknowns[: self.space.dofmap.index_map.size_local]
 
@@ -117,7 +117,7 @@ class SubSpace:
     def selection(self) -> PETSc.Mat:
         """Matrix (field's, unknowns) of ones that does what `part` does."""
         columns = self.numbers().getIndices()
-        return single_entries(columns, (self.sizes, self.rows), self.space.mesh.comm)
+        return single_entry_matrix(columns, (self.sizes, self.rows), self.space.mesh.comm)
 
 
 def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
@@ -146,7 +146,7 @@ def tied(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.
     """Selection (n, n_r) of free unknowns that gives a vertex one pressure in each part."""
     mesh = space.mesh
     comm, owned = mesh.comm, mesh.topology.index_map(mesh.topology.dim).size_local
-    with collective(comm):
+    with collective_errors(comm):
         if parts is None:
             raise ValueError(
                 "the pressure of this space is split: Reduction.dirichlet needs both spaces, "
@@ -179,4 +179,4 @@ def tied(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.
     column = np.full(len(free), -1, dtype=np.int64)
     column[moved] = first + np.arange(len(moved))
     column[rows] = sums[corners, part, 0].astype(np.int64)
-    return single_entries(column, (field.rows, (count, PETSc.DETERMINE)), comm)
+    return single_entry_matrix(column, (field.rows, (count, PETSc.DETERMINE)), comm)

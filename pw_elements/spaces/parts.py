@@ -10,12 +10,12 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities_boundary
 
-from pw_elements.arrays import Array, Local, Mask
+from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.checks import (
-    answer,
     arguments,
-    collective,
-    compare_function,
+    call_user_function,
+    check_same_function,
+    collective_errors,
 )
 from pw_elements.spaces.hybrid import SubSpace
 
@@ -27,7 +27,7 @@ Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 
 def marked(comm: MPI.Comm, whose: str, where: Marker, x: Array) -> Mask:
     """Mask (n,) of the points (3, n) at which a marker holds; local, for use under the guard."""
-    if not arguments.is_function(where):
+    if not arguments.is_user_function(where):
         raise TypeError(
             f"{whose} is of the type {type(where).__name__}: give a function of points. Tagged "
             "facets are taken by prescribe, boundary_measure and nodal_flux"
@@ -36,12 +36,12 @@ def marked(comm: MPI.Comm, whose: str, where: Marker, x: Array) -> Mask:
     if n == 0:
         return np.zeros(0, dtype=bool)
     layout = "it takes points as columns (3, n) and gives True or False for each, (n,)"
-    return arguments.field(
-        whose, answer(comm, whose, where, np.array(x, order="C")), (n,), layout, bool
+    return arguments.check_function_values(
+        whose, call_user_function(comm, whose, where, np.array(x, order="C")), (n,), layout, bool
     )
 
 
-def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Local:  # noqa: ANN401
+def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> LocalIndices:  # noqa: ANN401
     """Local numbers, each once, of what numbers (m,) or a mask (count,) name; local."""
     if isinstance(given, MeshTags):
         raise TypeError(f"{whose} are tags: give the tagged ones, tags.find(value)")
@@ -66,20 +66,22 @@ def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Local:  # no
     return np.unique(numbers).astype(np.int32)
 
 
-def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
+def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> LocalIndices:
     """Local numbers (ghosts too) of a space's nodes, mid-side ones too; collective.
 
     Of a hybrid space they are those of its displacements; numbers in `where` are of its unknowns, a
     mask may be one of nodes.
     """
     asked = _AskedMarker(space.mesh.comm, f"the marker of {whose}", where)
-    with collective(space.mesh.comm):
+    with collective_errors(space.mesh.comm):
         nodes = _local_nodes(space, whose, where, asked)
     asked.compare()
     return nodes
 
 
-def _local_nodes(space: fem.FunctionSpace, whose: str, where: Part, asked: "_AskedMarker") -> Local:
+def _local_nodes(
+    space: fem.FunctionSpace, whose: str, where: Part, asked: "_AskedMarker"
+) -> LocalIndices:
     """Return what `nodes_of` does; local, for use under the guard."""
     comm, field = space.mesh.comm, SubSpace.displacements(space)
     x, index_map = field.space.tabulate_dof_coordinates(), space.dofmap.index_map
@@ -101,7 +103,7 @@ def _local_nodes(space: fem.FunctionSpace, whose: str, where: Part, asked: "_Ask
     return np.flatnonzero(nodes).astype(np.int32)
 
 
-def some_nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
+def some_nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> LocalIndices:
     """As `nodes_of`, but a ValueError if there are none on all processes together; collective."""
     nodes = nodes_of(space, whose, where)
     if space.mesh.comm.allreduce(len(nodes), MPI.SUM) == 0:
@@ -109,7 +111,7 @@ def some_nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
     return nodes
 
 
-def exterior_facets(mesh: Mesh, where: Part, inner: bool = True) -> Local:
+def exterior_facets(mesh: Mesh, where: Part, inner: bool = True) -> LocalIndices:
     """Local numbers of a part of the boundary's facets; a marker has to hold at all vertices.
 
     Given numbers of facets within the body are left out, or refused unless `inner`.
@@ -119,9 +121,9 @@ def exterior_facets(mesh: Mesh, where: Part, inner: bool = True) -> Local:
     topology.create_connectivity(topology.dim, dimension)
     index_map = topology.index_map(dimension)
     asked = _AskedMarker(mesh.comm, "the marker of the boundary", where)
-    with collective(mesh.comm):
+    with collective_errors(mesh.comm):
         if asked.is_marker:
-            facets: Local = locate_entities_boundary(mesh, dimension, asked.holds)
+            facets: LocalIndices = locate_entities_boundary(mesh, dimension, asked.holds)
         else:
             count = index_map.size_local + index_map.num_ghosts
             given = numbered(mesh.comm, "facets", where, count)
@@ -140,7 +142,7 @@ class _AskedMarker:
 
     def __init__(self, comm: MPI.Comm, whose: str, where: Part) -> None:
         self._comm, self._whose, self._where = comm, whose, where
-        self.is_marker = arguments.is_function(where)
+        self.is_marker = arguments.is_user_function(where)
         self._points: list[Array] = [np.empty((0, 3))]
         self._marks: list[Mask] = [np.zeros(0, dtype=bool)]
 
@@ -160,7 +162,7 @@ class _AskedMarker:
         def mark(points: Array) -> Mask:
             return cast(Marker, where)(np.array(points.T, order="C"))
 
-        compare_function(self._comm, self._whose, mark, x[marks], x[~marks])
+        check_same_function(self._comm, self._whose, mark, x[marks], x[~marks])
 
 
 def by_cell_tag(
@@ -170,8 +172,8 @@ def by_cell_tag(
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_entities(dim)
     owned = mesh.topology.index_map(dim).size_local
-    with collective(comm):
-        arguments.of_type(
+    with collective_errors(comm):
+        arguments.check_type(
             "the cells' tags", cell_tags, MeshTags, "dolfinx.mesh.meshtags makes them"
         )
         if cell_tags.dim != dim:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
 
-from pw_elements.checks import arguments, collective, same_everywhere
+from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.spaces.elements import macro_element, quadratic_element
 from pw_elements.spaces.hybrid import SubSpace, is_hybrid, is_split, mixed_element
 
@@ -45,18 +45,18 @@ class Spaces:
     test: fem.FunctionSpace
     parts: MeshTags | None = None
 
-    @same_everywhere
+    @check_same_arguments
     def __post_init__(self) -> None:
-        arguments.space(self.trial, "the trial space")
-        arguments.space(self.test, "the test space")
-        with collective(self.trial.mesh.comm):
+        arguments.check_space(self.trial, "the trial space")
+        arguments.check_space(self.test, "the test space")
+        with collective_errors(self.trial.mesh.comm):
             check_parts(self.parts)
             if self.parts and self.parts.topology != self.mesh.topology._cpp_object:
                 raise ValueError("parts: the tags are those of another mesh")
         _assert_one_numbering(self.trial, self.test)
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def petrov_galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Quadratic trial, piecewise-linear test functions: the paper's element.
 
@@ -68,7 +68,7 @@ class Spaces:
         return cls(trial, test_space(trial))
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Quadratic Lagrange functions for both: the standard element (CPS6 on triangles).
 
@@ -80,7 +80,7 @@ class Spaces:
         return cls(trial, trial)
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def hybrid(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
         """Displacements and a continuous pressure of degree 1, for nearly incompressible bodies.
 
@@ -119,7 +119,7 @@ class Spaces:
         return is_hybrid(self.trial)
 
 
-@same_everywhere
+@check_same_arguments
 def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     """Piecewise-linear test functions for your own quadratic Lagrange space.
 
@@ -135,7 +135,7 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
             a pressure of degree 1.
         NumberingError: if DOLFINx numbers the two spaces differently.
     """
-    arguments.space(trial, "the trial space")
+    arguments.check_space(trial, "the trial space")
     mesh = trial.mesh
     cell = mesh.topology.cell_name()
     whole = trial.ufl_element()
@@ -158,7 +158,7 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
 test_space.__test__ = False  # type: ignore[attr-defined]  # no test, whatever pytest thinks
 
 
-@same_everywhere
+@check_same_arguments
 def as_function(
     space: fem.FunctionSpace, values: PETSc.Vec, name: str = "f", out: fem.Function | None = None
 ) -> fem.Function:
@@ -177,12 +177,12 @@ def as_function(
         TypeError: for arguments of the wrong type.
         ValueError: if the vector does not belong to the space, or the function belongs to another.
     """
-    arguments.space(space)
-    with collective(space.mesh.comm):
-        arguments.of_type("name", name, str, "it has to be a string")
-        arguments.petsc_vector("the vector", values, "the space", space)
+    arguments.check_space(space)
+    with collective_errors(space.mesh.comm):
+        arguments.check_type("name", name, str, "it has to be a string")
+        arguments.check_petsc_vector("the vector", values, "the space", space)
         if out is not None:
-            arguments.of_type("out", out, fem.Function, "it has to be a function of the space")
+            arguments.check_type("out", out, fem.Function, "it has to be a function of the space")
             if out.function_space != space:
                 raise ValueError("the function to fill belongs to another space")
     function = fem.Function(space, name=name) if out is None else out
@@ -191,7 +191,7 @@ def as_function(
     return function
 
 
-@same_everywhere
+@check_same_arguments
 def split(
     space: fem.FunctionSpace,
     values: PETSc.Vec | Any,  # noqa: ANN401
@@ -211,7 +211,7 @@ def split(
         TypeError: for arguments of the wrong type.
         ValueError: if the space is not hybrid, or the vector does not belong to it.
     """
-    arguments.space(space)
+    arguments.check_space(space)
     if not is_hybrid(space):
         raise ValueError("the space has no pressure: Spaces.hybrid(mesh) makes one that has")
     parts = SubSpace.displacements(space), SubSpace.pressure(space)
@@ -250,13 +250,13 @@ def of_owners(
 
 
 def check_parts(parts: object) -> None:
-    arguments.of_type("parts", parts, MeshTags | None, "dolfinx.mesh.meshtags makes them")
+    arguments.check_type("parts", parts, MeshTags | None, "dolfinx.mesh.meshtags makes them")
 
 
 def _trial_element(mesh: Mesh, components: int | None = None) -> basix.ufl._ElementBase:
-    arguments.mesh(mesh)
+    arguments.check_mesh_type(mesh)
     components = mesh.geometry.dim if components is None else components
-    count = arguments.whole("components", components, 0)
+    count = arguments.check_integer("components", components, 0)
     return quadratic_element(mesh.topology.cell_name(), (count,) if count else ())
 
 

@@ -29,9 +29,9 @@ def _load() -> ModuleType:
 
 _files = _load()
 ForeignEntry = _files.ForeignEntry
-check_file = _files.check_file
+check_file_replaceable = _files.check_file_replaceable
 claim_folder = _files.claim_folder
 remove_file = _files.remove_file
 replace_file = _files.replace_file
 replacing_folder = _files.replacing_folder
-sweep = _files.sweep
+remove_unfinished = _files.remove_unfinished

@@ -114,7 +114,7 @@ def write_whole(path: Path, data: bytes) -> None:
 def sweep(out: Path) -> None:
     """Remove what killed processes have left unfinished, in the folder and in folders in it."""
     for folder in (Path(out), *Path(out).glob("*/")):
-        files.sweep(folder)
+        files.remove_unfinished(folder)
 
 
 def write_json(path: Path, content: object) -> None:

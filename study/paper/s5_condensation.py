@@ -19,7 +19,7 @@ from pw_elements import (
     solve,
 )
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
+from pw_elements.meshes import DiagonalPattern, move_nodes, quadrilaterals, triangles
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
@@ -121,7 +121,9 @@ class _Quadrilateral:
     stiffness: Array
 
     @classmethod
-    def of(cls, element: str, corners: Array, pattern: Pattern = "right") -> "_Quadrilateral":
+    def of(
+        cls, element: str, corners: Array, pattern: DiagonalPattern = "right"
+    ) -> "_Quadrilateral":
         """The element on four corners (4, 2), counter-clockwise."""
 
         def bilinear(x: Array) -> Array:
@@ -131,7 +133,7 @@ class _Quadrilateral:
             return np.hstack([image, x[:, 2:]])
 
         def build(cell: str) -> Mesh:
-            return mapped(_square(cell, (1, 1), pattern), bilinear)
+            return move_nodes(_square(cell, (1, 1), pattern), bilinear)
 
         body = discretise(element, build, MATERIAL, StressState.PLANE_STRESS)
         nodes = body.space.tabulate_dof_coordinates()[:, :2]
@@ -146,13 +148,13 @@ class _Quadrilateral:
 def _distorted_body(element: str) -> Discretisation:
     return discretise(
         element,
-        lambda cell: mapped(_square(cell, DIVISIONS, "right"), distorted),
+        lambda cell: move_nodes(_square(cell, DIVISIONS, "right"), distorted),
         MATERIAL,
         StressState.PLANE_STRESS,
     )
 
 
-def _square(cell: str, divisions: tuple[int, int], pattern: Pattern) -> Mesh:
+def _square(cell: str, divisions: tuple[int, int], pattern: DiagonalPattern) -> Mesh:
     if cell == "quadrilateral":
         return quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions)
     return triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions, pattern)

@@ -7,7 +7,7 @@ from dolfinx.mesh import Mesh
 
 from pw_elements import Material, forces_along, prescribe, reactions, solve
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import Pattern, quadrilaterals, triangles
+from pw_elements.meshes import DiagonalPattern, quadrilaterals, triangles
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import discretise, mesh_curves
@@ -30,7 +30,7 @@ MATERIALS: dict[str, dict[str, float | str]] = {
 def structure(
     element: str,
     squares: int = 1,
-    pattern: Pattern = "right",
+    pattern: DiagonalPattern = "right",
     youngs_modulus: float = YOUNGS_MODULUS,
     poissons_ratio: float = POISSONS_RATIO,
     state: str = "plane stress",

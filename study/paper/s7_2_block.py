@@ -12,7 +12,7 @@ from pw_elements import Material
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import Pattern, quadrilaterals, triangles
+from pw_elements.meshes import DiagonalPattern, quadrilaterals, triangles
 from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
@@ -43,7 +43,7 @@ def block(
     state: str = "plane stress",
     pressed_first: bool = True,
     height: float = HEIGHT,
-    pattern: Pattern = "right",
+    pattern: DiagonalPattern = "right",
 ) -> Result:
     """Contact forces below the block after the last increment."""
     body = discretise(
@@ -89,7 +89,10 @@ def on_foundation(
 
 
 def mesh(
-    divisions: tuple[int, int], cell: str, height: float = HEIGHT, pattern: Pattern = "right"
+    divisions: tuple[int, int],
+    cell: str,
+    height: float = HEIGHT,
+    pattern: DiagonalPattern = "right",
 ) -> Mesh:
     """The block of "triangle" or "quadrilateral" cells."""
     if cell == "triangle":

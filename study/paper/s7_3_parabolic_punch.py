@@ -11,7 +11,7 @@ from dolfinx.mesh import Mesh
 from pw_elements import Material, prescribe
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Parabola
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
+from pw_elements.meshes import DiagonalPattern, move_nodes, quadrilaterals, triangles
 from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
@@ -42,7 +42,7 @@ def punch(
     tangential_share: float = TANGENTIAL_SHARE,
     depth_held: bool = True,
     increments: int = INCREMENTS,
-    pattern: Pattern = "right",
+    pattern: DiagonalPattern = "right",
 ) -> Result:
     """Contact forces below the punch, pressed in and then pushed to the right.
 
@@ -81,7 +81,7 @@ def punch(
 
 
 def _mesh(
-    divisions: tuple[int, int], width: float, height: float, pattern: Pattern, cell: str
+    divisions: tuple[int, int], width: float, height: float, pattern: DiagonalPattern, cell: str
 ) -> Mesh:
     def graded(x: np.ndarray) -> np.ndarray:
         s = x[:, 0]
@@ -89,7 +89,7 @@ def _mesh(
         return np.column_stack([width / 2 * stretched, height * x[:, 1], x[:, 2]])
 
     build = partial(triangles, pattern=pattern) if cell == "triangle" else quadrilaterals
-    return mapped(build(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), divisions), graded)
+    return move_nodes(build(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), divisions), graded)
 
 
 def _top(height: float) -> Callable[[np.ndarray], np.ndarray]:

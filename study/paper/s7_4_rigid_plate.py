@@ -10,7 +10,7 @@ from dolfinx.mesh import Mesh
 from pw_elements import Material, prescribe
 from pw_elements.contact import ContactPair, FlatPunch, Motion, solve_contact
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import Pattern
+from pw_elements.meshes import DiagonalPattern
 from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
@@ -27,7 +27,7 @@ YOUNGS_MODULUS, POISSONS_RATIO, FRICTION_ANGLE = 1.2e8, 0.25, 20.0
 FORCE = 40.0
 HALF_PLATE, HALF_WIDTH, DEPTH = 1.0, 20.0, 10.0
 ELEMENTS_UNDER_HALF, GROWTH = 4, 1.4
-PATTERN: Pattern = "left_right"  # alternating cuts keep the symmetry
+PATTERN: DiagonalPattern = "left_right"  # alternating cuts keep the symmetry
 INCREMENTS = 5
 
 
@@ -38,7 +38,7 @@ def plate(
     under_half: int = ELEMENTS_UNDER_HALF,
     half_width: float = HALF_WIDTH,
     depth: float = DEPTH,
-    pattern: Pattern = PATTERN,
+    pattern: DiagonalPattern = PATTERN,
 ) -> Result:
     """Contact forces below the plate, pressed by its force; `translation` is its settlement.
 
@@ -68,7 +68,9 @@ def plate(
     )
 
 
-def _mesh(under_half: int, half_width: float, depth: float, pattern: Pattern, cell: str) -> Mesh:
+def _mesh(
+    under_half: int, half_width: float, depth: float, pattern: DiagonalPattern, cell: str
+) -> Mesh:
     smallest = HALF_PLATE / under_half
     beside = HALF_PLATE + _growing(GROWTH * smallest, half_width - HALF_PLATE)
     right = np.concatenate([np.linspace(0, HALF_PLATE, under_half + 1), beside[1:]])

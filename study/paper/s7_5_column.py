@@ -23,7 +23,7 @@ from pw_elements.algebra import VibrationModes
 from pw_elements.contact import ContactPair, Motion, Plane, solve_contact
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import Pattern
+from pw_elements.meshes import DiagonalPattern
 from study.contact_result import (
     CONTACT_UNITS,
     deformation_curves,
@@ -57,7 +57,7 @@ def stepped_column(
     gaps: tuple[float, float] = GAPS,
     refined: int = 1,
     section: str = "first",
-    pattern: Pattern = "right",
+    pattern: DiagonalPattern = "right",
 ) -> Result:
     """Contact forces on all four surfaces after the last increment, and Table 1's eigenvalues.
 
@@ -89,7 +89,7 @@ def vibration(
     element: str,
     mass: Literal["consistent", "lumped"] = "consistent",
     guyan: Literal["transposed", "same"] = "transposed",
-    pattern: Pattern = "right",
+    pattern: DiagonalPattern = "right",
     refined: int = 1,
     quadrature_degree: int | None = None,
     youngs_modulus: float = YOUNGS_MODULUS,
@@ -124,7 +124,7 @@ def _discretised(
     element: str,
     section: Profile,
     refined: int = 1,
-    pattern: Pattern = "right",
+    pattern: DiagonalPattern = "right",
     quadrature_degree: int | None = None,
     youngs_modulus: float = YOUNGS_MODULUS,
 ) -> Discretisation:

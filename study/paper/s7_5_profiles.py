@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh, create_mesh
 
-from pw_elements.meshes import Pattern
+from pw_elements.meshes import DiagonalPattern
 
 Points = npt.NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def axis(x: Points) -> npt.NDArray[np.bool_]:
     return np.isclose(x[0], 0.0)
 
 
-def mesh(section: Profile, cell: str, refined: int = 1, pattern: Pattern = "right") -> Mesh:
+def mesh(section: Profile, cell: str, refined: int = 1, pattern: DiagonalPattern = "right") -> Mesh:
     """The section in quadrilaterals, or in triangles: each quadrilateral cut in two or four.
 
     Mesh lines run through all steps; blocks outside of the section are left out.

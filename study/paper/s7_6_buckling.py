@@ -27,7 +27,7 @@ from pw_elements import (
 )
 from pw_elements.algebra import BucklingModes, symmetric_part
 from pw_elements.elasticity import StressState, nodal_load
-from pw_elements.meshes import PATTERNS, Pattern, quadrilaterals, triangles
+from pw_elements.meshes import DIAGONAL_PATTERNS, DiagonalPattern, quadrilaterals, triangles
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import is_quadrilateral, is_symmetrised, mesh_curves, spaces
@@ -109,7 +109,7 @@ class HalfBeam:
         return buckling(K, K_sigma, self.supports(mode), symmetrised=self.symmetrised)
 
 
-def half_beam_mesh(element: str, divisions: tuple[int, int], pattern: Pattern) -> Mesh:
+def half_beam_mesh(element: str, divisions: tuple[int, int], pattern: DiagonalPattern) -> Mesh:
     """Half beam, 0 <= x <= L/2, -h/2 <= y <= h/2."""
     lower, upper = (0.0, -HEIGHT / 2), (LENGTH / 2, HEIGHT / 2)
     if is_quadrilateral(element):
@@ -117,7 +117,7 @@ def half_beam_mesh(element: str, divisions: tuple[int, int], pattern: Pattern) -
     return triangles(MPI.COMM_SELF, lower, upper, divisions, pattern)
 
 
-def half_beam_body(element: str, divisions: tuple[int, int], pattern: Pattern) -> Body:
+def half_beam_body(element: str, divisions: tuple[int, int], pattern: DiagonalPattern) -> Body:
     """The beam's elastic body on a half-beam mesh."""
     mesh = half_beam_mesh(element, divisions, pattern)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
@@ -129,7 +129,7 @@ def beam(
     form: Form,
     load: Literal["point", "uniform"],
     divisions: tuple[int, int],
-    pattern: Pattern,
+    pattern: DiagonalPattern,
     end: Where,
     middle: Where,
     prestress_symmetrised: bool = True,
@@ -184,7 +184,7 @@ SCAN_ELEMENTS: tuple[tuple[str, Form], ...] = (
 )
 
 
-def mesh_scan(pattern: Pattern) -> Result:
+def mesh_scan(pattern: DiagonalPattern) -> Result:
     """Critical stresses under the point load on many half-beam meshes and supports.
 
     Curves: `mesh` (m, 2) divisions, `face` (m, 2) whether v = 0 holds on the whole end face and
@@ -331,7 +331,7 @@ def _cases() -> list[Case]:
         for nx, ny in symmetrised_meshes
     ]
     # "left" is "right" mirrored in the beam's axis, and so are its supports and values
-    patterns = [pattern for pattern in PATTERNS if pattern != "left"]
+    patterns = [pattern for pattern in DIAGONAL_PATTERNS if pattern != "left"]
     scanned = {"compared": [element for element, _ in SCAN_ELEMENTS], "load": "point"}
     cases += [Case("7.6", f"scan-{p}", mesh_scan, {"pattern": p}, scanned) for p in patterns]
     return cases

@@ -29,7 +29,7 @@ from pw_elements import (
 )
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import curved
+from pw_elements.meshes import curved_mesh
 from pw_elements.spaces import Marker
 from study.core.cases import Case
 from study.core.store import Result
@@ -131,7 +131,7 @@ def grid_mesh(grid: Grid) -> Mesh:
     )
     if not grid.bulge:
         return mesh
-    return curved(mesh, lambda x: np.array([grid.bulged(place[:dimension]) for place in x]))
+    return curved_mesh(mesh, lambda x: np.array([grid.bulged(place[:dimension]) for place in x]))
 
 
 def _compressed(problem: Compressed, model: Model) -> dict[str, Array]:

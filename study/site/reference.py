@@ -114,7 +114,15 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "Meshes": (
         "pw_elements.meshes",
-        ("from_file", "from_gmsh", "TaggedMesh", "triangles", "quadrilaterals", "mapped", "curved"),
+        (
+            "from_file",
+            "from_gmsh",
+            "TaggedMesh",
+            "triangles",
+            "quadrilaterals",
+            "move_nodes",
+            "curved_mesh",
+        ),
     ),
     "Pressures and forces on a surface": (
         "pw_elements",

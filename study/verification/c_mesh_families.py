@@ -12,7 +12,7 @@ import ufl
 from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh, create_mesh
 
-from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from study.discretisation import is_quadrilateral
 
 Array = npt.NDArray[np.float64]
@@ -39,7 +39,7 @@ def on_square(element: str, side: float) -> Mesh:
     return (
         meshed(_square, 2, side)
         if _is_triangle(element)
-        else mapped(_squares(element, side), _moved)
+        else move_nodes(_squares(element, side), _moved)
     )
 
 
@@ -55,7 +55,7 @@ def on_ring(_: str, side: float) -> Mesh:
 
 def on_curved_ring(element: str, side: float) -> Mesh:
     """Quarter ring, all sides of all elements curved: `on_square` in polar coordinates."""
-    return curved(on_square(element, side), _polar)
+    return curved_mesh(on_square(element, side), _polar)
 
 
 def on_cube(_: str, side: float) -> Mesh:

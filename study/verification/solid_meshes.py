@@ -10,7 +10,7 @@ import numpy.typing as npt
 from dolfinx.mesh import CellType, Mesh, create_box, create_mesh
 
 from pw_elements._compat import cell_nodes
-from pw_elements.meshes import mapped
+from pw_elements.meshes import move_nodes
 
 Array = npt.NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def box(cell: str, x: Array, y: Array, z: Array) -> Mesh:
         return np.column_stack(columns)
 
     corners = [(0.0, 0.0, 0.0), tuple(map(float, divisions))]
-    return mapped(create_box(MPI.COMM_SELF, corners, divisions, CellType[cell]), placed)
+    return move_nodes(create_box(MPI.COMM_SELF, corners, divisions, CellType[cell]), placed)
 
 
 def quarter_disc(cell: str, elements: int, radii: Array, z: Array) -> Mesh:

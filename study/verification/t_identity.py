@@ -32,7 +32,7 @@ from pw_elements import (
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, Motion, Sphere, solve_contact
 from pw_elements.elasticity import StressState, nodal_load
-from pw_elements.meshes import curved, mapped, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import spaces
@@ -152,7 +152,7 @@ def composite_difference(quantity: str) -> Result:
 
 def statics_2d() -> Result:
     """Displacements and reactions of the elements on a distorted, clamped square."""
-    mesh = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), DIVISIONS), distorted)
+    mesh = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), DIVISIONS), distorted)
     galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
     a, r = _clamped(galerkin, StressState.PLANE_STRAIN)
     a_pw, r_pw = _clamped(pw, StressState.PLANE_STRAIN)
@@ -251,7 +251,7 @@ def distorted(x: Array) -> Array:
 def _bodies(quantity: Quantity, *methods: Callable[[Mesh], Spaces]) -> list[Body]:
     """The same body on several elements."""
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), DIVISIONS)
-    mesh = (curved if quantity.curved_sides else mapped)(mesh, distorted)
+    mesh = (curved_mesh if quantity.curved_sides else move_nodes)(mesh, distorted)
     modulus = YOUNGS_MODULUS
     if quantity.varying_modulus:
         modulus *= 1 + ufl.SpatialCoordinate(mesh)[0]

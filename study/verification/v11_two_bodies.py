@@ -18,7 +18,7 @@ from pw_elements import Spaces, SurfaceNodes, assemble_matrix, prescribe
 from pw_elements.contact import STICK, Motion
 from pw_elements.contact.interface import Trace, gathered_trace, sizes
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import curved, mapped
+from pw_elements.meshes import curved_mesh, move_nodes
 from pw_elements.spaces import exterior_facets
 from study.core.cases import Case
 from study.core.store import Result
@@ -104,7 +104,7 @@ def _two_blocks(way: str, dim: int, width: float) -> TwoBodies:
         ends = [[0.0] * up + [bottom], [1.0] * up + [bottom + 1]]
         return build(MPI.COMM_SELF, ends, [n, n + 1, n][:dim], CellType[cell])
 
-    narrow = mapped(block(count[0], 1.0), lambda x: x * [width, 1.0, 1.0])
+    narrow = move_nodes(block(count[0], 1.0), lambda x: x * [width, 1.0, 1.0])
     mesh, low = joined(block(count[1], 0.0), narrow)
     state = StressState.PLANE_STRAIN if dim == 2 else StressState.SOLID
     sides = _sides(mesh, low, lambda x: np.isclose(x[up], 1.0))
@@ -285,11 +285,11 @@ def _two_spheres(way: str, edges: float, ratio: float) -> tuple[TwoBodies, list[
     lines = graded(edges)
     other = graded(edges * ratio)
     lower = box("tetrahedron", lines.beside, lines.beside, lines.below)
-    upper = curved(
+    upper = curved_mesh(
         box("tetrahedron", other.beside, other.beside, -other.below[::-1]),
         lambda x: x + (x[:, :1] ** 2 + x[:, 1:2] ** 2) / (2 * RADIUS) * [0.0, 0.0, 1.0],
     )
-    mesh, low = joined(curved(lower, lambda x: x), upper)
+    mesh, low = joined(curved_mesh(lower, lambda x: x), upper)
 
     def near(x: Array) -> Mask:
         return np.abs(x[2]) < (x[0] ** 2 + x[1] ** 2) / (2 * RADIUS) + 1e-9
@@ -418,8 +418,8 @@ def _halves(
 
     (x, depth, zone), (x2, height, _) = lines(edges), lines(max(1, round(ratio * edges)))
     comm = MPI.COMM_SELF
-    lower = curved(on_lines(comm, x, -depth[::-1], "triangle", "left_right"), lambda x: x)
-    upper = curved(on_lines(comm, x2, height, "triangle", "left_right"), rounded)
+    lower = curved_mesh(on_lines(comm, x, -depth[::-1], "triangle", "left_right"), lambda x: x)
+    upper = curved_mesh(on_lines(comm, x2, height, "triangle", "left_right"), rounded)
     mesh, low = joined(lower, upper)
     sides = _sides(mesh, low, lambda x: np.abs(x[1]) < x[0] ** 2 / (2 * RADIUS) + 1e-9)
     two = TwoBodies.of(way, mesh, low, moduli, POISSONS_RATIO, StressState.PLANE_STRAIN, sides)

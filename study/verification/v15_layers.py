@@ -34,7 +34,7 @@ from pw_elements import (
     split,
 )
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import mapped
+from pw_elements.meshes import move_nodes
 from study.core.store import Result
 from study.elements import taylor_hood
 from study.units import dimensionless
@@ -63,8 +63,8 @@ def layers(element: str) -> Result:
 def layered(comm: MPI.Comm, cell: CellType) -> Mesh:
     """Unit square or cube whose nodes inside are moved, but for those between the layers."""
     if cell in (CellType.triangle, CellType.quadrilateral):
-        return mapped(create_unit_square(comm, N, N, cell), _moved)
-    return mapped(create_unit_cube(comm, N, N, N, cell), _moved)
+        return move_nodes(create_unit_square(comm, N, N, cell), _moved)
+    return move_nodes(create_unit_cube(comm, N, N, N, cell), _moved)
 
 
 def error(

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import CellType, Mesh, create_unit_cube, create_unit_square
 
-from pw_elements.meshes import mapped
+from pw_elements.meshes import move_nodes
 from study.verification.c_mesh_families import on_cube, on_square
 
 Array = npt.NDArray[np.float64]
@@ -34,8 +34,8 @@ def moved_mesh(element: str, n: int) -> Mesh:
     """Structured, n cells a side, whose nodes inside are moved: alike at all n."""
     cell = CELLS[element.rsplit("-", 1)[1]]
     if cell in (CellType.triangle, CellType.quadrilateral):
-        return mapped(create_unit_square(MPI.COMM_SELF, n, n, cell), _moved)
-    return mapped(create_unit_cube(MPI.COMM_SELF, n, n, n, cell), _moved)
+        return move_nodes(create_unit_square(MPI.COMM_SELF, n, n, cell), _moved)
+    return move_nodes(create_unit_cube(MPI.COMM_SELF, n, n, n, cell), _moved)
 
 
 def _moved(x: Array) -> Array:

@@ -32,7 +32,7 @@ from pw_elements import (
 )
 from pw_elements.contact import Parabola
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import mapped, triangles
+from pw_elements.meshes import move_nodes, triangles
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import displacement_space, held_nodes, spaces
@@ -178,7 +178,7 @@ def cook(element: str, n: int, nu: float = 0.4999) -> Result:
             [48 * x[:, 0], 44 * x[:, 0] + x[:, 1] * (44 - 28 * x[:, 0]), x[:, 2]]
         )
 
-    mesh = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (n, n)), tapered)
+    mesh = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (n, n)), tapered)
     body = Body(spaces(element, mesh), Material(YOUNGS_MODULUS, nu), StressState.PLANE_STRAIN)
     W = body.spaces.trial
     clamped = [prescribe(W, k, lambda x: np.isclose(x[0], 0.0)) for k in (0, 1)]

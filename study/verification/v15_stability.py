@@ -26,7 +26,7 @@ from scipy.sparse.linalg import LinearOperator, eigs
 from pw_elements import Body, Material, Reduction, assemble_matrix, force_transfer, prescribe
 from pw_elements.algebra import factorise
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import mapped, triangles
+from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import SubSpace
 from study.core.store import Result
 from study.discretisation import spaces
@@ -57,7 +57,7 @@ def infsup(element: str, n: int) -> Result:
 
 def identity(element: str) -> Result:
     """Largest difference of both sides of K = T K_standard, over K, on a distorted square."""
-    mesh = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (6, 5)), distorted)
+    mesh = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (6, 5)), distorted)
     bodies = [
         Body(spaces(name, mesh), Material(2.0, 0.4999), StressState.PLANE_STRAIN)
         for name in (element, "galerkin-hybrid-T6")

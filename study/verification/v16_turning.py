@@ -11,7 +11,7 @@ from scipy.integrate import solve_bvp
 
 from pw_elements import prescribe
 from pw_elements.contact import OPEN, SLIP, STICK, ContactPair, ContactProblem, Motion, Sphere
-from pw_elements.meshes import curved
+from pw_elements.meshes import curved_mesh
 from study.core.store import Result
 from study.line_mesh import on_lines
 from study.units import dimensionless
@@ -145,7 +145,7 @@ def _ring() -> Mesh:
         middle = np.isclose(away, chord) | np.isclose(away, OUTER * chord)
         return np.asarray(x / np.where(middle, chord, 1.0)[:, None])
 
-    return curved(flat, image)
+    return curved_mesh(flat, image)
 
 
 def _twisted(angle: float) -> tuple[float, float]:

@@ -23,7 +23,7 @@ from pw_elements.contact import OPEN, SLIP, ContactPair, ContactProblem, Deforma
 from pw_elements.contact.interface import gathered_trace
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import TOLERANCE
-from pw_elements.meshes import curved
+from pw_elements.meshes import curved_mesh
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import spaces
@@ -414,7 +414,7 @@ def _half_ring(angle: Array, radius: Array, upper: bool) -> Mesh:
 
 def _degree_two(x: Array, y: Array, image: Callable[[Array], Array]) -> Mesh:
     """A rectangle's mesh with its nodes, mid-side ones too, mapped: straight sides have corners."""
-    return curved(on_lines(MPI.COMM_SELF, x, y, "triangle"), image)
+    return curved_mesh(on_lines(MPI.COMM_SELF, x, y, "triangle"), image)
 
 
 def _lines(first: float, last: float, cells: int) -> Array:

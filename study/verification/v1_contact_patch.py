@@ -11,7 +11,7 @@ from dolfinx.mesh import Mesh
 from pw_elements import Material, SurfaceNodes, prescribe
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case
 from study.core.store import Result
@@ -92,8 +92,8 @@ def _mesh(kind: str, cell: str) -> Mesh:
     build = triangles if cell == "triangle" else quadrilaterals
     mesh = build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), DIVISIONS)
     if kind == "distorted":
-        return mapped(mesh, _moved)
-    return curved(mesh, _bent) if kind == "curved" else mesh
+        return move_nodes(mesh, _moved)
+    return curved_mesh(mesh, _bent) if kind == "curved" else mesh
 
 
 def _moved(x: Array) -> Array:

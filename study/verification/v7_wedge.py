@@ -22,7 +22,7 @@ from pw_elements import (
 from pw_elements.contact import OPEN, SLIP, ContactPair, FreeBody, Plane, solve_contact
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case
 from study.core.store import Result
@@ -137,7 +137,7 @@ def _mesh(divisions: tuple[int, int], cell: str) -> Mesh:
         return moved
 
     build = triangles if cell == "triangle" else quadrilaterals
-    return mapped(build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions), raised)
+    return move_nodes(build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions), raised)
 
 
 def _weight(wedge: Discretisation) -> PETSc.Vec:

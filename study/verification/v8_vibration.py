@@ -24,7 +24,7 @@ from pw_elements import (
 )
 from pw_elements.algebra import VibrationModes
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from pw_elements.spaces import Marker
 from study.core.cases import Case
 from study.core.store import Result
@@ -312,7 +312,9 @@ def _mesh(
         return moved
 
     build = triangles if cell == "triangle" else quadrilaterals
-    return mapped(build(MPI.COMM_SELF, (inner, 0.0), (inner + sizes[0], sizes[1]), divisions), bent)
+    return move_nodes(
+        build(MPI.COMM_SELF, (inner, 0.0), (inner + sizes[0], sizes[1]), divisions), bent
+    )
 
 
 def _box(_: str) -> Mesh:

@@ -29,7 +29,7 @@ from pw_elements import (
 )
 from pw_elements.algebra import symmetric_part
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import mapped, triangles
+from pw_elements.meshes import move_nodes, triangles
 from study.core.cases import Case
 from study.core.store import Result
 from study.matrices import dense
@@ -56,7 +56,7 @@ def pair(matrices: str, squares: int, regular: bool = False) -> Result:
     """
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (squares, squares))
     if not regular:
-        mesh = mapped(mesh, distorted)
+        mesh = move_nodes(mesh, distorted)
     K, M, held, start = PAIRS[matrices](mesh)
     stiffness, mass = dense(held.matrix(K)), dense(held.matrix(M))
     values = scipy.linalg.eigvals(stiffness, mass)

@@ -7,7 +7,7 @@ import pytest
 from dolfinx.mesh import CellType, create_box
 
 from pw_elements.contact import SLIP, STICK, ContactPair, Motion, Plane, SignedDistance, Sphere
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
 
 PRESSURE = 3.0
@@ -34,7 +34,7 @@ def skewed(x):
     ],
 )
 def test_contact_patch(build, method, state, shares):
-    mesh = mapped(build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), skewed)
+    mesh = move_nodes(build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), skewed)
     body = Elastic(mesh, method, state, 10.0)
     load, (end, middle) = body.load((0.0, -PRESSURE), at(1, 1.0)), shares
     pair = ContactPair(at(1, 0.0), FLOOR)

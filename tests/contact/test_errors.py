@@ -24,7 +24,7 @@ from pw_elements.contact import (
     Sphere,
 )
 from pw_elements.elasticity import nodal_load
-from pw_elements.meshes import mapped, triangles
+from pw_elements.meshes import move_nodes, triangles
 from tests.contact.cases import Block, Elastic, Greco, at
 
 BLOCK, FLOOR, BELOW = Block(4), Plane((0, 0), (0, 1)), at(1, 0.0)
@@ -233,7 +233,7 @@ class Groove:
 
     def __init__(self, mu=0.1):
         mesh = triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2))
-        mapped(mesh, lambda x: np.column_stack([x[:, 0] * (1 + x[:, 1]) / 2, x[:, 1]]))
+        move_nodes(mesh, lambda x: np.column_stack([x[:, 0] * (1 + x[:, 1]) / 2, x[:, 1]]))
         self.body = Elastic(mesh, E=1e4)
         sides = [lambda x, s=s: np.isclose(x[0], s * (1 + x[1]) / 2) for s in (-1, 1)]
         planes = [Plane((s / 2, 0.0), (-s * 2.0, 1.0)) for s in (-1, 1)]

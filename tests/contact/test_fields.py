@@ -34,8 +34,8 @@ from pw_elements.contact import (
     plot,
     write,
 )
-from pw_elements.files import MARK
-from pw_elements.meshes import mapped, triangles
+from pw_elements.files import MARK_NAME
+from pw_elements.meshes import move_nodes, triangles
 from study.elements import composite
 from study.verification.half_space import Elastic as HalfPlane
 from study.verification.half_space import HertzLine, HertzSphere
@@ -209,7 +209,7 @@ def test_no_indicator_without_a_stress():
 def test_what_is_no_state_of_the_body():
     block, other = Block(4), Block(6)
     (state,) = block.solve(0.3, 60.0, increments=0)
-    moved = PW(mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), uneven))
+    moved = PW(move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), uneven))
     pair = ContactPair(lambda x: at(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
     (half,) = block.contact(pair, block.held((0, at(0, 0.0))), block.pressure)
     fields = ContactFields.of(state, block.body)
@@ -304,7 +304,7 @@ def test_a_folder_of_the_users_that_looks_like_a_series_loses_nothing(tmp_path):
     copy, path = tmp_path / "copy.bp", tmp_path / "block.bp"
     write(path, states[:1], block.body)
     shutil.copytree(path, copy)
-    (copy / MARK).unlink()  # as one that another program has written
+    (copy / MARK_NAME).unlink()  # as one that another program has written
     kept = {file: file.read_bytes() for file in copy.iterdir()}
     with pytest.raises(FileExistsError, match="does not say that it is a time series"):
         write(copy, states, block.body)

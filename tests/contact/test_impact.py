@@ -21,7 +21,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import Cone, MatchingNodes
 from pw_elements.contact.steps.impact import nodal_contact
-from pw_elements.meshes import mapped, triangles
+from pw_elements.meshes import move_nodes, triangles
 from study.matrices import dense
 from study.verification import v12_impact
 from study.verification.c_mesh_families import on_strip
@@ -39,7 +39,7 @@ class Thrown(Elastic):
     """A block 2 x 1 on the sibling, free to fly."""
 
     def __init__(self, E=50.0, comm=MPI.COMM_SELF):
-        mesh = mapped(triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)), uneven)
+        mesh = move_nodes(triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)), uneven)
         super().__init__(mesh, GALERKIN, E=E)
         self.sibling = Sibling.of(self.space)
         self.standard, self.K = self.K, self.sibling.matrix(self.K)

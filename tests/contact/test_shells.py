@@ -13,7 +13,7 @@ from dolfinx.mesh import CellType, create_box, create_rectangle
 
 from pw_elements import Reduction, assemble_vector, boundary_measure, prescribe
 from pw_elements.contact import SLIP, ContactFields, ContactPair, DeformableSurface, NotFound, Plane
-from pw_elements.meshes import curved, quadrilaterals, triangles
+from pw_elements.meshes import curved_mesh, quadrilaterals, triangles
 from study.verification.c_mesh_families import meshed
 from tests.contact.cases import GALERKIN, PW, Elastic, at
 from tests.contact.residuals import Stated, residuals, walked, worst
@@ -26,9 +26,9 @@ def _tube(low, high, n, cell):
     size = (max(2, round(1.5 * n * (high - low))), 2 * n, max(1, n // 3))
     if cell in PLANE:
         ends = [(low, 0.0), (high, 1.0)]
-        return curved(create_rectangle(MPI.COMM_SELF, ends, size[:2], CellType[cell]), _rolled)
+        return curved_mesh(create_rectangle(MPI.COMM_SELF, ends, size[:2], CellType[cell]), _rolled)
     ends = [(low, 0, 0), (high, 1.0, 0.5)]
-    return curved(create_box(MPI.COMM_SELF, ends, size, CellType[cell]), _rolled)
+    return curved_mesh(create_box(MPI.COMM_SELF, ends, size, CellType[cell]), _rolled)
 
 
 def _rolled(x):
@@ -166,7 +166,7 @@ def fitted(state, edges, interference, depth=DEPTH, slave="inner"):
     def ring(low, high, n):
         ends = [(low, 0.0), (high, 1.0 if round_ else 0.5)]
         flat = create_rectangle(MPI.COMM_SELF, ends, (n // 2, n) if round_ else (n, n // 2))
-        return curved(flat, _rolled) if round_ else flat
+        return curved_mesh(flat, _rolled) if round_ else flat
 
     def radius(x):
         return np.hypot(x[0], x[1]) if round_ else x[0]

@@ -23,7 +23,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import Smallness
 from pw_elements.contact.steps.smallness import Gradients
-from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from study.elements import composite, serendipity
 from tests.contact.cases import Block, Elastic, Punch, at
 from tests.contact.polyline import Polyline
@@ -59,13 +59,13 @@ def cube(cell):
 
 
 SPACES = {
-    "triangles": lambda: Spaces.galerkin(mapped(flat(triangles), bent)),
-    "curved triangles": lambda: Spaces.petrov_galerkin(curved(flat(triangles), bent)),
-    "quadrilaterals": lambda: Spaces.petrov_galerkin(mapped(flat(quadrilaterals), bent)),
+    "triangles": lambda: Spaces.galerkin(move_nodes(flat(triangles), bent)),
+    "curved triangles": lambda: Spaces.petrov_galerkin(curved_mesh(flat(triangles), bent)),
+    "quadrilaterals": lambda: Spaces.petrov_galerkin(move_nodes(flat(quadrilaterals), bent)),
     "8 nodes": lambda: serendipity(flat(quadrilaterals)),
-    "composite": lambda: composite(mapped(flat(triangles), bent)),
-    "tetrahedra": lambda: Spaces.petrov_galerkin(mapped(cube(CellType.tetrahedron), bent)),
-    "hexahedra": lambda: Spaces.galerkin(mapped(cube(CellType.hexahedron), bent)),
+    "composite": lambda: composite(move_nodes(flat(triangles), bent)),
+    "tetrahedra": lambda: Spaces.petrov_galerkin(move_nodes(cube(CellType.tetrahedron), bent)),
+    "hexahedra": lambda: Spaces.galerkin(move_nodes(cube(CellType.hexahedron), bent)),
 }
 
 

@@ -13,7 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tests.library.deck_models import MODELS
+from tests.library.deck_models import DECK_MODELS
 
 ANSWERS = Path(__file__).with_suffix(".json")
 ELSETS = ("LEFT", "RIGHT", "BOTH", "SOME")
@@ -25,7 +25,7 @@ def executable():
 
 
 def digest(kind):
-    return hashlib.sha256(MODELS[kind].encode()).hexdigest()
+    return hashlib.sha256(DECK_MODELS[kind].encode()).hexdigest()
 
 
 def compute(kind, ccx):
@@ -47,7 +47,7 @@ ALL,1,2
     step += "".join(f"*NODE PRINT,NSET={name}\nU\n" for name in NSETS)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "deck.inp").write_text(f"{MODELS[kind]}{step}*END STEP\n", newline="")
+        (folder / "deck.inp").write_text(f"{DECK_MODELS[kind]}{step}*END STEP\n", newline="")
         run = subprocess.run([ccx, "deck"], cwd=folder, capture_output=True, text=True)
         if run.returncode:
             raise RuntimeError(f"{kind}: CalculiX failed:\n{run.stdout}")
@@ -69,7 +69,7 @@ ALL,1,2
 def main():
     if executable() is None:
         sys.exit("CalculiX (ccx, Debian's calculix-ccx) is not installed")
-    rows = [f'"{kind}": {json.dumps(compute(kind, executable()))}' for kind in MODELS]
+    rows = [f'"{kind}": {json.dumps(compute(kind, executable()))}' for kind in DECK_MODELS]
     ANSWERS.write_text("{\n" + ",\n".join(rows) + "\n}\n")
 
 

@@ -1,7 +1,7 @@
 """Decks of all types of elements that are read, each written in another way.
 
-`MODELS` are texts up to *STEP, by names such as "C3D20R". The meshes are images of a lattice, so
-that edges of second-order elements are curved.
+`DECK_MODELS` maps element types such as "C3D20R" to the text of a deck up to *STEP. The meshes are
+images of a lattice, so that edges of second-order elements are curved.
 """
 
 from itertools import combinations, permutations, product
@@ -140,4 +140,4 @@ def model(kind):
     return end.join(lines) + end
 
 
-MODELS = {kind: model(kind) for kind in TYPES}
+DECK_MODELS = {kind: model(kind) for kind in TYPES}

@@ -168,7 +168,7 @@ def calls(comm):
         "critical_step": (
             pw_elements.critical_step,
             {"K": S, "M": lumped, "reduction": sibling.dirichlet([])}),
-        "curved": (pw_elements.meshes.curved, {"mesh": w.mesh, "image": lambda x: x}),
+        "curved_mesh": (pw_elements.meshes.curved_mesh, {"mesh": w.mesh, "point_map": lambda x: x}),
         "draw": (
             pw_elements.draw,
             {"mesh": w.mesh, "values": one[0], "displacement": one, "scale": 1.0, "axes": None}
@@ -184,7 +184,7 @@ def calls(comm):
             pw_elements.meshes.from_gmsh,
             {"comm": comm, "source": str(ROOT / "examples/gasket.msh")}),
         "lumped_mass": (lumped_mass, {"M": w.M, "space": w.U}),
-        "mapped": (pw_elements.meshes.mapped, {"mesh": w.mesh, "image": lambda x: x}),
+        "move_nodes": (pw_elements.meshes.move_nodes, {"mesh": w.mesh, "point_map": lambda x: x}),
         "nodal_flux": (
             pw_elements.nodal_flux,
             {"spaces": w.spaces, "reactions": w.r, "where": FOOT, "area": "geometric"}

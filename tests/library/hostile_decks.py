@@ -1,16 +1,17 @@
 """Decks that want to be read as another mesh, or to exhaust memory or time: 150 and more.
 
-`DECKS` are files by name ("deck.inp" is read), and whether the deck has to be refused (True), has
-to be read (False), or may be either (None). What is read has to be what a second reading finds.
+`HOSTILE_DECKS` maps the name of each case to its files ("deck.inp" is read) and whether the deck
+has to be refused (True), has to be read (False), or may be either (None). A mesh that is read has
+to agree with a second, independent reading.
 """
 
 import random
 
-from tests.library.deck_models import MODELS
+from tests.library.deck_models import DECK_MODELS
 
 SIZE = 900_000  # characters of the long ones
 
-BASE = """*NODE
+GOOD_DECK = """*NODE
 1, 0., 0.
 2, 1., 0.
 3, 2., 0.
@@ -70,9 +71,9 @@ def grid(count):
 def _numbers():
     """Coordinates and numbers that are none, or are read as others."""
     for text in ("nan", "inf", "-Infinity", "1e999", "-1D400", "1e300", "1_0", "0x1p3", "1,5.5.5"):
-        yield f"coordinate {text}", BASE.replace("3, 2., 0.", f"3, {text}, 0."), True
+        yield f"coordinate {text}", GOOD_DECK.replace("3, 2., 0.", f"3, {text}, 0."), True
     for text in ("1.5+3", "1 2", "١", "--1", "1.0F", "1d", "<h>", "'1'", "1e1e1", "\x0b1", "\xa01"):
-        yield f"coordinate {text!r}", BASE.replace("3, 2., 0.", f"3, {text}, 0."), True
+        yield f"coordinate {text!r}", GOOD_DECK.replace("3, 2., 0.", f"3, {text}, 0."), True
     for text in (
         "2.D0",
         "+2.",
@@ -84,7 +85,7 @@ def _numbers():
         "\t2.",
         "2.0000000000000001",
     ):
-        yield f"coordinate {text!r}", BASE.replace("3, 2., 0.", f"3, {text}, 0."), False
+        yield f"coordinate {text!r}", GOOD_DECK.replace("3, 2., 0.", f"3, {text}, 0."), False
     for text in (
         "0",
         "-3",
@@ -97,44 +98,48 @@ def _numbers():
         "",
         "x",
     ):
-        yield f"node {text!r}", BASE.replace("3, 2., 0.", f"{text}, 2., 0."), True
+        yield f"node {text!r}", GOOD_DECK.replace("3, 2., 0.", f"{text}, 2., 0."), True
     for text in ("0", "-1", "1.", "²", "1e0", "99999999999", "7 7", "9" * 5000, "", "0x2"):
-        yield f"node of an element {text!r}", BASE.replace("2, 2, 3,", f"2, 2, {text},"), True
-    yield "empty coordinates", BASE.replace("4, 0., 1.", "4, , 1., ,"), False
-    yield "no coordinates", BASE.replace("1, 0., 0.", "1"), False
-    yield "coordinates and a normal", BASE.replace("3, 2., 0.", "3, 2., 0., 0., 0., 0., 1."), False
-    yield "eight entries", BASE.replace("3, 2., 0.", "3, 2., 0., 0., 0., 0., 1., 4."), True
+        yield f"node of an element {text!r}", GOOD_DECK.replace("2, 2, 3,", f"2, 2, {text},"), True
+    yield "empty coordinates", GOOD_DECK.replace("4, 0., 1.", "4, , 1., ,"), False
+    yield "no coordinates", GOOD_DECK.replace("1, 0., 0.", "1"), False
+    yield (
+        "coordinates and a normal",
+        GOOD_DECK.replace("3, 2., 0.", "3, 2., 0., 0., 0., 0., 1."),
+        False,
+    )
+    yield "eight entries", GOOD_DECK.replace("3, 2., 0.", "3, 2., 0., 0., 0., 0., 1., 4."), True
 
 
 def _twice():
     """Nodes, elements and cells that are there twice, or not at all."""
-    yield "an element twice", BASE + "1, 2, 3, 6, 5\n", True
-    yield "an element twice, the same", BASE + "1, 1, 2, 5, 4\n", True
-    yield "an element twice, a spring", BASE + "*ELEMENT, TYPE=SPRINGA\n1, 1, 2\n", True
-    yield "a cell twice", BASE + "3, 1, 2, 5, 4\n", True
-    yield "a cell twice, turned", BASE + "3, 5, 4, 1, 2\n", True
-    yield "a cell twice, in other types", BASE + "*ELEMENT, TYPE=CPE4\n3, 5, 4, 1, 2\n", True
-    yield "a node twice", BASE + "*NODE\n3, 2., .5\n", True
-    yield "a node twice, the same", BASE + "*NODE\n3, 2., 0.\n", False
-    yield "a node missing", BASE.replace("6, 2., 1.\n", ""), True
-    yield "a row too short", BASE.replace("2, 2, 3, 6, 5", "2, 2, 3, 6"), True
-    yield "rows of five and three", BASE.replace("1, 1, 2, 5, 4", "1, 1, 2, 5"), True
-    yield "a row too long", BASE.replace("2, 2, 3, 6, 5", "2, 2, 3, 6, 5, 1"), None
-    yield "rows of other cells", BASE.replace("CPS4", "CPS3"), None
-    yield "rows of twice the nodes", BASE.replace("CPS4", "CPS8"), True
-    yield "a collapsed cell", BASE.replace("2, 2, 3, 6, 5", "2, 2, 3, 6, 6"), True
-    yield "a crossed cell", BASE.replace("2, 2, 3, 6, 5", "2, 2, 6, 3, 5"), True
+    yield "an element twice", GOOD_DECK + "1, 2, 3, 6, 5\n", True
+    yield "an element twice, the same", GOOD_DECK + "1, 1, 2, 5, 4\n", True
+    yield "an element twice, a spring", GOOD_DECK + "*ELEMENT, TYPE=SPRINGA\n1, 1, 2\n", True
+    yield "a cell twice", GOOD_DECK + "3, 1, 2, 5, 4\n", True
+    yield "a cell twice, turned", GOOD_DECK + "3, 5, 4, 1, 2\n", True
+    yield "a cell twice, in other types", GOOD_DECK + "*ELEMENT, TYPE=CPE4\n3, 5, 4, 1, 2\n", True
+    yield "a node twice", GOOD_DECK + "*NODE\n3, 2., .5\n", True
+    yield "a node twice, the same", GOOD_DECK + "*NODE\n3, 2., 0.\n", False
+    yield "a node missing", GOOD_DECK.replace("6, 2., 1.\n", ""), True
+    yield "a row too short", GOOD_DECK.replace("2, 2, 3, 6, 5", "2, 2, 3, 6"), True
+    yield "rows of five and three", GOOD_DECK.replace("1, 1, 2, 5, 4", "1, 1, 2, 5"), True
+    yield "a row too long", GOOD_DECK.replace("2, 2, 3, 6, 5", "2, 2, 3, 6, 5, 1"), None
+    yield "rows of other cells", GOOD_DECK.replace("CPS4", "CPS3"), None
+    yield "rows of twice the nodes", GOOD_DECK.replace("CPS4", "CPS8"), True
+    yield "a collapsed cell", GOOD_DECK.replace("2, 2, 3, 6, 5", "2, 2, 3, 6, 6"), True
+    yield "a crossed cell", GOOD_DECK.replace("2, 2, 3, 6, 5", "2, 2, 6, 3, 5"), True
     yield (
         "a flat cell",
-        BASE.replace("6, 2., 1.", "6, 2., 0.").replace("5, 1., 1.", "5, 1., 0."),
+        GOOD_DECK.replace("6, 2., 1.", "6, 2., 0.").replace("5, 1., 1.", "5, 1., 0."),
         True,
     )
     yield (
         "a cell upon another",
-        BASE.replace("3, 2., 0.", "3, .5, 0.").replace("6, 2.", "6, .5"),
+        GOOD_DECK.replace("3, 2., 0.", "3, .5, 0.").replace("6, 2.", "6, .5"),
         True,
     )
-    yield "no plane", BASE.replace("6, 2., 1.", "6, 2., 1., .5"), True
+    yield "no plane", GOOD_DECK.replace("6, 2., 1.", "6, 2., 1., .5"), True
     for middle in ("0., 0.", "1., 0.", ".5, .6", "3., 0.", "-1., 0.", ".1, 0."):
         yield f"a middle at {middle}", SIX.replace("{middle}", middle), True
         yield f"a middle at {middle}, solid", TETRAHEDRON.replace("{middle}", f"{middle}, 0."), True
@@ -175,80 +180,80 @@ def _names():
         ("1A", "A1"),
         ("A" * 90, "A" * 89),
     ):
-        yield f"names {a[:9]} and {b[:9]}", BASE + two.format(a=a, b=b), False
+        yield f"names {a[:9]} and {b[:9]}", GOOD_DECK + two.format(a=a, b=b), False
         yield (
             f"names {a[:9]} and {b[:9]} in Latin-1",
-            (BASE + two.format(a=a, b=b)).encode("latin-1", errors="replace"),
+            (GOOD_DECK + two.format(a=a, b=b)).encode("latin-1", errors="replace"),
             None,
         )
-    yield "spaces in a name", BASE + "*NSET,NSET=A B\n1,2\n*NSET,NSET=C\nAB\n", False
-    yield "no name", BASE + "*NSET,NSET=\n1,2\n", True
-    yield "no quotation mark", BASE + '*NSET,NSET="A\n1,2\n', True
-    yield "two names", BASE + "*NSET,NSET=A,NSET=B\n1,2\n", True
-    yield "a parameter that is not known", BASE + "*NSET,NSET=A,REMOVE\n1,2\n", True
+    yield "spaces in a name", GOOD_DECK + "*NSET,NSET=A B\n1,2\n*NSET,NSET=C\nAB\n", False
+    yield "no name", GOOD_DECK + "*NSET,NSET=\n1,2\n", True
+    yield "no quotation mark", GOOD_DECK + '*NSET,NSET="A\n1,2\n', True
+    yield "two names", GOOD_DECK + "*NSET,NSET=A,NSET=B\n1,2\n", True
+    yield "a parameter that is not known", GOOD_DECK + "*NSET,NSET=A,REMOVE\n1,2\n", True
     for sort, row in (("NSET", "77"), ("ELSET", "77"), ("NSET", "OTHER"), ("ELSET", "OTHER")):
-        yield f"{sort} of {row}", f"{BASE}*{sort},{sort}=A\n1,{row}\n", True
-        yield f"{sort} of negative", f"{BASE}*{sort},{sort}=A\n1,-2\n", True
-    yield "members twice", BASE + "*NSET,NSET=A\n1,1\n*ELSET,ELSET=B\n2,2,E\n", False
-    yield "a set of itself", BASE + "*NSET,NSET=A\nA,1,2\n", False
-    yield "sets of each other", BASE + "*NSET,NSET=A\nB\n*NSET,NSET=B\nA\n", True
-    yield "a surface first", "*SURFACE,NAME=S\nE,S2\n" + BASE, False
-    yield "a surface of nothing", BASE + "*SURFACE,NAME=S\nNONE,S2\n", True
-    yield "a face that is not there", BASE + "*SURFACE,NAME=S\nE,S5\n", True
+        yield f"{sort} of {row}", f"{GOOD_DECK}*{sort},{sort}=A\n1,{row}\n", True
+        yield f"{sort} of negative", f"{GOOD_DECK}*{sort},{sort}=A\n1,-2\n", True
+    yield "members twice", GOOD_DECK + "*NSET,NSET=A\n1,1\n*ELSET,ELSET=B\n2,2,E\n", False
+    yield "a set of itself", GOOD_DECK + "*NSET,NSET=A\nA,1,2\n", False
+    yield "sets of each other", GOOD_DECK + "*NSET,NSET=A\nB\n*NSET,NSET=B\nA\n", True
+    yield "a surface first", "*SURFACE,NAME=S\nE,S2\n" + GOOD_DECK, False
+    yield "a surface of nothing", GOOD_DECK + "*SURFACE,NAME=S\nNONE,S2\n", True
+    yield "a face that is not there", GOOD_DECK + "*SURFACE,NAME=S\nE,S5\n", True
     for row in ("9,1", "1", "1,2,0", "1,2,1,1", "1,-2", "a,b", "1.,2.", "7,9", "0,2"):
-        yield f"GENERATE {row}", f"{BASE}*NSET,NSET=A,GENERATE\n{row}\n", True
-    yield "GENERATE with gaps", BASE + "*NSET,NSET=A,GENERATE\n2,300,1\n", False
-    yield "GENERATE over much", BASE + "*NSET,NSET=A,GENERATE\n1,2147483647,1\n", False
+        yield f"GENERATE {row}", f"{GOOD_DECK}*NSET,NSET=A,GENERATE\n{row}\n", True
+    yield "GENERATE with gaps", GOOD_DECK + "*NSET,NSET=A,GENERATE\n2,300,1\n", False
+    yield "GENERATE over much", GOOD_DECK + "*NSET,NSET=A,GENERATE\n1,2147483647,1\n", False
 
 
 def _files():
     """Includes, and what is no text."""
-    yield "INCLUDE without INPUT", BASE + "*INCLUDE\n", True
-    yield "INCLUDE of nothing", BASE + "*INCLUDE,INPUT=\n", True
-    yield "INCLUDE that is not there", BASE + "*INCLUDE,INPUT=none.inp\n", True
-    yield "INCLUDE of a folder", BASE + "*INCLUDE,INPUT=.\n", True
-    yield "INCLUDE of a device", BASE + "*INCLUDE,INPUT=/dev/zero\n", True
-    yield "INCLUDE of itself", BASE + "*INCLUDE,INPUT=deck.inp\n", True
+    yield "INCLUDE without INPUT", GOOD_DECK + "*INCLUDE\n", True
+    yield "INCLUDE of nothing", GOOD_DECK + "*INCLUDE,INPUT=\n", True
+    yield "INCLUDE that is not there", GOOD_DECK + "*INCLUDE,INPUT=none.inp\n", True
+    yield "INCLUDE of a folder", GOOD_DECK + "*INCLUDE,INPUT=.\n", True
+    yield "INCLUDE of a device", GOOD_DECK + "*INCLUDE,INPUT=/dev/zero\n", True
+    yield "INCLUDE of itself", GOOD_DECK + "*INCLUDE,INPUT=deck.inp\n", True
     yield "INCLUDE of itself by another way", {
-        "deck.inp": BASE + "*INCLUDE,INPUT=s/../deck.inp\n", "s/empty": ""
+        "deck.inp": GOOD_DECK + "*INCLUDE,INPUT=s/../deck.inp\n", "s/empty": ""
     }, True  # fmt: skip
     levels = {f"{k}.inp": f"*INCLUDE,INPUT={k + 1}.inp\n" * 10 for k in range(9)}
     yield "INCLUDEs of INCLUDEs", {
         **levels, "deck.inp": "*INCLUDE,INPUT=0.inp\n", "9.inp": "** nothing\n"
     }, True  # fmt: skip
     levels = {f"{k}.inp": f"*INCLUDE,INPUT={k + 1}.inp\n" for k in range(20)}
-    yield "many levels", {**levels, "deck.inp": BASE + levels["0.inp"], "20.inp": "**\n"}, True
+    yield "many levels", {**levels, "deck.inp": GOOD_DECK + levels["0.inp"], "20.inp": "**\n"}, True
     yield (
         "INCLUDE in a block",
         {
-            "deck.inp": BASE.replace("4, 0., 1.\n", "*INCLUDE, INPUT=four.inp\n"),
+            "deck.inp": GOOD_DECK.replace("4, 0., 1.\n", "*INCLUDE, INPUT=four.inp\n"),
             "four.inp": "4, 0., 1.",
         },
         False,
     )
     yield "INCLUDE of much, often", {
-        "deck.inp": BASE + "*INCLUDE,INPUT=much.inp\n" * 40, "much.inp": "** much\n" * 50_000
+        "deck.inp": GOOD_DECK + "*INCLUDE,INPUT=much.inp\n" * 40, "much.inp": "** much\n" * 50_000
     }, True  # fmt: skip
     for name, data in (
-        ("nothing", b""), ("zeros", bytes(1000)), ("a zero", BASE.encode() + b"\0"),
+        ("nothing", b""), ("zeros", bytes(1000)), ("a zero", GOOD_DECK.encode() + b"\0"),
         ("random bytes", random.Random(3).randbytes(5000)), ("half of UTF-16", b"\xff\xfe*\0N"),
         ("a comma", b","), ("an asterisk", b"*"), ("no keyword", b"1, 2, 3\n" * 99),
     ):  # fmt: skip
         yield name, data, True
-    yield "UTF-16", BASE.encode("utf-16"), None
-    yield "UTF-8 with its mark", b"\xef\xbb\xbf" + BASE.encode(), False
-    yield "carriage returns", BASE.replace("\n", "\r").encode(), False
-    yield "blanks before keywords", BASE.replace("*", "  *"), False
+    yield "UTF-16", GOOD_DECK.encode("utf-16"), None
+    yield "UTF-8 with its mark", b"\xef\xbb\xbf" + GOOD_DECK.encode(), False
+    yield "carriage returns", GOOD_DECK.replace("\n", "\r").encode(), False
+    yield "blanks before keywords", GOOD_DECK.replace("*", "  *"), False
     yield (
         "other ends of lines",
-        BASE.replace("*ELEMENT", "** \x0b \x0c \x1c \x85 \u2028\n*ELEMENT"),
+        GOOD_DECK.replace("*ELEMENT", "** \x0b \x0c \x1c \x85 \u2028\n*ELEMENT"),
         False,
     )
     for keyword in ("NGEN", "NFILL", "NCOPY", "ELGEN", "ELCOPY", "SYSTEM", "NMAP", "IMPORT"):
-        yield keyword, f"{BASE}*{keyword}\n1, 2, 3\n", True
-    yield "cylindrical nodes", BASE.replace("*NODE", "*NODE, SYSTEM=C"), True
+        yield keyword, f"{GOOD_DECK}*{keyword}\n1, 2, 3\n", True
+    yield "cylindrical nodes", GOOD_DECK.replace("*NODE", "*NODE, SYSTEM=C"), True
     for kind in ("C3D15", "F3D8", "C3D27", "XYZ4"):
-        yield f"elements {kind}", f"{BASE}*ELEMENT, TYPE={kind}\n9, 1, 2, 3, 4\n", True
+        yield f"elements {kind}", f"{GOOD_DECK}*ELEMENT, TYPE={kind}\n9, 1, 2, 3, 4\n", True
 
 
 def _long():
@@ -257,13 +262,13 @@ def _long():
     mesh = grid(70)
     yield "one long line", "*NODE\n" + "1," * (SIZE // 2), True
     yield "a long keyword", "*NODE" + ",\n" + ",\n".join(f"A{k}=1" for k in range(90_000)), True
-    yield "blank lines", BASE + "\n" * SIZE, False
-    yield "comments", BASE + "** \n" * (SIZE // 4), False
-    yield "keywords", BASE + "*A\n" * (SIZE // 3), False
-    yield "quotation marks", BASE + "*NSET,NSET=A\n" + '"",' * (SIZE // 3), None
-    yield "commas", BASE + "*NSET,NSET=A\n1" + "," * SIZE, False
+    yield "blank lines", GOOD_DECK + "\n" * SIZE, False
+    yield "comments", GOOD_DECK + "** \n" * (SIZE // 4), False
+    yield "keywords", GOOD_DECK + "*A\n" * (SIZE // 3), False
+    yield "quotation marks", GOOD_DECK + "*NSET,NSET=A\n" + '"",' * (SIZE // 3), None
+    yield "commas", GOOD_DECK + "*NSET,NSET=A\n1" + "," * SIZE, False
     yield "ranges", mesh + "*NSET,NSET=A,GENERATE\n" + ranges, None
-    yield "ranges of few numbers", BASE + "*NSET,NSET=A,GENERATE\n" + ranges, None
+    yield "ranges of few numbers", GOOD_DECK + "*NSET,NSET=A,GENERATE\n" + ranges, None
     yield (
         "sets of ranges",
         mesh + repeated(lambda k: f"*NSET,NSET=A{k},GENERATE\n1,5000", 500_000),
@@ -303,16 +308,16 @@ def _long():
         mesh + repeated(lambda k: f"*ELSET,ELSET=A{k}\n{1 + k % 4900}", 500_000),
         False,
     )
-    yield "nodes", BASE + "*NODE\n" + repeated(lambda k: f"{k + 10},1,1"), False
-    yield "types", BASE + repeated(lambda k: f"*ELEMENT,TYPE=U{k}\n{k + 9}"), None
-    yield "parts", BASE + repeated(lambda k: f"*PART,NAME=P{k}\n*END PART"), None
+    yield "nodes", GOOD_DECK + "*NODE\n" + repeated(lambda k: f"{k + 10},1,1"), False
+    yield "types", GOOD_DECK + repeated(lambda k: f"*ELEMENT,TYPE=U{k}\n{k + 9}"), None
+    yield "parts", GOOD_DECK + repeated(lambda k: f"*PART,NAME=P{k}\n*END PART"), None
     yield (
         "instances",
         repeated(lambda k: f"*PART,NAME=P{k}\n*END PART\n*INSTANCE,NAME=I{k},PART=P{k}"),
         None,
     )
     yield "INCLUDEs of a file", {
-        "deck.inp": BASE + "*INCLUDE,INPUT=e\n" * (SIZE // 17), "e": ""
+        "deck.inp": GOOD_DECK + "*INCLUDE,INPUT=e\n" * (SIZE // 17), "e": ""
     }, None  # fmt: skip
 
 
@@ -321,7 +326,7 @@ def _changed():
     chance = random.Random(41)
     kinds = ("CPS3", "CPS8", "C3D4", "C3D8", "C3D10", "C3D20", "S6", "CAX4")
     for k in range(48):
-        text = MODELS[kinds[k % len(kinds)]]
+        text = DECK_MODELS[kinds[k % len(kinds)]]
         lines = text.splitlines()
         at = chance.randrange(3, len(lines))
         if k % 3 == 0:
@@ -341,4 +346,4 @@ def _all():
             yield name, (files, refused)
 
 
-DECKS = dict(_all())
+HOSTILE_DECKS = dict(_all())

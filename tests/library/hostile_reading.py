@@ -15,7 +15,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from pw_elements.meshes import from_file
-from tests.library.hostile_decks import BASE, DECKS
+from tests.library.hostile_decks import GOOD_DECK, HOSTILE_DECKS
 from tests.library.test_decks import check_against_second_reading
 
 SECONDS, MEMORY = 2.0, 500e6
@@ -30,13 +30,13 @@ def write(folder, files):
 
 
 def main(folder, share, of):
-    write(folder / "first", {"deck.inp": BASE})
+    write(folder / "first", {"deck.inp": GOOD_DECK})
     part = from_file(folder / "first" / "deck.inp", MPI.COMM_SELF)
     check_against_second_reading(part, folder / "first" / "deck.inp")  # compiles what it needs
     used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     resource.setrlimit(resource.RLIMIT_AS, (int(used + MEMORY),) * 2)
     signal.signal(signal.SIGPROF, signal.SIG_DFL)  # which ends the process
-    for k, (name, (files, _)) in enumerate(DECKS.items()):
+    for k, (name, (files, _)) in enumerate(HOSTILE_DECKS.items()):
         if k % of != share:
             continue
         print(json.dumps([name, "begun", ""]), flush=True)

@@ -23,7 +23,7 @@ import scipy.linalg
 from dolfinx.mesh import CellType, Mesh, create_box, create_rectangle
 
 from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
-from pw_elements.meshes import curved
+from pw_elements.meshes import curved_mesh
 from study.matrices import dense
 
 RATIOS = (0.45, 0.48, 0.49, 0.495, 0.499, 0.4995, 0.4999, 0.49999)
@@ -57,7 +57,7 @@ def distorted_mesh(cell: str, n: int, moved: float, seed: int, mid_nodes: bool =
         return shift
 
     if mid_nodes:
-        return curved(mesh, lambda x: x + shifts(x))
+        return curved_mesh(mesh, lambda x: x + shifts(x))
     mesh.geometry.x[:] += shifts(mesh.geometry.x)
     return mesh
 

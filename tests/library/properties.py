@@ -21,7 +21,7 @@ from pw_elements import (
     reactions,
     solve,
 )
-from pw_elements.meshes import mapped
+from pw_elements.meshes import move_nodes
 from study.matrices import dense
 from study.verification.t_identity import distorted
 from tests.library.random_meshes import Grid, Placement
@@ -33,7 +33,7 @@ def unit_mesh(cell, n):
     """A square or cube of n cells a side, whose inner vertices are moved."""
     dim = 2 if cell.name in ("triangle", "quadrilateral") else 3
     build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
-    return mapped(build(MPI.COMM_SELF, corners, [n] * dim, cell), distorted)
+    return move_nodes(build(MPI.COMM_SELF, corners, [n] * dim, cell), distorted)
 
 
 def rim_of(space):
@@ -95,7 +95,7 @@ class Elastic:
 
     @functools.cached_property
     def placed(self):
-        return self.grid.moved(self.placement.point)
+        return self.grid.map_vertices(self.placement.place_points)
 
     @functools.cached_property
     def body(self):
@@ -119,10 +119,10 @@ class Elastic:
 
     @functools.cached_property
     def round_off(self):
-        return self.placed.round_off()
+        return self.placed.slope_round_off()
 
     def side(self, axis, value=0.0):
-        return self.placement.side(axis, value)
+        return self.placement.side_marker(axis, value)
 
     def clamped(self, axis=0):
         held = [prescribe(self.space, i, self.side(axis)) for i in range(self.grid.dim)]

@@ -17,11 +17,17 @@ from scipy.spatial import cKDTree
 
 from tests.oracle.elements import ELEMENTS
 
-DIMENSION = {"interval": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
-CELLS = tuple(DIMENSION)
-BODIES = CELLS[1:]  # cells of elastic bodies
+CELL_DIMENSION = {
+    "interval": 1,
+    "triangle": 2,
+    "quadrilateral": 2,
+    "tetrahedron": 3,
+    "hexahedron": 3,
+}
+CELLS = tuple(CELL_DIMENSION)
+BODY_CELLS = CELLS[1:]  # cells of elastic bodies
 SIMPLICES = ("interval", "triangle", "tetrahedron")
-EPS = float(np.finfo(float).eps)
+MACHINE_EPSILON = float(np.finfo(float).eps)
 
 # How far a vertex is moved in a structured mesh, over half the distance to the next one: cells
 # stay convex below 1/2
@@ -38,7 +44,7 @@ class Grid:
 
     @property
     def dim(self):
-        return DIMENSION[self.cell]
+        return CELL_DIMENSION[self.cell]
 
     def mesh(self):
         return create_mesh(
@@ -48,8 +54,8 @@ class Grid:
             e=basix.ufl.element("Lagrange", self.cell, 1, shape=(self.dim,)),
         )
 
-    def moved(self, image):
-        return replace(self, x=image(self.x))
+    def map_vertices(self, point_map):
+        return replace(self, x=point_map(self.x))
 
     def altitude(self):
         """A length no cell is thinner than; of simplices, their least altitude.
@@ -63,11 +69,11 @@ class Grid:
         slopes = np.einsum("jpn,cpji->cpni", gradients, np.linalg.inv(jacobian))
         return 1 / np.linalg.norm(slopes, axis=-1).max()
 
-    def round_off(self):
+    def slope_round_off(self):
         """Relative error of slopes of shape functions: vertices are rounded, heights are small."""
-        return EPS * np.abs(self.x).max() / self.altitude()
+        return MACHINE_EPSILON * np.abs(self.x).max() / self.altitude()
 
-    def renumbered(self, seed):
+    def renumber(self, seed):
         """The same cells: vertices and cells in another order, and the vertices within cells.
 
         Within quadrilaterals and hexahedra the cube's symmetries may change it.
@@ -82,7 +88,7 @@ class Grid:
 
 
 def _turned(cell, rng):
-    dim = DIMENSION[cell]
+    dim = CELL_DIMENSION[cell]
     if cell in SIMPLICES:
         return rng.permutation(dim + 1)
     corners = np.arange(2**dim).reshape((2,) * dim).transpose(rng.permutation(dim))
@@ -97,48 +103,48 @@ class Placement:
     matrix: np.ndarray | float = 1.0
     offset: np.ndarray | float = 0.0
 
-    def point(self, x):
-        return self.unit * self.vector(np.asarray(x) + self.offset)
+    def place_points(self, x):
+        return self.unit * self.place_vectors(np.asarray(x) + self.offset)
 
-    def vector(self, v):
+    def place_vectors(self, v):
         """Directions (..., dim), without the unit."""
         v = np.asarray(v, dtype=float)
         return v @ self.matrix.T if np.ndim(self.matrix) else v
 
-    def back(self, x):
+    def undo(self, x):
         inverse = np.linalg.inv(self.matrix) if np.ndim(self.matrix) else np.float64(1.0)
-        return Placement(1.0, inverse).vector(x / self.unit) - self.offset
+        return Placement(1.0, inverse).place_vectors(x / self.unit) - self.offset
 
-    def side(self, axis, value):
+    def side_marker(self, axis, value):
         """Marker of a plane x[axis] = value of the body before it was placed."""
 
         def there(x):
             dim = len(self.matrix) if np.ndim(self.matrix) else np.size(self.offset)
             # far from the origin coordinates keep 1e-10; neighbours are 1e-3 apart or more
-            return np.abs(self.back(x.T[:, : max(dim, axis + 1)])[:, axis] - value) < 1e-6
+            return np.abs(self.undo(x.T[:, : max(dim, axis + 1)])[:, axis] - value) < 1e-6
 
         return there
 
 
-def rotation(dim, seed):
+def random_rotation(dim, seed):
     Q, R = np.linalg.qr(np.random.default_rng(seed).standard_normal((dim, dim)))
     Q *= np.sign(np.diag(R))
     Q[0] *= np.sign(np.linalg.det(Q))
     return Q
 
 
-def same_nodes(x, y, placement=None):
+def match_nodes(x, y, placement=None):
     """For each node of y its number in x, where y are the nodes x, placed elsewhere."""
     if placement is not None:
-        x = placement.point(x)
+        x = placement.place_points(x)
     distance, at = cKDTree(x).query(y)
     # mid-side nodes are computed from vertices that were rounded
-    assert distance.max() <= 8 * EPS * np.abs(x).max() * x.shape[1]
+    assert distance.max() <= 8 * MACHINE_EPSILON * np.abs(x).max() * x.shape[1]
     assert len(np.unique(at)) == len(x) == len(y)
     return at
 
 
-def points_within(cell, count, seed):
+def random_cell_points(cell, count, seed):
     """Some `count` points of a reference cell; as many in each sub-cell of a tetrahedron."""
     rng, corners = np.random.default_rng(seed), basix.geometry(basix.CellType[cell])
     if cell != "tetrahedron":
@@ -152,13 +158,13 @@ def points_within(cell, count, seed):
 # -- builders ------------------------------------------------------------------------------------
 
 
-def structured(cell, lines, seed=0, moved=0.0):
+def structured_grid(cell, lines, seed=0, distortion=0.0):
     """Box between grid lines, graded where these are; each square of triangles cut at random.
 
     `moved`, 0 to 1, is how far vertices leave their places; those on sides stay on them.
     """
     rng = np.random.default_rng(seed)
-    dim, shape = DIMENSION[cell], tuple(len(line) for line in lines)
+    dim, shape = CELL_DIMENSION[cell], tuple(len(line) for line in lines)
     x = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, dim)
     number = np.arange(len(x)).reshape(shape)
     offsets = np.array(np.meshgrid(*[(0, 1)] * dim, indexing="ij")).reshape(dim, -1)[::-1].T
@@ -167,7 +173,7 @@ def structured(cell, lines, seed=0, moved=0.0):
         for off in offsets
     ]
     boxes = np.stack(parts, axis=1)
-    x = x + moved * _MOVED * _shifts(lines, rng)
+    x = x + distortion * _MOVED * _shifts(lines, rng)
     if cell == "triangle":
         cut = rng.random(len(boxes)) < 0.5
         halves = np.where(
@@ -192,7 +198,7 @@ def _shifts(lines, rng):
     return room * rng.uniform(-1, 1, room.shape)
 
 
-def graded_lines(count, length, seed):
+def random_graded_line(count, length, seed):
     """Increasing coordinates of count + 1 lines, steps up to 4 times as long as others."""
     steps = np.random.default_rng(seed).uniform(0.25, 1.0, count)
     return length * np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
@@ -204,28 +210,30 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 @st.composite
-def grids(draw, cells=CELLS, size=None, most=None):
+def grids(draw, cells=CELLS, size=None, max_divisions=None):
     """A box, by default of side 1, graded or distorted."""
     cell, seed, distorted = draw(st.sampled_from(cells)), draw(SEEDS), draw(st.booleans())
-    dim = DIMENSION[cell]
-    most = most or {1: 8, 2: 4, 3: 2}[dim]
+    dim = CELL_DIMENSION[cell]
+    max_divisions = max_divisions or {1: 8, 2: 4, 3: 2}[dim]
     lines = [
-        graded_lines(draw(st.integers(1, most)), length, (seed, axis))
+        random_graded_line(draw(st.integers(1, max_divisions)), length, (seed, axis))
         for axis, length in enumerate([1.0] * dim if size is None else size)
     ]
-    return structured(cell, lines, seed, float(distorted))
+    return structured_grid(cell, lines, seed, float(distorted))
 
 
-def skew(dim, seed):
+def random_skew_matrix(dim, seed):
     """A matrix of positive determinant, its singular values between 1/2 and 2."""
     rng = np.random.default_rng(seed)
-    return rotation(dim, rng) @ np.diag(rng.uniform(0.5, 2.0, dim)) @ rotation(dim, rng)
+    return (
+        random_rotation(dim, rng) @ np.diag(rng.uniform(0.5, 2.0, dim)) @ random_rotation(dim, rng)
+    )
 
 
-def powers(low, high):
+def powers_of_ten(low, high):
     """Numbers between 10**low and 10**high, evenly in the exponent (floats would crowd at 0)."""
     return st.integers(10 * low, 10 * high).map(lambda exponent: 10.0 ** (exponent / 10))
 
 
-UNITS = st.sampled_from([1.0, 1e-3, 1e3, 1e6, 25.4e-3])  # m, km, mm, um, 25.4 m
-MODULI = powers(-9, 12)
+LENGTH_UNITS = st.sampled_from([1.0, 1e-3, 1e3, 1e6, 25.4e-3])  # m, km, mm, um, 25.4 m
+MODULI = powers_of_ten(-9, 12)

@@ -57,7 +57,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.elasticity import nodal_load
-from pw_elements.meshes import curved, mapped, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from tests.contact.cases import Block, at
 
 COMM = MPI.COMM_WORLD
@@ -65,7 +65,7 @@ FOOT, TOP, FLOOR, STILL = at(1, 0.0), at(1, 2.0), Plane((0, 0), (0, 1)), Motion(
 NAN, INF = float("nan"), float("inf")
 
 
-class World:
+class RankProblem:
     """A block on a floor, and the process that differs: the last one with nodes on the floor."""
 
     def __init__(self):
@@ -238,7 +238,7 @@ def set_on(function, value):
 
 # fmt: off
 # A statement that is wrong on one process, and its use by all: w.one(wrong, right)
-REFUSED = {
+REFUSED_ON_ONE = {
     "modulus -1": lambda w: w.body(w.one(-1.0, 1.0), 0.3),
     "modulus nan": lambda w: w.body(w.one(NAN, 1.0), 0.3),
     "modulus a word": lambda w: w.body(w.one("x", 1.0), 0.3),
@@ -304,7 +304,7 @@ REFUSED = {
 }
 
 # Right statements and functions that differ
-DIFFERENT = {
+DIFFERENT_ON_ONE = {
     "modulus": lambda w: w.body(w.one(2.0, 1.0), 0.3),
     "modulus by the last digit": lambda w: w.body(w.one(1.0 + 2**-52, 1.0), 0.3),
     "density": lambda w: w.body(1.0, 0.3, w.one(2.0, 1.0)),
@@ -353,8 +353,9 @@ DIFFERENT = {
     "prescribed constant": lambda w: Reduction.dirichlet(
         w.U, [prescribe(w.U, 0, FOOT, w.constant(w.one(0.1, 0.0)))]),
     "conditions": lambda w: Reduction.dirichlet(w.U, w.foot[: w.one(1, 2)]),
-    "image": lambda w: mapped(square(), w.one(lambda x: 1.1 * x, lambda x: x)),
-    "image of a curved mesh": lambda w: curved(square(), w.one(lambda x: 1.1 * x, lambda x: x)),
+    "image": lambda w: move_nodes(square(), w.one(lambda x: 1.1 * x, lambda x: x)),
+    "image of a curved mesh": lambda w: curved_mesh(
+        square(), w.one(lambda x: 1.1 * x, lambda x: x)),
     "divisions": lambda w: triangles(COMM, (0, 0), (1, 1), (4, w.one(5, 4))),
     "path in time": lambda w: w.impact(paths=w.one(lambda t: (0, 2 * t), lambda t: (0, t))),
     "path of another time": lambda w: w.impact(
@@ -384,7 +385,7 @@ DIFFERENT = {
 }
 
 # What is no number, or fails, on one process
-NOT_A_NUMBER = {
+NAN_ON_ONE = {
     "gap": lambda w: w.contact(floor(surface=Hidden(w.one(NAN, 0.0)))),
     "gap far away": lambda w: w.contact(floor(surface=Hidden(0.0, w.one(NAN, 0.0)))),
     "closest points": lambda w: w.residual(Bent(w.one(NAN, 0.0))),
@@ -401,7 +402,7 @@ NOT_A_NUMBER = {
     "velocity": lambda w: w.impact(velocity=w.vector(NAN)),
     "load in time": lambda w: w.impact(load=lambda t: w.vector(NAN)),
     "path": lambda w: w.impact(paths=lambda t: (0, w.one(NAN, 0.0))),
-    "image": lambda w: mapped(square(), lambda x: w.one(NAN, 1.0) * x),
+    "image": lambda w: move_nodes(square(), lambda x: w.one(NAN, 1.0) * x),
     "prescribed function": lambda w: Reduction.dirichlet(w.U, [fem.dirichletbc(
         w.function(w.one(NAN, 0.0), w.U), fem.locate_dofs_geometrical(w.U, FOOT))]),
     "guess": lambda w: w.nonlinear(w.one(NAN, 0.0)),
@@ -426,7 +427,7 @@ NOT_A_NUMBER = {
 }
 
 # Functions that communicate, and differences that are legitimate: all come to the same end
-SAME_END = {
+SAME_OUTCOME = {
     "surface talks": lambda w: w.contact(floor(surface=Talking(0.0))),
     "surface talks at large strains": lambda w: w.residual(Talking(0.0)),
     "distance talks": lambda w: w.contact(floor(surface=SignedDistance(lambda x: talk(x[:, 1])))),

@@ -61,7 +61,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.elasticity import nodal_load
-from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from pw_elements.spaces import macro_element
 from tests.contact.cases import at
 from tests.library.faces import calls
@@ -113,7 +113,7 @@ def moved_later():
 
 
 def bent_inwards():
-    mesh = moved(curved(square(1), lambda x: x), (0.6, -0.4), (0.5, 0.5))
+    mesh = moved(curved_mesh(square(1), lambda x: x), (0.6, -0.4), (0.5, 0.5))
     Body(Spaces.galerkin(mesh), STEEL, PLANE)
 
 
@@ -323,7 +323,7 @@ VALUES = {
         [lambda x: True, lambda x: x[1], lambda x: 0 * x[1].astype(int), np.transpose, print],
     ),
     "the image of the mesh ": (
-        lambda w, image: curved(w.mesh, image),
+        lambda w, image: curved_mesh(w.mesh, image),
         [np.transpose, lambda x: x[0], lambda x: x * NAN, lambda x: x.astype(str)],
     ),
     "option mg_levels_1_ksp_max_it = ": (
@@ -444,11 +444,11 @@ REFUSED = [
     ("diagonal pattern 'up'", lambda w: triangles(COMM, LOW, HIGH, (1, 1), "up")),
     ("lower 'ab': it needs 2 finite", lambda w: quadrilaterals(COMM, "ab", "cd", (1, 1))),
     ("a rectangle from (1.0, 1.0) to (0.0,", lambda w: quadrilaterals(COMM, HIGH, LOW, (1, 1))),
-    ("the image of the mesh failed", lambda w: mapped(square(), None)),
-    ("the image of the mesh gave float64", lambda w: mapped(square(), lambda x: x.T)),
-    ("the image of the mesh is not finite", lambda w: mapped(square(), lambda x: x * NAN)),
+    ("the image of the mesh failed", lambda w: move_nodes(square(), None)),
+    ("the image of the mesh gave float64", lambda w: move_nodes(square(), lambda x: x.T)),
+    ("the image of the mesh is not finite", lambda w: move_nodes(square(), lambda x: x * NAN)),
     ("DegenerateMesh: a node of the mesh has a coordinate of 2e+200, and volumes", lambda w: Body(
-        Spaces.galerkin(mapped(square(), lambda x: 1e200 * x)), STEEL, PLANE)),
+        Spaces.galerkin(move_nodes(square(), lambda x: 1e200 * x)), STEEL, PLANE)),
     ("the stiffness has entries that are not", lambda w: w.contact(K=spoilt(w.K, NAN))),
     ("the reduction has 90 degrees of freedom", lambda w: w.contact(K=empty())),
     ("the reduction belongs to another mesh than", lambda w: w.contact(K=w.twin[0])),
@@ -559,7 +559,7 @@ REFUSED = [
      lambda w: w.body.stress(fem.Function(w.twin[3]))),
     ("values are a constant: there is", lambda w: draw(w.mesh, w.constant(1.0))),
     ("the path '\\x00' has a null character", lambda w: w.problem.load("\0")),
-    ("TypeError: the image is of the type Mat", lambda w: mapped(square(), w.K)),
+    ("TypeError: the image is of the type Mat", lambda w: move_nodes(square(), w.K)),
     ("its part `left` is an empty matrix", lambda w: replace(w.held, left=PETSc.Mat())),
     ("component 0 of a motion's translation = [0, 1]", lambda w: Motion([[0, 1], [2]])),
     ("option ksp_max_it = -3: it has to be a whole number, at least 1.",

@@ -35,7 +35,7 @@ from pw_elements.contact import (
     solve_impact,
 )
 from pw_elements.elasticity import nodal_load
-from pw_elements.meshes import curved, mapped, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from pw_elements.solvers import SolverReport
 from tests.contact.cases import Block, at
 from tests.contact.iterative import Solid
@@ -302,8 +302,8 @@ USERS = {
     "marker of a line": lambda: forces_along(U, LOAD, errs_below),
     "marker of a surface": lambda: SurfaceNodes.of(BLOCK.body, errs_below),
     "marker of a pair": lambda: contact(ContactPair(errs_below, FLOOR)),
-    "image": lambda: mapped(square(4), errs),
-    "image of a curved mesh": lambda: curved(square(4), errs),
+    "image": lambda: move_nodes(square(4), errs),
+    "image of a curved mesh": lambda: curved_mesh(square(4), errs),
     "friction": lambda: contact(floor(lambda x: errs(0 * x[0]))),
     "law, of a node": lambda: contact(floor(Law("at"))),
     "law, at once": lambda: contact(floor(Law())),
@@ -335,21 +335,21 @@ def said(comm, errors):
     wrong = [
         (words, each)
         for words, scenario in SCENARIOS
-        if len(set(each := ends(comm, scenario))) > 1 or not each[0].startswith(words)
+        if len(set(each := gather_outcomes(comm, scenario))) > 1 or not each[0].startswith(words)
     ]
     global RAISED
     for RAISED in errors:
         for name, call in USERS.items():
-            each = ends(comm, call)
+            each = gather_outcomes(comm, call)
             words = "KeyError: 'x'" if isinstance(RAISED, Exception) else repr(RAISED)
             if len(set(each)) > 1 or words not in each[0]:
                 wrong.append((name, repr(RAISED), each))
     return wrong
 
 
-def ends(comm, call):
+def gather_outcomes(comm, function):
     try:
-        call()
+        function()
         found = "nothing"
     except Exception as error:
         kind = "" if type(error) is ValueError else f"{type(error).__name__}: "
@@ -366,7 +366,7 @@ def differing(comm, most):
         for argument, value in right.items():
             for other in islice(otherwise(value), most):
                 changed = right | ({argument: other} if comm.rank == comm.size - 1 else {})
-                each = ends(comm, lambda f=function, given=changed: f(**given))
+                each = gather_outcomes(comm, lambda f=function, given=changed: f(**given))
                 count += 1
                 if len(set(each)) > 1 or each[0] == "nothing":
                     wrong.append((name, argument, repr(other), each))

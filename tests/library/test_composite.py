@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem
 
 from pw_elements import Body, Material, Spaces, assemble_matrix
-from pw_elements.meshes import mapped, triangles
+from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import macro_element
 from study.elements import composite
 from study.matrices import dense
@@ -18,7 +18,7 @@ from study.verification.t_identity import distorted
 from tests.contact.cases import Elastic
 
 E, NU = 2.0, 0.3
-MESH = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), distorted)
+MESH = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), distorted)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from dolfinx.mesh import create_mesh
 
 from pw_elements import Material, Reduction, Spaces, assemble_vector, prescribe, reactions, solve
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from study.discretisation import discretise
 from study.inner_nodes import centre_nodes, mid_diagonal_nodes
 from study.matrices import dense
@@ -20,8 +20,12 @@ MATERIAL = Material(7.0, 0.3)
 
 def square(cell, divisions=(3, 2), pattern="right"):
     if cell == "quadrilateral":
-        return mapped(quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions), distorted)
-    return mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions, pattern), distorted)
+        return move_nodes(
+            quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions), distorted
+        )
+    return move_nodes(
+        triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions, pattern), distorted
+    )
 
 
 left = at(0, 0.0)
@@ -85,7 +89,7 @@ def test_inner_nodes_are_the_middles_of_the_quadrilaterals(pattern):
         return np.column_stack([x[:, 0] + 7 * x[:, 0] ** 2, x[:, 1:]])
 
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 3), pattern)
-    U = Spaces.petrov_galerkin(mapped(mesh, graded)).trial
+    U = Spaces.petrov_galerkin(move_nodes(mesh, graded)).trial
     found = U.tabulate_dof_coordinates()[mid_diagonal_nodes(U)]
     x = graded(np.pad(np.linspace(0, 1, 5)[:, None], ((0, 0), (0, 2))))[:, 0]
     middles = [(a, b) for b in (1 / 6, 3 / 6, 5 / 6) for a in (x[1:] + x[:-1]) / 2]

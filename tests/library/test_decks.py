@@ -14,7 +14,7 @@ from pw_elements import assemble_scalar
 from pw_elements._compat import cell_nodes
 from pw_elements.meshes import from_file
 from tests.library import deck_calculix
-from tests.library.deck_models import MODELS
+from tests.library.deck_models import DECK_MODELS
 from tests.library.deck_reading import Reading
 
 COMM = MPI.COMM_SELF
@@ -80,9 +80,9 @@ def check_against_second_reading(part, path):
     assert volume(part) == pytest.approx(sum(volumes.values()), rel=1e-12)
 
 
-@pytest.mark.parametrize("kind", MODELS)
+@pytest.mark.parametrize("kind", DECK_MODELS)
 def test_a_second_reading_finds_the_same_sets_and_volume(tmp_path, kind):
-    part = read(tmp_path, MODELS[kind])
+    part = read(tmp_path, DECK_MODELS[kind])
     assert len(part.names["cells"]) == 4
     assert {*part.names["facets"]} == {"ALL", "EVERYTHING", "BOTTOM", "BASE", "FRONT"}
     check_against_second_reading(part, tmp_path / "deck.inp")
@@ -113,17 +113,17 @@ def check_against_calculix(part, path, kind, answer):
         assert {*corners(part, dim, part.facets(name))} == expected, name
 
 
-@pytest.mark.parametrize("kind", MODELS)
+@pytest.mark.parametrize("kind", DECK_MODELS)
 def test_calculix_has_the_same_sets_and_volumes(tmp_path, kind):
     answer = json.loads(deck_calculix.ANSWERS.read_text())[kind]
     assert answer["sha256"] == deck_calculix.digest(kind)
-    check_against_calculix(read(tmp_path, MODELS[kind]), tmp_path / "deck.inp", kind, answer)
+    check_against_calculix(read(tmp_path, DECK_MODELS[kind]), tmp_path / "deck.inp", kind, answer)
 
 
 @needs_ccx
 def test_calculix_answers_as_it_did():
     answers = json.loads(deck_calculix.ANSWERS.read_text())
-    assert {*answers} == {*MODELS}
+    assert {*answers} == {*DECK_MODELS}
     for kind, answer in answers.items():
         assert deck_calculix.compute(kind, deck_calculix.executable()) == answer
 
@@ -160,7 +160,7 @@ def test_cells_of_a_set_are_read_alone(tmp_path):
 
 def test_shells_and_springs_beside_solids_are_left_out_and_named(tmp_path, caplog):
     text = (
-        MODELS["C3D10"]
+        DECK_MODELS["C3D10"]
         + """*NODE
 9001, 9., 9., 9.
 9002, 10., 9., 9.
@@ -203,7 +203,7 @@ def test_shells_in_other_planes_keep_two_coordinates(tmp_path, caplog, axes, wor
 
 def test_cells_keep_their_shape_and_faces_hold_added_nodes(tmp_path, caplog):
     """A set of all nodes of a face selects the facet, whose unknowns are nine."""
-    part = read(tmp_path, MODELS["C3D20"])
+    part = read(tmp_path, DECK_MODELS["C3D20"])
     assert "8 cells of 20 nodes have got 7 more" in caplog.text
     space = functionspace(part.mesh, ("Lagrange", 2))
     part.mesh.topology.create_connectivity(2, 3)

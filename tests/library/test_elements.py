@@ -27,19 +27,19 @@ from pw_elements import (
     cell_measure,
     solve,
 )
-from pw_elements.meshes import curved
+from pw_elements.meshes import curved_mesh
 from pw_elements.spaces import macro_element, quadratic_element, with_cell_rules
 from pw_elements.spaces.elements import CELLS, twelve_cell_rule
 from study.elements import one_cut, one_cut_element, serendipity_element
 from study.matrices import dense
 from tests.contact.cases import PW
-from tests.library.random_meshes import Grid, points_within, structured
+from tests.library.random_meshes import Grid, random_cell_points, structured_grid
 from tests.oracle.elements import ELEMENTS, gauss, shapes
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_equals_the_builtin_macro_element(cell):
-    points = points_within(cell, 200, 1)
+    points = random_cell_points(cell, 200, 1)
     builtin = basix.ufl.element("iso", cell, 1)
     ours = one_cut_element() if cell == "tetrahedron" else macro_element(cell)
     ours = ours.tabulate(0, points)
@@ -50,7 +50,7 @@ def test_equals_the_builtin_macro_element(cell):
 def test_slopes_are_those_of_the_values(cell):
     # Basix 0.9's own slopes are wrong on intervals, quadrilaterals and hexahedra
     element, step = macro_element(cell), 1e-3
-    points = points_within(cell, 200, 1)
+    points = random_cell_points(cell, 200, 1)
     table = element.tabulate(1, points)
     for direction, slope in enumerate(table[1:]):
         h = step * np.eye(points.shape[1])[direction]
@@ -67,7 +67,7 @@ def test_serendipity_is_nodal_and_holds_the_right_polynomials():
     nodes = quadratic_element("quadrilateral")._element.points[:8]
     assert element.dim == 8
     assert np.abs(element.tabulate(0, nodes)[0] - np.eye(8)).max() < 1e-13
-    points = points_within("quadrilateral", 200, 1)
+    points = random_cell_points("quadrilateral", 200, 1)
     table = element.tabulate(0, points)[0]
 
     def interpolation_error(f):
@@ -140,7 +140,7 @@ def brute_force(integrand):
 
 
 def tetrahedra(seed):
-    return structured("tetrahedron", [np.linspace(0, 1, 3)] * 3, seed, 1.0)
+    return structured_grid("tetrahedron", [np.linspace(0, 1, 3)] * 3, seed, 1.0)
 
 
 def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
@@ -239,7 +239,7 @@ def test_mixed_spaces_and_curved_cells_are_integrated_on_the_twelve_cells():
     weights = macro_element("tetrahedron", (3,))
     for degree in (1, 2):
         box = create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
-        mesh = box if degree == 1 else curved(box, lambda x: x + 0.1 * x**2)
+        mesh = box if degree == 1 else curved_mesh(box, lambda x: x + 0.1 * x**2)
         V = fem.functionspace(
             mesh, basix.ufl.mixed_element([quadratic_element("tetrahedron", (3,)), scalar])
         )

@@ -12,14 +12,14 @@ import pytest
 
 from pw_elements import files
 from pw_elements.files import (
-    MARK,
+    MARK_NAME,
     FolderReplacement,
     ForeignEntry,
-    check_replaceable,
+    check_folder_replaceable,
     claim_folder,
+    remove_unfinished,
     replace_file,
     replacing_folder,
-    sweep,
 )
 from tests.faults import CASES, ERRORS, KIND, NEW, failing, judge, surroundings
 
@@ -61,7 +61,7 @@ def test_a_folder_is_replaced_if_all_in_it_was_written_with_it(tmp_path):
     path = tmp_path / "made"
     make(path, one="1", two="2")
     make(path, one="11")
-    assert sorted(os.listdir(path)) == [MARK, "one"]
+    assert sorted(os.listdir(path)) == [MARK_NAME, "one"]
     (path / "two").write_text("mine")
     (path / "deep").mkdir()
     with pytest.raises(ForeignEntry, match="it holds deep/, two, not written with it"):
@@ -87,7 +87,7 @@ def test_a_folder_without_the_right_mark_is_not_replaced(tmp_path, mark):
         path.mkdir()
         (path / "one").write_text("mine")
         if mark is not None:
-            (path / MARK).write_text(mark.replace("K", KIND))
+            (path / MARK_NAME).write_text(mark.replace("K", KIND))
     with pytest.raises(ForeignEntry, match="does not say that it is a folder of this test"):
         make(path, one="2")
     with pytest.raises(ForeignEntry, match="is not empty, and does not say"):
@@ -96,12 +96,12 @@ def test_a_folder_without_the_right_mark_is_not_replaced(tmp_path, mark):
     assert os.listdir(tmp_path) == ["made"]
     if mark is not None:  # the mark may be all that the user has there
         (path / "one").unlink()
-        before = (path / MARK).read_text()
+        before = (path / MARK_NAME).read_text()
         with pytest.raises(ForeignEntry):
             claim_folder(path, KIND)
         with pytest.raises(ForeignEntry):
             make(path, one="2")
-        assert (path / MARK).read_text() == before
+        assert (path / MARK_NAME).read_text() == before
 
 
 def test_files_and_links_in_the_place_of_a_folder(tmp_path):
@@ -194,12 +194,12 @@ def test_a_mark_of_a_folder_of_files_outlives_its_own_replacement(tmp_path):
     with pytest.raises(ForeignEntry):
         claim_folder(out, "another kind")
     with pytest.raises(ForeignEntry):  # which has no list of what is in it
-        check_replaceable(out, KIND)
+        check_folder_replaceable(out, KIND)
     other = tmp_path / "other"
     other.mkdir()
     (other / "mine").write_text("more")
     claim_folder(other, KIND, lambda folder: (folder / "mine").exists())
-    assert sorted(os.listdir(other)) == [MARK, "mine"]
+    assert sorted(os.listdir(other)) == [MARK_NAME, "mine"]
 
 
 WRITE = """
@@ -229,11 +229,11 @@ def test_what_live_processes_write_is_not_swept_and_what_killed_ones_left_is(tmp
         assert process.stdout.readline() == b"begun\n"
         unfinished = {*os.listdir(tmp_path)} - {*kept}
         assert len(unfinished) == 2
-        sweep(tmp_path)
+        remove_unfinished(tmp_path)
         assert {*os.listdir(tmp_path)} == unfinished | {*kept}
         process.kill()
         process.wait()
-        sweep(tmp_path)
+        remove_unfinished(tmp_path)
         assert {*os.listdir(tmp_path)} == {*kept}
 
 
@@ -247,7 +247,7 @@ def test_without_locks_nothing_is_swept_and_all_is_written(tmp_path, monkeypatch
     make(tmp_path / "made", one="1")
     assert len(os.listdir(tmp_path)) == 3
     monkeypatch.undo()
-    sweep(tmp_path)
+    remove_unfinished(tmp_path)
     assert sorted(os.listdir(tmp_path)) == ["file", "made"]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.library.hostile_decks import DECKS
+from tests.library.hostile_decks import HOSTILE_DECKS
 
 PROJECT = Path(__file__).parents[2]
 SHARES = 4
@@ -15,7 +15,7 @@ SHARES = 4
 
 @pytest.mark.parametrize("share", range(SHARES))
 def test_hostile_decks_are_refused_or_read_as_they_are(tmp_path, share):
-    names = [*DECKS][share::SHARES]
+    names = [*HOSTILE_DECKS][share::SHARES]
     assert len(names) > 37
     command = [sys.executable, "-m", "tests.library.hostile_reading", str(tmp_path)]
     run = subprocess.run(
@@ -26,6 +26,6 @@ def test_hostile_decks_are_refused_or_read_as_they_are(tmp_path, share):
     ends = {name: (end, words) for name, end, words in rows}
     assert [*ends] == names
     for name, (end, words) in ends.items():
-        refused = DECKS[name][1]
+        refused = HOSTILE_DECKS[name][1]
         allowed = {True: ("refused",), False: ("read",), None: ("refused", "read")}[refused]
         assert end in allowed, f"{name}: {words}"

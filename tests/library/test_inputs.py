@@ -19,10 +19,10 @@ from pw_elements import (
     prescribe,
     solve,
 )
-from pw_elements.checks import answer, collective
+from pw_elements.checks import call_user_function, collective_errors
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Plane, Sphere, solve_contact
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import curved, mapped, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from pw_elements.spaces import marked
 from tests.contact.cases import Block, at
 
@@ -70,12 +70,12 @@ def test_nodes_of_tagged_facets_as_the_refusal_of_tags_says():
 def test_images_in_the_plane_may_have_two_components_and_wrong_ones_leave_the_mesh():
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     before = mesh.geometry.x.copy()
-    for make in (mapped, curved):
+    for make in (move_nodes, curved_mesh):
         with pytest.raises(ValueError, match="the image of the mesh"):
             make(mesh, lambda x: x.fill(0.0))
         assert np.array_equal(mesh.geometry.x, before)
-    twice = curved(mesh, lambda x: 2 * x[:, :2]).geometry.x.max()
-    assert twice == mapped(mesh, lambda x: 2 * x[:, :2]).geometry.x.max() == 2.0
+    twice = curved_mesh(mesh, lambda x: 2 * x[:, :2]).geometry.x.max()
+    assert twice == move_nodes(mesh, lambda x: 2 * x[:, :2]).geometry.x.max() == 2.0
 
 
 def test_one_of_a_kind_needs_no_list():
@@ -121,8 +121,8 @@ def test_conditions_that_say_the_same_do_not_contradict():
 def test_errors_of_users_functions_are_the_cause_of_the_librarys():
     comm = MPI.COMM_SELF
     words = r"^the marker failed: KeyError: 'x'$"
-    with pytest.raises(ValueError, match=words) as caught, collective(comm):
-        answer(comm, "the marker", {}.__getitem__, "x")
+    with pytest.raises(ValueError, match=words) as caught, collective_errors(comm):
+        call_user_function(comm, "the marker", {}.__getitem__, "x")
     assert isinstance(caught.value.__cause__, KeyError)
 
 

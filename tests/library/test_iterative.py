@@ -34,7 +34,7 @@ from pw_elements import (
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, NoEquilibrium, Plane, solve_contact
 from pw_elements.contact.system import krylov
-from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from pw_elements.solvers import Multigrid, auto_solver, iterative, matrices
 from study.elements import composite
 from study.inner_nodes import centre_nodes
@@ -45,17 +45,17 @@ from tests.library.properties import rim_of
 
 def box(cell, n=2, comm=MPI.COMM_SELF):
     mesh = create_box(comm, [(0, 0, 0), (2, 1, 1)], (2 * n, n, n), CellType[cell])
-    return mapped(mesh, lambda x: x + 0.05 * np.sin(3 * x[:, [1, 2, 0]]) * x[:, :1])
+    return move_nodes(mesh, lambda x: x + 0.05 * np.sin(3 * x[:, [1, 2, 0]]) * x[:, :1])
 
 
 def rectangle(cell):
     build = triangles if cell == "triangle" else quadrilaterals
     mesh = build(MPI.COMM_SELF, (1.0, 0.0), (3.0, 1.0), (8, 4))
-    return mapped(mesh, lambda x: x + 0.05 * np.sin(3 * x[:, [1, 2, 0]]) * [1, 1, 0])
+    return move_nodes(mesh, lambda x: x + 0.05 * np.sin(3 * x[:, [1, 2, 0]]) * [1, 1, 0])
 
 
 def bent(build):
-    return curved(build, lambda x: x + 0.1 * np.sin(2 * x[:, [1, 2, 0]]) * (x**0 * [1, 1, 0]))
+    return curved_mesh(build, lambda x: x + 0.1 * np.sin(2 * x[:, [1, 2, 0]]) * (x**0 * [1, 1, 0]))
 
 
 BODIES = {

@@ -15,7 +15,7 @@ from dolfinx.mesh import (
 )
 
 from pw_elements import Body, Material, assemble_matrix, assemble_scalar, solve
-from pw_elements.meshes import mapped, triangles
+from pw_elements.meshes import move_nodes, triangles
 from study.verification.t_identity import distorted
 from tests.contact.cases import GALERKIN, PW, Elastic, at
 
@@ -84,7 +84,7 @@ def test_quadrature_is_exact_and_no_more_than_that(make_mesh, state, method):
 
 
 def test_cells_that_are_no_parallelograms_keep_three_points_a_direction():
-    meshes = quadrilaterals(), mapped(quadrilaterals(), distorted)
+    meshes = quadrilaterals(), move_nodes(quadrilaterals(), distorted)
     bodies = [Body(PW(mesh), MATERIAL, "plane strain") for mesh in meshes]
     degrees = [b.stiffness().integrals()[0].metadata()["quadrature_degree"] for b in bodies]
     assert degrees == [3, 5]

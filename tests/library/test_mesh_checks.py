@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 
 from pw_elements import Body, Material, Spaces
 from pw_elements.checks import DegenerateMesh, check_mesh, meshes
-from pw_elements.meshes import curved
-from tests.library.random_meshes import SEEDS, Grid, grids, structured
+from pw_elements.meshes import curved_mesh
+from tests.library.random_meshes import SEEDS, Grid, grids, structured_grid
 from tests.parallel import PROJECT, run_on
 
 LINES = np.linspace(0.0, 1.0, 4)
@@ -42,7 +42,7 @@ ONE_SIDE = "lie on the same side of a facet as their neighbour"
 
 def box(cell, counts, low, high):
     ends = zip(low, high, counts, strict=True)
-    return structured(cell, [np.linspace(a, b, n + 1) for a, b, n in ends], 1)
+    return structured_grid(cell, [np.linspace(a, b, n + 1) for a, b, n in ends], 1)
 
 
 def together(*grids):
@@ -146,7 +146,7 @@ def refused(mesh):
 @given(SEEDS, st.floats(0.0, 0.6), st.sampled_from(["triangle", "tetrahedron"]))
 def test_simplices_that_fill_a_box_more_than_once_are_refused_and_no_others(seed, by, cell):
     dim = 2 if cell == "triangle" else 3
-    grid = structured(cell, [LINES] * dim, seed)
+    grid = structured_grid(cell, [LINES] * dim, seed)
     inner = np.all((grid.x > 0.01) & (grid.x < 0.99), axis=1)
     rng = np.random.default_rng(seed)
     x = grid.x + inner[:, None] * by * rng.uniform(-1, 1, grid.x.shape)
@@ -159,7 +159,7 @@ def test_simplices_that_fill_a_box_more_than_once_are_refused_and_no_others(seed
 
 @given(SEEDS, st.floats(0.0, 0.5))
 def test_quadrilaterals_are_refused_unless_convex_and_beside_each_other(seed, by):
-    grid = structured("quadrilateral", [LINES] * 2, seed)
+    grid = structured_grid("quadrilateral", [LINES] * 2, seed)
     rng = np.random.default_rng(seed)
     x = grid.x + by * rng.uniform(-1, 1, grid.x.shape)
     a, b, c, d = np.swapaxes(x[grid.cells], 0, 1)
@@ -182,7 +182,9 @@ def test_two_bodies_are_refused_if_a_centre_at_the_side_of_one_is_in_the_other(s
     turn = rng.uniform(0, 2 * np.pi)
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     shift = far * np.array([np.cos(angle), np.sin(angle)])
-    one, two = (structured("triangle", [np.linspace(-0.5, 0.5, n + 1)] * 2, seed) for n in (4, 3))
+    one, two = (
+        structured_grid("triangle", [np.linspace(-0.5, 0.5, n + 1)] * 2, seed) for n in (4, 3)
+    )
     placed = two.x @ R.T + shift
 
     def rim(x, cells):
@@ -205,7 +207,7 @@ def test_two_bodies_are_refused_if_a_centre_at_the_side_of_one_is_in_the_other(s
 
 @given(grids(("triangle", "quadrilateral", "tetrahedron", "hexahedron")))
 def test_boxes_in_smooth_images_pass(grid):
-    bent = curved(grid.mesh(), lambda x: x + 0.01 * np.sin(3 * x[:, [1, 2, 0]]))
+    bent = curved_mesh(grid.mesh(), lambda x: x + 0.01 * np.sin(3 * x[:, [1, 2, 0]]))
     for mesh in (grid.mesh(), bent):
         check_mesh(mesh)
 

@@ -21,7 +21,7 @@ from pw_elements.elasticity.incompressibility import (
     has_straight_cells,
     max_bulk_over_shear,
 )
-from pw_elements.meshes import curved, triangles
+from pw_elements.meshes import curved_mesh, triangles
 from tests.contact.cases import at_large_strains, neo_hookean
 from tests.library.near_incompressible import DIVISIONS, distorted_mesh, samples
 
@@ -65,7 +65,7 @@ def skewed_box():
 MESHES = {  # mesh, nu without and nu with a word of singular stiffnesses
     "straight triangles": (lambda: distorted_mesh("triangle", 2, 0.2, 0), 0.49999, None),
     "straight, of degree 2": (
-        lambda: curved(distorted_mesh("triangle", 2, 0.2, 0), lambda x: x),
+        lambda: curved_mesh(distorted_mesh("triangle", 2, 0.2, 0), lambda x: x),
         0.49999,
         None,
     ),
@@ -103,10 +103,10 @@ def test_straight_and_parallel_cells_are_recognised():
     for cell in DIVISIONS:
         straight = distorted_mesh(cell, 2, 0.2, 0)
         assert has_straight_cells(straight)
-        assert has_straight_cells(curved(straight, lambda x: x))
+        assert has_straight_cells(curved_mesh(straight, lambda x: x))
         assert not has_straight_cells(distorted_mesh(cell, 2, 1e-3, 0, mid_nodes=True))
     assert has_parallel_cells(skewed_box())
-    assert has_parallel_cells(curved(skewed_box(), lambda x: x))
+    assert has_parallel_cells(curved_mesh(skewed_box(), lambda x: x))
     assert not has_parallel_cells(distorted_mesh("hexahedron", 2, 0.01, 0))
 
 

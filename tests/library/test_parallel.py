@@ -33,7 +33,7 @@ from pw_elements.algebra import symmetric_part
 from pw_elements.contact import ContactPair, Plane, Sphere, solve_contact, solve_impact
 from pw_elements.contact.system import krylov
 from pw_elements.elasticity import StressState, nodal_load
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from pw_elements.solvers import iterative
 from study.discretisation import discretise, mass_left
 from study.verification.t_identity import distorted
@@ -93,7 +93,7 @@ def beam(comm, method):
 
 def identity(comm):
     """The transfer of the standard element's forces gives the new one's; and a layered block."""
-    mesh = mapped(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
+    mesh = move_nodes(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
     galerkin, pw = (Elastic(mesh, method, "plane stress") for method in (GALERKIN, PW))
     shared = force_transfer(galerkin.space).matMult(galerkin.K)
     assert (shared - pw.K).norm() < 1e-14 * pw.K.norm()
@@ -105,7 +105,7 @@ def identity(comm):
 def element(comm, name):
     def build(cell):
         make = quadrilaterals if cell == "quadrilateral" else triangles
-        return mapped(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), distorted)
+        return move_nodes(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), distorted)
 
     body = discretise(name, build, Material(1.0, 0.3), StressState.PLANE_STRESS)
     U, K = body.space, body.K
@@ -151,7 +151,7 @@ def rubber(comm):
 
 def hybrid(comm, state):
     square = triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6))
-    mesh = box(comm) if state == "solid" else mapped(square, distorted)
+    mesh = box(comm) if state == "solid" else move_nodes(square, distorted)
     body = Elastic(mesh, Spaces.hybrid, state, 2e9, 0.5)
     f = body.weight([3e6] * body.dim)
     f.axpy(1.0, nodal_load(body.space, at(0, 0.0), [2e6] * body.dim))

@@ -10,7 +10,7 @@ from dolfinx.mesh import CellType, create_box, create_rectangle
 from matplotlib.figure import Figure
 
 from pw_elements import Body, Material, Spaces, draw
-from pw_elements.meshes import curved, triangles
+from pw_elements.meshes import curved_mesh, triangles
 
 COMM = MPI.COMM_SELF
 
@@ -77,7 +77,7 @@ def test_of_a_ball_what_is_seen_is_a_disc(axes):
         size = np.linalg.norm(x, axis=1, keepdims=True)
         return x * np.abs(x).max(axis=1, keepdims=True) / np.where(size > 0, size, 1)
 
-    draw(curved(box, ball), axes=axes, view=(17, 33))
+    draw(curved_mesh(box, ball), axes=axes, view=(17, 33))
     assert sum(area(p) for p, _ in filled(axes)) == pytest.approx(np.pi, rel=0.02)
 
 

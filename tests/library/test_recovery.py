@@ -18,7 +18,7 @@ from pw_elements import (
     solve,
 )
 from pw_elements.elasticity import by_position
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
 from tests.library.properties import rim_of, unit_mesh
 
@@ -36,7 +36,7 @@ PLANE = [
 def uneven(build=triangles, method=PW, state="plane stress", thickness=1.0):
     """A block 2 x 1 with cells of uneven width."""
     mesh = build(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
-    mesh = mapped(mesh, lambda x: x + 0.1 * np.sin(3 * x[:, :1]) * [1, 0, 0])
+    mesh = move_nodes(mesh, lambda x: x + 0.1 * np.sin(3 * x[:, :1]) * [1, 0, 0])
     return Elastic(mesh, method, state, 10.0, thickness=thickness)
 
 
@@ -133,7 +133,7 @@ def test_transferred_loads_are_those_of_the_weights(cell):
         mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 2, 1)], (2, 3, 2), cell)
     else:
         mesh = create_rectangle(MPI.COMM_SELF, [(0, 0), (1, 2)], (2, 3), cell)
-    mapped(mesh, lambda x: x + 0.1 * x[:, [1, 0, 2]] * np.array([1.0, -0.5, 0.0]))
+    move_nodes(mesh, lambda x: x + 0.1 * x[:, [1, 0, 2]] * np.array([1.0, -0.5, 0.0]))
     state = "solid" if dim == 3 else "plane strain"
     bodies = [Elastic(mesh, method, state) for method in (GALERKIN, PW)]
     everywhere = lambda x: np.full(x.shape[1], True)  # noqa: E731

@@ -39,7 +39,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import ContactState, Surface
 from pw_elements.elasticity import StressState, nodal_load
-from pw_elements.meshes import PATTERNS, mapped, quadrilaterals, triangles
+from pw_elements.meshes import DIAGONAL_PATTERNS, move_nodes, quadrilaterals, triangles
 from study.elements import composite, serendipity
 from tests.contact.polyline import Polyline
 
@@ -141,7 +141,7 @@ def sketch(seed: int) -> Sketch:
     if rest == "composite" and state == "axisymmetric":
         rest = "galerkin"
     element = _pick(rng, {"petrov_galerkin": 0.5, "galerkin": 0.3}, rest=rest)
-    pattern = str(rng.choice(PATTERNS))
+    pattern = str(rng.choice(DIAGONAL_PATTERNS))
     low, high = {
         "triangle": ((4, 2), (8, 4)) if pattern == "crossed" else ((6, 3), (12, 6)),
         "quadrilateral": ((6, 3), (15, 9)),
@@ -437,7 +437,7 @@ class _Maker:
             for axis in range(dim)
             for end in (0, 1)
         }
-        return mapped(mesh, self._image), facets
+        return move_nodes(mesh, self._image), facets
 
     def _image(self, x: Array) -> Array:
         """Of the unit box: waves inside of it, its crown, and its size."""

@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction
-from pw_elements.arrays import Array, Indices, Local, Mask
-from pw_elements.checks import answer, arguments, collective, listed
+from pw_elements.arrays import Array, Indices, LocalIndices, Mask
+from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
 from pw_elements.contact.interface.mortar import Overlap, Trace, gathered_trace
 from pw_elements.contact.interface.operators import (
     DEFORMABLE,
@@ -43,7 +43,7 @@ from pw_elements.contact.model import (
     with_step,
 )
 from pw_elements.elasticity import StressState, by_position, facet_nodes, facets_between
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
     Assembled,
     Part,
@@ -114,15 +114,15 @@ class BodyNodes:
         if known is not None and StressState.AXISYMMETRIC.value in known.states:
             self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _ON_AXIS * self.diagonal
 
-    def owned(self, whose: str, nodes: Part) -> Local:
+    def owned(self, whose: str, nodes: Part) -> LocalIndices:
         given = nodes_of(self.given, whose, nodes)
         return given[given < self.space.dofmap.index_map.size_local]
 
-    def refuse(self, node: Local, what: str) -> None:
+    def refuse(self, node: LocalIndices, what: str) -> None:
         """Raises a ValueError that names the positions of nodes, if there are any."""
         places = np.concatenate(self.space.mesh.comm.allgather(self.x[node]))
         if len(places):
-            raise ValueError(f"contact nodes at {listed(places)} {what}")
+            raise ValueError(f"contact nodes at {format_points(places)} {what}")
 
 
 def nodal_interface(
@@ -203,8 +203,10 @@ def _warn_of_coarse_steps(interface: Interface) -> None:
         if not isinstance(surface, SignedDistance):
             continue
         x = interface.gathered(interface.position[interface.pair == k])
-        with collective(comm):
-            error = answer(comm, f"the surface of contact pair {k}", step_error, surface, x)
+        with collective_errors(comm):
+            error = call_user_function(
+                comm, f"the surface of contact pair {k}", step_error, surface, x
+            )
         if error > MAX_STEP_ERROR:
             words = (
                 f"contact pair {k}: half the step of differences, {surface.step:.3g}, changes the "
@@ -212,10 +214,10 @@ def _warn_of_coarse_steps(interface: Interface) -> None:
                 "likewise. Give a smaller step (a small part of the smallest radius), none, or "
                 "the gradient"
             )
-            told(comm, logging.WARNING, words, ".contact")
+            log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-def _tell_of_lone(name: str, node: Local, body: BodyNodes) -> None:
+def _tell_of_lone(name: str, node: LocalIndices, body: BodyNodes) -> None:
     """Logs nodes that have no pressure, which files and pictures refuse when all is solved."""
     comm, own = body.space.mesh.comm, body.space.dofmap.index_map
     every = np.concatenate(comm.allgather(own.local_to_global(node)))
@@ -225,14 +227,14 @@ def _tell_of_lone(name: str, node: Local, body: BodyNodes) -> None:
     places = np.concatenate(comm.allgather(lone))
     if len(places):
         words = (
-            f"{name}: its nodes at {listed(places)} belong to no facet that has all "
+            f"{name}: its nodes at {format_points(places)} belong to no facet that has all "
             "of its nodes in the pair: they may bear forces, but have no pressure, and "
             "ContactFields, write and plot will refuse the states. Let the pair end at vertices"
         )
-        told(comm, logging.WARNING, words, ".contact")
+        log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-def _check_nodes(body: BodyNodes, node: Local) -> None:
+def _check_nodes(body: BodyNodes, node: LocalIndices) -> None:
     unique, times = np.unique(node, return_counts=True)
     body.refuse(unique[times > 1], "belong to two contact pairs: leave a facet between them")
     mesh = body.space.mesh
@@ -241,7 +243,7 @@ def _check_nodes(body: BodyNodes, node: Local) -> None:
     facets = exterior_facet_indices(mesh.topology)
     on_boundary = fem.locate_dofs_topological(body.space, facet, facets)
     body.refuse(node[~np.isin(node, on_boundary)], "lie inside of the body, not on its boundary")
-    with collective(mesh.comm):
+    with collective_errors(mesh.comm):
         if np.any(body.column[node] < -1):
             raise ValueError(
                 "the reduction combines the displacements of a contact node with others: it may "
@@ -254,7 +256,7 @@ def _depth(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Array | 
     depth = pair.interference
     if not getattr(pair.surface, "coincident", False):
         return None
-    if not arguments.is_function(depth):
+    if not arguments.is_user_function(depth):
         return np.full(len(x), float(depth))  # type: ignore[arg-type]
     return _at_nodes(comm, f"the interference of contact pair {number}", depth, x)
 
@@ -270,11 +272,11 @@ def _at_nodes(
     points = np.zeros((3, len(every)))
     points[: x.shape[1]] = every.T
     layout = "it takes points as columns (3, n) and gives (n,)"
-    with collective(comm):
-        given = answer(comm, whose, function, points) if len(every) else points[0]
+    with collective_errors(comm):
+        given = call_user_function(comm, whose, function, points) if len(every) else points[0]
         if arguments.is_number(given):  # the same everywhere
             given = np.full(len(every), given, dtype=float)
-        return arguments.field(whose, given, (len(every),), layout)[own]
+        return arguments.check_function_values(whose, given, (len(every),), layout)[own]
 
 
 def _revolved(number: int, master: DeformableSurface, known: Assembled, dim: int) -> bool:
@@ -326,7 +328,7 @@ def free_columns(right: PETSc.Mat) -> Indices:
     return column
 
 
-def _points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) -> Points:
+def _points(body: BodyNodes, node: LocalIndices, cone: Cone, opposite: Indices | None) -> Points:
     """Points at owned nodes; `opposite` has the global numbers of the nodes that they face."""
     dim = body.x.shape[1]
     own = (node + body.space.dofmap.index_map.local_range[0]).astype(np.int64)
@@ -352,7 +354,12 @@ def _points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) 
 
 
 def opposite_nodes(
-    number: int, matching: MatchingNodes, node: Local, theirs: Local, rough: Mask, body: BodyNodes
+    number: int,
+    matching: MatchingNodes,
+    node: LocalIndices,
+    theirs: LocalIndices,
+    rough: Mask,
+    body: BodyNodes,
 ) -> Indices:
     """Global number (m,) of the node of the opposite side that each of a pair's nodes faces.
 
@@ -401,7 +408,7 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
 
 
 def _sides(
-    number: int, pair: ContactPair, node: Local, body: BodyNodes
+    number: int, pair: ContactPair, node: LocalIndices, body: BodyNodes
 ) -> tuple[Indices, Trace, Trace]:
     """Global numbers of a pair's owned nodes (m,), and both sides of it, with what they must be."""
     space, master, who = body.space, pair.surface, f"contact pair {number}"
@@ -418,8 +425,8 @@ def _sides(
     body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
     if len(places := one.edges()):
         raise ValueError(
-            f"{who} has an edge at {listed(places)}, where its normal would belong to neither "
-            "side: state each side as a pair of its own, one with the nodes of the edge"
+            f"{who} has an edge at {format_points(places)}, where its normal would belong to "
+            "neither side: state each side as a pair of its own, one with the nodes of the edge"
         )
     return own, one, other
 
@@ -431,7 +438,7 @@ _APART = (
 
 
 def sliding_points(
-    number: int, pair: ContactPair, node: Local, cone: Cone, body: BodyNodes, revolved: bool
+    number: int, pair: ContactPair, node: LocalIndices, cone: Cone, body: BodyNodes, revolved: bool
 ) -> tuple[Points, InitialGap, SlidingMortar]:
     """Points at the owned nodes (m,) of a pair of bodies that slide, as they are at first."""
     own, one, other = _sides(number, pair, node, body)
@@ -449,7 +456,7 @@ def sliding_points(
     return points, InitialGap(body.x[node], gap, met.normals[among]), mortar
 
 
-def _facing(own: Indices, node: Local, other: Trace, body: BodyNodes) -> dict[str, Any]:
+def _facing(own: Indices, node: LocalIndices, other: Trace, body: BodyNodes) -> dict[str, Any]:
     x = other.positions_of_nodes()
     order, held = by_position(x), _prescribed(other.nodes, body)
     counterpart = np.full(body.x[node].shape, -1, dtype=np.int64)
@@ -468,7 +475,7 @@ def _facing(own: Indices, node: Local, other: Trace, body: BodyNodes) -> dict[st
 def mortar_points(
     number: int,
     pair: ContactPair,
-    node: Local,
+    node: LocalIndices,
     cone: Cone,
     body: BodyNodes,
     revolved: bool,
@@ -491,7 +498,7 @@ def mortar_points(
             "face; let the finer mesh be the pair's, or the opposite body's forces may have either "
             "sign"
         )
-        told(comm, logging.WARNING, words, ".contact")
+        log_on_root(comm, logging.WARNING, words, ".contact")
     m, dim = len(node), body.x.shape[1]
     shape = m, body.field.sizes[1] // dim
     area = overlap.per_point(np.ones(len(overlap.measure)), m)
@@ -544,7 +551,7 @@ def _tell_of_noise(number: int, squares: Array, gap: Array, body: BodyNodes, edg
     sums = np.array([np.sum(left), np.sum(gap[pressed]), len(left)])
     total, depth, count = comm.allreduce(sums, MPI.SUM)
     if np.sqrt(total * count) * body.diagonal > -_NOISE * edge * depth:
-        told(comm, logging.WARNING, _OF_MESHES % number, ".contact")
+        log_on_root(comm, logging.WARNING, _OF_MESHES % number, ".contact")
 
 
 def _prescribed(node: Indices, body: BodyNodes) -> Mask:

@@ -25,7 +25,7 @@ import scipy.sparse as sp
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
-from pw_elements.arrays import Array, Indices, Local
+from pw_elements.arrays import Array, Indices, LocalIndices
 from pw_elements.elasticity import facets_in_cells
 
 # Nodes of the sub-facets of a facet of so many nodes: vertices first, then the middles of edges,
@@ -144,7 +144,7 @@ class Trace:
         return self.x.reshape(-1, self.dim)[first]
 
 
-def gathered_trace(space: fem.FunctionSpace, facets: Local) -> Trace:
+def gathered_trace(space: fem.FunctionSpace, facets: LocalIndices) -> Trace:
     """Exterior facets (local numbers) of all processes."""
     nodes, x, outward = flat_facets(space, facets)
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
@@ -152,7 +152,9 @@ def gathered_trace(space: fem.FunctionSpace, facets: Local) -> Trace:
     return Trace(*(np.concatenate(part) for part in parts))
 
 
-def flat_facets(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Array, Array]:
+def flat_facets(
+    space: fem.FunctionSpace, facets: LocalIndices
+) -> tuple[LocalIndices, Array, Array]:
     """Nodes (f, k) of exterior facets, their positions, and outward unit normals as if flat."""
     dim, (cells, places) = space.mesh.topology.dim, facets_in_cells(space, facets)
     behind = space.dofmap.list[cells]

@@ -23,7 +23,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import answer, arguments, collective, listed
+from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     CLOSED_FORMS,
@@ -192,17 +192,17 @@ class Interface:
         if force is not None:
             slope, difference, unlike = self.cone.slopes(force)
             rises = self.cone.rises_at(force)
-        with collective(self.comm):
-            answer(self.comm, "a law of friction", self.cone.tell)
+        with collective_errors(self.comm):
+            call_user_function(self.comm, "a law of friction", self.cone.tell)
         if force is None:
             return
-        with collective(self.comm):
+        with collective_errors(self.comm):
             if unlike.any():
                 k = int(unlike.argmax())
                 raise ValueError(
                     f"the law of friction of contact pair {self.pair[k]} gives the slope "
                     f"{slope[k]:.6g} at the normal force {force[k]:.6g} of the node at "
-                    f"{listed(self.position[[k]])}, but differences of its limit give "
+                    f"{format_points(self.position[[k]])}, but differences of its limit give "
                     f"{difference[k]:.6g}: return the limit's derivative by the force"
                 )
             if rises.any():
@@ -210,8 +210,8 @@ class Interface:
                 raise ValueError(
                     f"the law of friction of contact pair {self.pair[k]} has a coefficient, the "
                     f"limit over the normal force, that rises up to the normal force {force[k]:.6g}"
-                    f" of the node at {listed(self.position[[k]])}, or there: it may stay or fall, "
-                    "so that its slope at zero bounds it"
+                    f" of the node at {format_points(self.position[[k]])}, or there: it may stay "
+                    "or fall, so that its slope at zero bounds it"
                 )
 
     @cached_property
@@ -259,10 +259,10 @@ class Interface:
         places = self.gathered(self.position[wrong.any(axis=1)])
         if len(places):
             raise ValueError(
-                f"contact nodes at {listed(places)} have a displacement along the surface that "
-                "supports prescribe, but what they face is not moved in the same way: friction "
-                "between two bodies is not known there. Prescribe the same of both sides, leave "
-                "these nodes free, or make the body that is dragged along a rigid surface"
+                f"contact nodes at {format_points(places)} have a displacement along the surface "
+                "that supports prescribe, but what they face is not moved in the same way: "
+                "friction between two bodies is not known there. Prescribe the same of both sides, "
+                "leave these nodes free, or make the body that is dragged along a rigid surface"
             )
 
     def _check_sides(self) -> None:
@@ -281,7 +281,7 @@ class Interface:
         """Raises NoContactStated, with the positions of points, if there are any."""
         places = self.gathered(self.position[wrong])
         if len(places):
-            raise NoContactStated(f"contact nodes at {listed(places)} {what}")
+            raise NoContactStated(f"contact nodes at {format_points(places)} {what}")
 
     def gathered(self, values: npt.NDArray) -> npt.NDArray:
         return np.concatenate(self.comm.allgather(values))
@@ -427,12 +427,14 @@ class Interface:
             for k, surface in enumerate(self.surfaces)
             if k not in self.mortars and type(surface) not in KNOWN_BODIES
         ]
-        with collective(self.comm):
+        with collective_errors(self.comm):
             for k, surface, points in users:
                 if not isinstance(surface, RigidBody) or not len(points):
                     continue
                 whose = f"the closest points of the surface of contact pair {k}"
-                wrong = answer(self.comm, whose, wrong_derivatives, surface, points, step)
+                wrong = call_user_function(
+                    self.comm, whose, wrong_derivatives, surface, points, step
+                )
                 if wrong:
                     raise ValueError(f"{whose} have the {wrong}: correct it")
 
@@ -462,14 +464,16 @@ class Interface:
                 points, own = gather_points(self.comm, x[mine])
             if len(points):
                 pairs.append((k, mine, points, own))
-        with collective(self.comm):
+        with collective_errors(self.comm):
             for k, mine, points, own in pairs:
                 whose = f"the {name} of the surface of contact pair {k}"
-                given = answer(self.comm, whose, getattr(self.surfaces[k], what), points)
+                given = call_user_function(
+                    self.comm, whose, getattr(self.surfaces[k], what), points
+                )
                 each = given if len(answers) > 1 else (given,)
                 for values, known in zip(answers, each, strict=True):
                     shape = (len(points), *values.shape[1:])
-                    values[mine] = arguments.field(whose, known, shape, layout)[own]
+                    values[mine] = arguments.check_function_values(whose, known, shape, layout)[own]
 
 
 def gather_points(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:

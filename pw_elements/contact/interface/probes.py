@@ -14,12 +14,12 @@ import numpy as np
 
 from pw_elements.arrays import Array
 from pw_elements.checks import (
-    ROUND_OFF,
-    answer,
+    RANK_DIFFERENCE_TOLERANCE,
     arguments,
-    collective,
-    compare_numbers,
-    spread_rows,
+    call_user_function,
+    check_same_values,
+    collective_errors,
+    evenly_spaced_rows,
 )
 from pw_elements.contact.interface.operators import InitialGap, Interface
 from pw_elements.contact.model import ContactPair, RigidBody, Surface
@@ -50,7 +50,7 @@ def compare_pairs(
                 f"the friction of contact pair {k}": probe_friction(interface, k, pair),
                 f"the interference of contact pair {k}": probe_interference(interface, k, pair),
             }
-        compare_numbers(interface.comm, values, ROUND_OFF)
+        check_same_values(interface.comm, values, RANK_DIFFERENCE_TOLERANCE)
 
 
 def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
@@ -75,7 +75,7 @@ def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
 
 def probe_friction(interface: Interface, number: int, pair: ContactPair) -> Array:
     """Return coefficients of a pair's law at some of its nodes, under many forces; collective."""
-    x = spread_rows(interface.in_order(number, interface.position), _NODES)
+    x = evenly_spaced_rows(interface.in_order(number, interface.position), _NODES)
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
 
@@ -90,9 +90,9 @@ def probe_friction(interface: Interface, number: int, pair: ContactPair) -> Arra
 def probe_interference(interface: Interface, number: int, pair: ContactPair) -> Array:
     """Return the depths of a pair's interference at some of its nodes; collective."""
     depth: Any = pair.interference
-    if not arguments.is_function(depth):
+    if not arguments.is_user_function(depth):
         return np.array([float(depth)])
-    x = spread_rows(interface.in_order(number, interface.position), _NODES)
+    x = evenly_spaced_rows(interface.in_order(number, interface.position), _NODES)
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
     whose = f"the interference of contact pair {number}"
@@ -104,15 +104,15 @@ def _evaluate_or_nan(
 ) -> list[Array]:
     """Return the arrays that a function gives; NaN where it raises an error on all processes."""
     values, error = [np.array(np.nan)], None
-    with collective(comm), np.errstate(all="ignore"):
+    with collective_errors(comm), np.errstate(all="ignore"):
         try:
-            given = answer(comm, whose, function, x)
+            given = call_user_function(comm, whose, function, x)
             parts = given if isinstance(given, tuple) else (given,)
             values = [np.asarray(part, dtype=float) for part in parts]
         except Exception as raised:  # of whatever kind: it is a user's
             error = raised
     failed = comm.allreduce(int(error is not None), MPI.SUM)
-    with collective(comm):
+    with collective_errors(comm):
         if error is not None and failed < comm.size:
             raise error
     return values

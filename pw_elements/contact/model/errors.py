@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pw_elements.arrays import Array
-from pw_elements.checks import listed
+from pw_elements.checks import format_points
 from pw_elements.contact.model.state import ContactState
 from pw_elements.solvers import SingularSystem
 
@@ -103,7 +103,7 @@ class NotFound(ContactFailed):
             words: with one {}.
             places: (k, dim), undeformed.
         """
-        return cls(words.format(listed(places)))
+        return cls(words.format(format_points(places)))
 
 
 class Cycling(NotFound):

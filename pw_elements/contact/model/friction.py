@@ -131,7 +131,9 @@ class Cone:
             return limit, slope
         words = "it gives the limits and their slopes, (n,) each"
         names = ("the limit of friction", limit), ("its slope", slope)
-        return tuple(arguments.field(name, one, force.shape, words) for name, one in names)  # type: ignore[return-value]
+        return tuple(
+            arguments.check_function_values(name, one, force.shape, words) for name, one in names
+        )  # type: ignore[return-value]
 
     @cached_property
     def has_user_law(self) -> bool:

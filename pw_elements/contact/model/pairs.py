@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx.mesh import MeshTags
 
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, refused_together
+from pw_elements.checks import arguments, defer_errors_if_parallel
 from pw_elements.contact.model.friction import Coulomb, Friction
 from pw_elements.contact.model.surfaces import Surface, unit
 from pw_elements.spaces import Part
@@ -44,7 +44,7 @@ class Motion:
     rotation: float | None = 0.0
     torque: float = 0.0
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
         for name in ("translation", "force"):
             given = getattr(self, name)
@@ -58,9 +58,9 @@ class Motion:
             who, way, push = f"component {k} of a motion", "translation", "force"
             if k == len(self.translation):
                 who, way, push = "a motion", "rotation", "torque"
-            arguments.number(f"{who}'s {push}", pushed)
+            arguments.check_number(f"{who}'s {push}", pushed)
             if moved is not None:
-                arguments.number(f"{who}'s {way}", moved)
+                arguments.check_number(f"{who}'s {way}", moved)
             if moved is not None and pushed:
                 raise ValueError(
                     f"{who} has a {way} and a {push}: one of them follows from the other"
@@ -105,16 +105,16 @@ class MatchingNodes:
     shape: Surface
     offset: Sequence[float] | None = None
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
         _check_part("nodes", self.nodes, "MatchingNodes(nodes, shape)")
         if not _is_surface(self.shape):
             raise TypeError(
-                f"the shape of matching nodes is {arguments.described(self.shape)}: it has to be a "
+                f"the shape of matching nodes is {arguments.describe(self.shape)}: it has to be a "
                 "surface, with a gap and a normal"
             )
         if self.offset is not None:
-            arguments.vector("the offset of matching nodes", self.offset)
+            arguments.check_vector("the offset of matching nodes", self.offset)
 
 
 @dataclass(frozen=True)
@@ -153,12 +153,12 @@ class DeformableSurface:
     revolved: bool | None = None
     coincident: bool = False
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
         _check_part("facets", self.where, "DeformableSurface(where)")
         if self.revolved is not None:
-            arguments.flag("revolved", self.revolved)
-        arguments.flag("coincident", self.coincident)
+            arguments.check_flag("revolved", self.revolved)
+        arguments.check_flag("coincident", self.coincident)
 
 
 @dataclass(frozen=True)
@@ -199,24 +199,24 @@ class ContactPair:
     pivot: Sequence[float] | None = None
     axis: Sequence[float] | None = None
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
         _check_part("nodes", self.nodes, "ContactPair(nodes, surface)")
         bodies = (MatchingNodes, DeformableSurface)
         if self.pivot is not None and isinstance(self.surface, bodies):
             raise ValueError("a body has no pivot: what turns it are its supports")
-        if (0 if self.pivot is None else len(arguments.vector("the pivot", self.pivot))) == 3:
-            unit(list(arguments.vector("the axis of a pivot in space", self.axis, 3)))
+        if (0 if self.pivot is None else len(arguments.check_vector("the pivot", self.pivot))) == 3:
+            unit(list(arguments.check_vector("the axis of a pivot in space", self.axis, 3)))
         elif self.axis is not None:
             raise ValueError("an axis belongs to a pivot in space")
         if not (isinstance(self.surface, bodies) or _is_surface(self.surface)):
             raise TypeError(
-                f"the surface of a contact pair is {arguments.described(self.surface)}: it has to "
+                f"the surface of a contact pair is {arguments.describe(self.surface)}: it has to "
                 "have a gap and a normal, or to be a DeformableSurface or MatchingNodes"
             )
         mu = self.law.mu if isinstance(self.law, Coulomb) else 0.0
         if isinstance(mu, type) or not (
-            arguments.is_function(mu) or (arguments.is_number(mu) and 0 <= float(mu) < np.inf)  # type: ignore[arg-type]
+            arguments.is_user_function(mu) or (arguments.is_number(mu) and 0 <= float(mu) < np.inf)  # type: ignore[arg-type]
         ):
             raise ValueError(
                 f"friction = {mu!r}: it has to be a number that is finite and not negative, a "
@@ -228,11 +228,15 @@ class ContactPair:
                 "the interference is a depth where sides are coincident, whose own gaps do not "
                 "count, and True or False elsewhere"
             )
-        if not (arguments.is_function(self.interference) or isinstance(self.interference, bool)):
-            arguments.number("the interference", self.interference)
+        if not (
+            arguments.is_user_function(self.interference) or isinstance(self.interference, bool)
+        ):
+            arguments.check_number("the interference", self.interference)
         motions = tuple(arguments.as_list(self.motions))
         for motion in motions:
-            arguments.of_type("a motion of a contact pair", motion, Motion, "it has to be a Motion")
+            arguments.check_type(
+                "a motion of a contact pair", motion, Motion, "it has to be a Motion"
+            )
         object.__setattr__(self, "motions", motions)
 
     @property
@@ -248,7 +252,7 @@ class ContactPair:
         Args:
             dim: of space; J is zero where there is no pivot.
         """
-        arguments.whole("dim", dim, 2)
+        arguments.check_integer("dim", dim, 2)
         if self.pivot is None:
             return np.zeros(dim), np.zeros((dim, dim))
         axis = (0.0, 0.0, 1.0) if self.axis is None else unit(self.axis)
@@ -271,7 +275,7 @@ def _check_part(name: Literal["nodes", "facets"], part: object, call: str) -> No
             use = f"those of the tagged facets, fem.locate_dofs_topological(space, tags.dim, {use})"
         raise TypeError(f"tags are given in place of {name}: use {use}")
     listed = isinstance(part, Sequence | np.ndarray) and not isinstance(part, str)
-    if not (arguments.is_function(part) or listed):
+    if not (arguments.is_user_function(part) or listed):
         raise TypeError(
-            f"the {name} are {arguments.described(part)}: give a marker, numbers or a mask"
+            f"the {name} are {arguments.describe(part)}: give a marker, numbers or a mask"
         )

@@ -13,7 +13,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import arguments, refused_together
+from pw_elements.checks import arguments, defer_errors_if_parallel
 
 Points = Array
 
@@ -36,7 +36,7 @@ MAX_STEP_ERROR = 1e-5
 
 def unit(direction: Sequence[float]) -> Array:
     """The unit vector (dim,) along a direction; a ValueError if that has no finite length."""
-    along = arguments.vector("direction", direction)
+    along = arguments.check_vector("direction", direction)
     length = np.linalg.norm(along)
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"direction {list(direction)}: needs a finite length")
@@ -91,9 +91,9 @@ class Plane:
     point: Sequence[float]
     direction: Sequence[float]
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        arguments.vector("the point of a plane", self.point)
+        arguments.check_vector("the point of a plane", self.point)
         unit(self.direction)
 
     def gap(self, x: Points) -> Array:
@@ -131,10 +131,10 @@ class Parabola:
     apex: Sequence[float]
     radius: float
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        arguments.vector("the apex of a parabola", self.apex)
-        if arguments.number("radius", self.radius) == 0:
+        arguments.check_vector("the apex of a parabola", self.apex)
+        if arguments.check_number("radius", self.radius) == 0:
             raise ValueError(f"radius = {self.radius}: a parabola needs one that is not zero")
 
     def gap(self, x: Points) -> Array:
@@ -164,10 +164,10 @@ class Sphere:
     centre: Sequence[float]
     radius: float
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        arguments.vector("the centre of a sphere", self.centre)
-        arguments.positive("radius", self.radius)
+        arguments.check_vector("the centre of a sphere", self.centre)
+        arguments.check_positive("radius", self.radius)
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim) from the sphere."""
@@ -215,11 +215,11 @@ class FlatPunch:
     direction: Sequence[float]
     half_width: float
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        arguments.vector("the centre of a punch", self.centre)
+        arguments.check_vector("the centre of a punch", self.centre)
         unit(self.direction)
-        arguments.positive("half_width", self.half_width)
+        arguments.check_positive("half_width", self.half_width)
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim) from the face; infinite beside it."""
@@ -258,14 +258,14 @@ class SignedDistance:
     gradient: Callable[[Points], Points] | None = None
     step: float | None = None
 
-    @refused_together
+    @defer_errors_if_parallel
     def __post_init__(self) -> None:
         for name in ("function", "gradient"):
             given = getattr(self, name)
-            if not (arguments.is_function(given) or (name == "gradient" and given is None)):
+            if not (arguments.is_user_function(given) or (name == "gradient" and given is None)):
                 raise TypeError(f"{name} = {given!r}: has to be a function of points (n, dim)")
         if self.step is not None:
-            arguments.positive("step", self.step)
+            arguments.check_positive("step", self.step)
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim), at first order."""
@@ -333,7 +333,7 @@ class SignedDistance:
 
     def _values(self, x: Points) -> Array:
         layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
-        return arguments.field(
+        return arguments.check_function_values(
             "the function of a signed distance", self.function(x), (len(x),), layout
         )
 
@@ -342,7 +342,9 @@ class SignedDistance:
         if self.gradient is not None:
             layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
             given = self.gradient(x)
-            return arguments.field("the gradient of a signed distance", given, x.shape, layout)
+            return arguments.check_function_values(
+                "the gradient of a signed distance", given, x.shape, layout
+            )
         steps, here = self._step(x) * np.eye(x.shape[1]), self._values(x)
         slopes = [_differences(self._values, x, here, h) for h in steps]
         return np.asarray(np.array(slopes).T, dtype=float)

@@ -22,7 +22,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.arrays import Array, Local, Mask
+from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.contact.model import Cone, projected
 
 OPEN, STICK, SLIP = 0, 1, 2
@@ -353,7 +353,7 @@ class LinearisedKinematics:
         held_tangents: (m, dim - 1), along which supports hold a point, and friction acts.
     """
 
-    pair: Local
+    pair: LocalIndices
     torque_map: TorqueMap
     v0: Array
     q0: Array

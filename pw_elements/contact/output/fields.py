@@ -24,8 +24,14 @@ import scipy.sparse as sp
 import ufl
 from dolfinx import fem, io
 
-from pw_elements.arrays import Array, Indices, Local
-from pw_elements.checks import arguments, collective, listed, same_everywhere, sizes_of
+from pw_elements.arrays import Array, Indices, LocalIndices
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments,
+    collective_errors,
+    format_points,
+    vector_sizes,
+)
 from pw_elements.contact.interface import Overlap, SlidingMortar, Trace, gathered_trace, whole_areas
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import HELD, OPEN
@@ -196,8 +202,8 @@ def _surface(number: int, pair: PairState, body: Body, space: fem.FunctionSpace)
     if not np.array_equal(surface.node, pair.node):
         lone = pair.position[~np.isin(pair.node, surface.node)]
         raise ValueError(
-            f"contact pair {number}: its nodes at {listed(lone)} belong to no facet that has all "
-            "of its nodes in the pair, so that they have no pressure: let the pair end at "
+            f"contact pair {number}: its nodes at {format_points(lone)} belong to no facet that "
+            "has all of its nodes in the pair, so that they have no pressure: let the pair end at "
             "vertices, or give it the nodes of whole facets, fem.locate_dofs_topological"
         )
     return surface
@@ -282,7 +288,7 @@ class ContactFields:
     body: Body | None = None
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def of(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
         """Functions with the values of a state; every process calls it.
 
@@ -323,7 +329,7 @@ class ContactFields:
         fields.fill(state)
         return fields
 
-    @same_everywhere
+    @check_same_arguments
     def fill(self, state: ContactState) -> None:
         """Gives the functions the values of another state.
 
@@ -410,7 +416,7 @@ class ContactFields:
                     block = out.function_space.dofmap.index_map_bs
                     out.x.array.reshape(-1, block)[at] = values[mine].reshape(-1, block)
 
-    @same_everywhere
+    @check_same_arguments
     def indicator(self) -> fem.Function:
         """Error indicator, one value per cell, which says where to refine the contact surfaces.
 
@@ -477,7 +483,7 @@ def _spread(
             array[here[here >= 0]] = sign * columns[here >= 0]
 
 
-def _here(space: fem.FunctionSpace, nodes: Indices) -> Local:
+def _here(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
     """Local numbers (m,) of nodes, ghosts too; -1 for those of other processes, and no nodes."""
     local = space.dofmap.index_map.global_to_local(np.maximum(nodes, 0))
     return np.where(nodes < 0, -1, local)
@@ -485,18 +491,18 @@ def _here(space: fem.FunctionSpace, nodes: Indices) -> Local:
 
 def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
     kinds = (Body, fem.FunctionSpace)
-    arguments.of_type("body", body, kinds, "it has to be a Body, or its trial space")
+    arguments.check_type("body", body, kinds, "it has to be a Body, or its trial space")
     if not isinstance(body, Body):
-        arguments.space(body)
+        arguments.check_space(body)
     return SubSpace.displacements(body.spaces.trial if isinstance(body, Body) else body).space
 
 
 def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
     first, last = space.dofmap.index_map.local_range
     x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
-    with collective(space.mesh.comm):
-        arguments.of_type("state", state, ContactState, _STATE)
-        alike = state.displacement.getSizes() == sizes_of(space)
+    with collective_errors(space.mesh.comm):
+        arguments.check_type("state", state, ContactState, _STATE)
+        alike = state.displacement.getSizes() == vector_sizes(space)
         for pair in state.pairs if alike else ():
             mine = (pair.node >= first) & (pair.node < last)
             away = np.abs(x[pair.node[mine] - first] - pair.position[mine])
@@ -505,7 +511,7 @@ def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
             raise ValueError("the state belongs to another space, or other processes, than this")
 
 
-@same_everywhere
+@check_same_arguments
 def write(
     path: str | Path,
     states: ContactState | Sequence[ContactState],
@@ -539,20 +545,20 @@ def write(
     path, space = checked_path(path), _trial(body)
     states = arguments.as_list(states)
     comm = space.mesh.comm
-    with collective(comm):
+    with collective_errors(comm):
         for state in states:
-            arguments.of_type("a state", state, ContactState, _STATE)
+            arguments.check_type("a state", state, ContactState, _STATE)
         increments = [float(s.increment) for s in states]
-        given = increments if times is None else list(arguments.vector("times", times))
+        given = increments if times is None else list(arguments.check_vector("times", times))
         _check_series(path, states, given, space)
     replacement = FolderReplacement(path, _SERIES, durable=True)
-    with collective(comm):
+    with collective_errors(comm):
         if comm.rank == 0:
             replacement.start()
     try:
         fields = ContactFields.of(states[0], body)
         needed = _estimated_size(fields, len(states))
-        with collective(comm):
+        with collective_errors(comm):
             if comm.rank == 0:
                 _check_room(replacement.scratch, needed, path)
         folder = comm.bcast(replacement.folder if comm.rank == 0 else None)
@@ -560,7 +566,7 @@ def write(
             for time, state in zip(given, states, strict=True):
                 fields.fill(state)
                 file.write(float(time))
-        with collective(comm):
+        with collective_errors(comm):
             if comm.rank == 0:
                 replacement.commit()
     finally:
@@ -613,7 +619,7 @@ def _ending_together(comm: MPI.Comm) -> Iterator[None]:
         if error is not None and waited > _PATIENCE:
             print(f"writing failed on process {comm.rank} alone: {error}", file=sys.stderr)
             comm.Abort(1)
-    with collective(comm):
+    with collective_errors(comm):
         if error is not None:
             raise error
 

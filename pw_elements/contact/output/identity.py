@@ -180,11 +180,11 @@ def _compare(
 def check_changed(changed: object) -> None:
     """Raise TypeError or ValueError for anything but things that `refuse_another` takes."""
     remedy = "give a list of names, constants and functions"
-    arguments.of_type("changed", changed, (list, tuple, set, frozenset), remedy)
+    arguments.check_type("changed", changed, (list, tuple, set, frozenset), remedy)
     assert isinstance(changed, Collection)
     for one in changed:
         kinds = (str, fem.Constant, fem.Function)
-        arguments.of_type("what has changed", one, kinds, remedy)
+        arguments.check_type("what has changed", one, kinds, remedy)
         if isinstance(one, str) and one not in CHANGEABLE:
             raise ValueError(f"changed {one!r}: the names are {', '.join(CHANGEABLE)}")
 

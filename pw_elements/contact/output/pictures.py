@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from scipy.sparse import csgraph
 
 from pw_elements.arrays import Indices
-from pw_elements.checks import arguments, collective, same_everywhere
+from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.output.fields import SideResults, check_state, mortar_sides, own_results
@@ -33,7 +33,7 @@ _ORANGE = "#D55E00"
 _INVISIBLE = 1e-3
 
 
-@same_everywhere
+@check_same_arguments
 def plot(
     state: ContactState,
     body: Body,
@@ -74,16 +74,16 @@ def plot(
     """
     import matplotlib.pyplot as plt
 
-    arguments.of_type("body", body, Body, "pressures need the body's surface measure")
-    arguments.flag("opposite", opposite)
-    arguments.of_type("unit", unit, str, 'it has to be a string, such as "MPa"')
-    with collective(body.spaces.mesh.comm):
+    arguments.check_type("body", body, Body, "pressures need the body's surface measure")
+    arguments.check_flag("opposite", opposite)
+    arguments.check_type("unit", unit, str, 'it has to be a string, such as "MPa"')
+    with collective_errors(body.spaces.mesh.comm):
         check_axes(axes)
     check_state(state, body.spaces.displacements.trial)
     dim = body.spaces.mesh.geometry.dim
-    if arguments.whole("pair", pair, 0) >= len(state.pairs):
+    if arguments.check_integer("pair", pair, 0) >= len(state.pairs):
         raise ValueError(f"pair {pair}: the state has {len(state.pairs)}, counted from 0")
-    if along is not None and (dim == 3 or arguments.whole("along", along, 0) > 1):
+    if along is not None and (dim == 3 or arguments.check_integer("along", along, 0) > 1):
         raise ValueError(f"along = {along}: lines in the plane run along coordinate 0 or 1")
     surface, side = _side(pair, state, body, opposite)
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes

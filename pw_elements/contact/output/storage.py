@@ -17,7 +17,7 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, collective
+from pw_elements.checks import arguments, collective_errors
 from pw_elements.contact.interface import extents, midpoints_around
 from pw_elements.contact.model import (
     ContactPair,
@@ -89,7 +89,7 @@ def write_state(
         arrays |= {f"{_PROBLEM}{name}": values for name, values in identity.items()}
         arrays["state"] = np.array(json.dumps(numbers))
         arrays["digest"] = _digest(arrays)
-    with collective(comm):
+    with collective_errors(comm):
         if arrays:
             try:
                 _write(path, arrays)
@@ -126,7 +126,7 @@ def read_state(
     arrays: dict[str, npt.NDArray] = {}
     numbers: dict[str, Any] = {}
     pairs: list[dict[str, Any]] = []
-    with collective(comm):
+    with collective_errors(comm):
         if comm.rank == 0:
             arrays, numbers, pairs = _read(path, dim)
             if missing := [name for name, _, _ in parts if name not in arrays]:
@@ -143,7 +143,7 @@ def read_state(
     length = _LARGEST_MOTION * float(np.linalg.norm(extents(comm, space.mesh.geometry.x)))
     largest = Scale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
     fields = fields_of(space)
-    with collective(comm):
+    with collective_errors(comm):
         if comm.rank == 0:
             today = np.argsort(rows["displacement"])
             moved = arrays["displacement"][rows["displacement"]]
@@ -209,7 +209,7 @@ def _read(
 
 
 def checked_path(path: str | Path) -> Path:
-    arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
+    arguments.check_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
     if "\0" in str(path):
         raise ValueError(f"the path {str(path)!r} has a null character, which no file's name has")
     return Path(path)
@@ -240,7 +240,7 @@ def _handed_out(
     """
     comm, nearest = space.mesh.comm, np.empty(0, dtype=np.intp)
     given, parts = comm.gather(_places(space)), None
-    with collective(comm):
+    with collective_errors(comm):
         if stored is not None and values is not None:
             places = np.concatenate(given)
             wrong = stored.shape != places.shape
@@ -252,7 +252,7 @@ def _handed_out(
                 raise ValueError(f"{path} has the state of another mesh")
             shape = len(stored), space.dofmap.index_map_bs
             try:
-                arguments.real_array(name, values, shape)
+                arguments.check_real_array(name, values, shape)
             except ValueError as error:
                 raise ValueError(f"{path} holds no contact state: {error}") from None
             rows = np.split(nearest, np.cumsum([len(each) for each in given])[:-1])

@@ -56,7 +56,7 @@ def check_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
     if numbers["smallness"] is not None:
         _check_sizes("smallness", numbers["smallness"], Smallness)
     report = _mapping("report", numbers["report"], SolverReport)
-    arguments.of_type("the method of the report", report["method"], str, "it is a name")
+    arguments.check_type("the method of the report", report["method"], str, "it is a name")
     for name in ("factorisations", "krylov_iterations"):
         _check_count(name, report[name])
 
@@ -151,7 +151,7 @@ def _check_count(name: str, value: object) -> None:
 
 
 def _list(name: str, value: object) -> list[Any]:
-    arguments.of_type(name, value, list, "it is a list")
+    arguments.check_type(name, value, list, "it is a list")
     assert isinstance(value, list)
     return value
 
@@ -165,5 +165,5 @@ def _mapping(name: str, value: object, kind: type) -> dict[str, Any]:
 
 def _check_sizes(name: str, value: object, kind: type) -> None:
     for part, number in _mapping(name, value, kind).items():
-        if arguments.number(f"{part} of {name}", number) < 0:
+        if arguments.check_number(f"{part} of {name}", number) < 0:
             raise ValueError(f"{part} of {name} is {number}: it is not negative")

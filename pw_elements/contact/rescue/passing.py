@@ -14,7 +14,7 @@ from dolfinx.mesh import Mesh
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import collective, listed
+from pw_elements.checks import collective_errors, format_points
 from pw_elements.contact.interface import Interface, SlidingReference
 from pw_elements.contact.model import SurfacePassed
 from pw_elements.contact.nodes import RigidSurfaceMotion
@@ -63,7 +63,7 @@ def refuse_tools_through_supports(
             ]
         )
         count, other = int(fixed.sum()), interface.first_nodes[k]
-        with collective(interface.comm), np.errstate(all="ignore"):
+        with collective_errors(interface.comm), np.errstate(all="ignore"):
             asked = [surface.gap(x if count else other) for x in seen]
             gaps: Array = np.array([np.asarray(one, dtype=float)[:count] for one in asked])
         gaps = np.where(np.isnan(gaps), np.inf, gaps)
@@ -73,7 +73,7 @@ def refuse_tools_through_supports(
         if len(places):
             raise SurfacePassed(
                 f"the motion of the surface of contact pair {k} leads it through the supports at "
-                f"{listed(places)}: it passes through the body; end it before"
+                f"{format_points(places)}: it passes through the body; end it before"
             )
         room = _NO_ROOM * extent
         reached = np.flatnonzero((least <= room) & (gaps[0] > room))
@@ -87,7 +87,7 @@ def refuse_tools_through_supports(
         if len(places):
             raise SurfacePassed(
                 f"the motion of the surface of contact pair {k} leads it up to the supports at "
-                f"{listed(places)}: no room is left for the body between both; end it before"
+                f"{format_points(places)}: no room is left for the body between both; end it before"
             )
 
 
@@ -117,7 +117,7 @@ def _find_crushed(
     x = interface.gathered(interface.position[mine])
     of_node = interface.gathered(pieces.number[interface.own_nodes[mine]])
     spacing = float(cKDTree(x).query(x, 2)[0][:, 1].max()) if len(x) > 1 else 0.0
-    with collective(comm), np.errstate(all="ignore"):
+    with collective_errors(comm), np.errstate(all="ignore"):
         # a user's surface may communicate: all processes ask it
         asked = interface.surfaces[pair].normal(seen if len(seen) else interface.first_nodes[pair])
         normal = np.asarray(asked, dtype=float)[: len(seen)]

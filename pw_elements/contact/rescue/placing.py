@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import collective
+from pw_elements.checks import collective_errors
 from pw_elements.contact.interface import OUTWARDS, ROUND_OFF, Interface
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.spaces import of_owners
@@ -180,7 +180,7 @@ def _follow_tool(
         for y in (moved, ahead)
     )
     gap, normal = np.full(seen.shape[:2], np.inf), np.zeros(seen.shape)
-    with collective(comm), np.errstate(all="ignore"):
+    with collective_errors(comm), np.errstate(all="ignore"):
         if len(x):
             points = seen.reshape(-1, x.shape[1])
             gap = np.asarray(surface.gap(points), dtype=float).reshape(gap.shape)

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import collective, listed
+from pw_elements.checks import collective_errors, format_points
 from pw_elements.contact.iteration import (
     ActiveSetUpdate,
     Increment,
@@ -50,7 +50,7 @@ from pw_elements.contact.nodes import (
     is_same_set,
 )
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 from pw_elements.solvers import NotConverged, SingularSystem, SolverReport, together
 
 # Stiffness of the first and of the softest springs, over the points' own
@@ -238,7 +238,7 @@ def prove_no_equilibrium(
     points = gather_points(increment, kinematics, works)
     error: NoEquilibrium | None = None
     comm = increment.system.comm
-    with collective(comm):
+    with collective_errors(comm):
         if comm.rank == 0:
             error = _proved(points, basis, work, size, rigid.modes)
     return comm.bcast(error)
@@ -369,7 +369,7 @@ def _contacts(points: Points, velocity: Array) -> str:
 def _amount(centre: Array, missing: MissingForce) -> str:
     words = []
     for k in range(len(centre)):
-        place = listed(centre[k : k + 1])
+        place = format_points(centre[k : k + 1])
         on = f" on the body around {place}" if len(centre) > 1 else ""
         if missing.force[k].any():
             words.append(f"a force of {_numbers(missing.force[k])}{on}")
@@ -421,7 +421,7 @@ def solve_with_springs(
     q, stiffness, softening, n_failures = linearised.q0, _FIRST, _SOFTER, 0
     previous: ActiveSet | None = None
     words = f"by springs, for what {left():.0f} linear systems take at most"
-    told(comm, logging.INFO, words, ".contact")
+    log_on_root(comm, logging.INFO, words, ".contact")
     while stiffness > _SOFTEST and n_failures < _FAILURES and left() > 0:
         held_by_springs = with_springs(stiffness, unknowns, q)
         update = ActiveSetUpdate(_no_free_motions, increment.interface)
@@ -435,7 +435,9 @@ def solve_with_springs(
                 after_iteration=_say_nothing,
             )
         except ContactFailed as failed:
-            told(comm, logging.INFO, f"not with springs of {stiffness:.0e}: {failed}", ".contact")
+            log_on_root(
+                comm, logging.INFO, f"not with springs of {stiffness:.0e}: {failed}", ".contact"
+            )
             n_failures, softening = n_failures + 1, max(_LEAST, softening**_SLOWER)
             stiffness *= _STIFFER
             continue
@@ -455,11 +457,11 @@ def solve_with_springs(
                     max_iterations=at_most(_CONFIRMED),
                     after_iteration=_say_nothing,
                 )
-                told(comm, logging.INFO, f"solved by springs of {stiffness:.0e}", ".contact")
+                log_on_root(comm, logging.INFO, f"solved by springs of {stiffness:.0e}", ".contact")
                 return solution
             except ContactFailed as failed:
                 words = f"not from springs of {stiffness:.0e}: {failed}"
-                told(comm, logging.INFO, words, ".contact")
+                log_on_root(comm, logging.INFO, words, ".contact")
                 if state.violation <= 1:
                     if isinstance(failed.__cause__, SingularSystem):
                         force = increment.max_over_ranks(np.abs(state.force))

@@ -16,7 +16,7 @@ from scipy.linalg import qr
 from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import listed
+from pw_elements.checks import format_points
 from pw_elements.contact.interface import free_columns
 from pw_elements.contact.model import Free
 from pw_elements.contact.nodes import (
@@ -107,7 +107,9 @@ class RigidModes:
         """What moves how in a motion (modes,), in words."""
         translation, turning, surface = self.parts(motion)
         nothing, words = NOTHING * np.abs(motion).max(), []
-        around = [f" around {listed(self.centre[k : k + 1])}" for k in range(len(self.centre))]
+        around = [
+            f" around {format_points(self.centre[k : k + 1])}" for k in range(len(self.centre))
+        ]
         for k, place in enumerate(around):
             who = f"the body{place if len(around) > 1 else ''}"
             if np.abs(turning[k]).max(initial=0.0) > nothing:
@@ -124,10 +126,10 @@ class RigidModes:
         v, w = np.pad(moved, (0, 3 - dim)), np.pad(turned, (3 - len(turned), 0))
         pole = self.centre[k] + self.length[k] * np.cross(w, v)[:dim] / (w @ w)
         if dim == 2:
-            return f"rotation about {listed(pole[None])}"
+            return f"rotation about {format_points(pole[None])}"
         axis = direction(w * np.sign(w[np.argmax(np.abs(w))]))
         along = " with a translation along it" if abs(v @ w) > NOTHING * (w @ w) else ""
-        return f"rotation about the axis along {axis} through {listed(pole[None])}{along}"
+        return f"rotation about the axis along {axis} through {format_points(pole[None])}{along}"
 
 
 def direction(vector: Array) -> str:
@@ -136,7 +138,7 @@ def direction(vector: Array) -> str:
     main = int(np.argmax(np.abs(vector)))
     if np.linalg.norm(np.delete(vector, main)) <= NOTHING:
         return ("-" if vector[main] < 0 else "") + _AXES[main]
-    return listed(vector[None])
+    return format_points(vector[None])
 
 
 class RigidMotions:

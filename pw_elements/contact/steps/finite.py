@@ -22,7 +22,12 @@ from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, equilibrated, masked, prescribed
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import answer, arguments, collective, pieces_of
+from pw_elements.checks import (
+    arguments,
+    call_user_function,
+    collective_errors,
+    connected_components,
+)
 from pw_elements.contact.interface import ROUND_OFF, nodal_interface
 from pw_elements.contact.iteration import (
     CellGuard,
@@ -82,7 +87,7 @@ from pw_elements.contact.steps.verification import (
 )
 from pw_elements.contact.system import ContactSystem
 from pw_elements.elasticity import REMEDY, TangentWatch
-from pw_elements.progress import doing, told
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
 from pw_elements.spaces import is_hybrid
 
@@ -161,7 +166,7 @@ class FiniteStepping:
                 "the surface of a deformed body is not free to move besides its displacements: "
                 "give it a translation, or the body supports and loads"
             )
-        with doing(interface.comm, f"contact increment {state.increment}"):
+        with report_activity(interface.comm, f"contact increment {state.increment}"):
             reporter = Reporter(interface.comm, state.increment, self._callback)
             system = self._system_for(end.free)
             before = system.n_solved, system.report
@@ -174,7 +179,7 @@ class FiniteStepping:
             pieces = self._count_pieces(start, end, path)
             if pieces > 1:
                 words = f"in {pieces} parts, as slip is not seen from its ends alone"
-                told(interface.comm, logging.INFO, words, ".contact")
+                log_on_root(interface.comm, logging.INFO, words, ".contact")
 
             def part(
                 now: ContactState,
@@ -186,7 +191,7 @@ class FiniteStepping:
                 self._apply(load, share)
                 if not state.increment and now is state:
                     forces = self._body.forces().norm(PETSc.NormType.INFINITY)
-                    arguments.check_range("the load of the undeformed body", forces)
+                    arguments.check_magnitude("the load of the undeformed body", forces)
                 try:
                     target = interpolate(start, end, share)
                     solution = self._solve_part(now, target, system, reporter, patient, begin)
@@ -196,7 +201,9 @@ class FiniteStepping:
 
             parts: list[tuple[float, ContactState]] = []
             if begin is not None:
-                told(interface.comm, logging.INFO, "without contact, as all is clear", ".contact")
+                log_on_root(
+                    interface.comm, logging.INFO, "without contact, as all is clear", ".contact"
+                )
                 clear = partial(part, begin=begin)
                 parts, failure = solve_in_substeps(clear, state, (1.0, 1.0, 1.0))
             sizes = (1 / pieces, _SMALLEST / pieces, 2.0)
@@ -327,7 +334,7 @@ class FiniteStepping:
     def _piece(self) -> Indices:
         """Number (owned nodes,) of the connected piece that each node belongs to."""
         dofmap = self.space.dofmap
-        number, _ = pieces_of(self.interface.comm, dofmap.index_map, dofmap.list)
+        number, _ = connected_components(self.interface.comm, dofmap.index_map, dofmap.list)
         return number[: len(self._positions)]
 
     def release(self) -> None:
@@ -551,16 +558,16 @@ class FiniteStepping:
             function.x.array[:] = values
 
     def _apply(self, load: Loading | None, share: float) -> None:
-        with collective(self.interface.comm) as same:
+        with collective_errors(self.interface.comm) as same:
             if load is not None:
                 with self.coefficients.note_changes():
-                    answer(self.interface.comm, "the load", load, share)
+                    call_user_function(self.interface.comm, "the load", load, share)
             same["the constants and conditions"] = self._constants, self._conditions
 
     def _updated(self) -> tuple[Array, ...]:
         if self._update is not None:
-            with collective(self.interface.comm):
-                answer(self.interface.comm, "the update of the history", self._update)
+            with collective_errors(self.interface.comm):
+                call_user_function(self.interface.comm, "the update of the history", self._update)
                 for k, function in enumerate(self.history):
                     if not np.isfinite(function.x.array).all():
                         raise ValueError(

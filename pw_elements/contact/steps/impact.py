@@ -14,14 +14,20 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction, check_load, check_problem, critical_step, diagonal_mass
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import answer, arguments, check_mesh, collective, same_everywhere
+from pw_elements.checks import (
+    arguments,
+    call_user_function,
+    check_mesh,
+    check_same_arguments,
+    collective_errors,
+)
 from pw_elements.contact.interface import Interface, free_columns, nodal_interface
 from pw_elements.contact.iteration import make_pair_states
 from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.contact.steps.smallness import Gradients, SmallnessCheck, log_large
-from pw_elements.progress import doing
+from pw_elements.progress import report_activity
 from pw_elements.solvers import is_blocked
 from pw_elements.spaces import Assembled
 
@@ -199,7 +205,7 @@ class ImpactHistory:
     frame_times: tuple[float, ...]
 
 
-@same_everywhere
+@check_same_arguments
 def solve_impact(
     K: PETSc.Mat,
     M: PETSc.Mat,
@@ -258,14 +264,14 @@ def solve_impact(
     start = {"the velocity": velocity}
     if displacement is not None:
         start["the displacement"] = displacement
-    constant = {} if load is None or arguments.is_function(load) else {"the load": load}
+    constant = {} if load is None or arguments.is_user_function(load) else {"the load": load}
     check_problem({"the stiffness": K, "the mass": M}, start, constant, (reduction,), space)
     comm = space.mesh.comm
-    arguments.positive("duration", duration)
+    arguments.check_positive("duration", duration)
     if step is not None:
-        arguments.positive("step", step)
-    arguments.whole("frames", frames, 0)
-    arguments.whole("max_steps", max_steps, 1)
+        arguments.check_positive("step", step)
+    arguments.check_integer("frames", frames, 0)
+    arguments.check_integer("max_steps", max_steps, 1)
     check_mesh(space.mesh)
     critical = critical_step(K, M, reduction)
     if step is None:
@@ -290,7 +296,7 @@ def solve_impact(
     march.reach = SmallnessCheck(interface, space).finest
     kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
-    with doing(comm, f"{steps} steps of time"):
+    with report_activity(comm, f"{steps} steps of time"):
         for n in range(1, steps + 1):
             contact = march.advance()
             if n in kept or n == steps:
@@ -453,8 +459,8 @@ class _March:
             return np.asarray(given.array_r)
         if given is None:
             return np.zeros_like(self._mass)
-        with collective(self._comm):
-            load = answer(self._comm, "the load", given, time)
+        with collective_errors(self._comm):
+            load = call_user_function(self._comm, "the load", given, time)
         check_load(f"the load at the time {time:.6g}", load, self._K)
         return np.asarray(load.array_r)
 
@@ -464,11 +470,13 @@ class _March:
         each = np.zeros((len(self._paths), dim))
         if not any(self._paths):
             return each
-        with collective(comm) as same:
+        with collective_errors(comm) as same:
             for k, path in enumerate(self._paths):
                 if path is not None:
                     whose = f"the path of contact pair {k}"
-                    each[k] = arguments.vector(whose, answer(comm, whose, path, time), dim)
+                    each[k] = arguments.check_vector(
+                        whose, call_user_function(comm, whose, path, time), dim
+                    )
             same["the paths"] = each
         return each
 
@@ -477,7 +485,7 @@ def _masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
     """Masses (n,) on this process, the same for all components of a node."""
     mass = diagonal_mass(M).array_r.copy()
     of_node = mass.reshape(-1, space.dofmap.index_map_bs)
-    with collective(space.mesh.comm):
+    with collective_errors(space.mesh.comm):
         if np.any(np.ptp(of_node, axis=1) > _EQUAL * of_node[:, 0]):
             raise ValueError(
                 "the masses of a node's components differ: friction has no direction then"
@@ -488,7 +496,7 @@ def _masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
 def _free(reduction: Reduction) -> Mask:
     """Which unknowns (n,) of this process no support holds."""
     column = free_columns(reduction.right)
-    with collective(reduction.offset.comm.tompi4py()):
+    with collective_errors(reduction.offset.comm.tompi4py()):
         if reduction.inner is not None or np.any(column < -1):
             raise ValueError("explicit dynamics takes Dirichlet conditions, no condensation")
     return np.asarray(column >= 0)

@@ -16,7 +16,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load, check_problem
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, check_mesh, collective, same_everywhere
+from pw_elements.checks import arguments, check_mesh, check_same_arguments, collective_errors
 from pw_elements.contact.interface import check_weights, free_columns
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import (
@@ -48,7 +48,7 @@ from pw_elements.contact.steps.sensitivity import (
     parts_of,
 )
 from pw_elements.contact.steps.stepping import MAX_COST_RATIO, REMEDIES, Callback, Remedy, Stepping
-from pw_elements.progress import doing, told
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     Direct,
     LinearSolver,
@@ -78,9 +78,9 @@ def checked_problem(
     callback: Callback | None = None,
 ) -> tuple[ContactPair, ...]:
     """The pairs of a problem, one or several, that make one with all else."""
-    arguments.space(space)
-    arguments.whole("max_iterations", max_iterations, 1)
-    with collective(space.mesh.comm):  # only some processes may have one
+    arguments.check_space(space)
+    arguments.check_integer("max_iterations", max_iterations, 1)
+    with collective_errors(space.mesh.comm):  # only some processes may have one
         _check_function("callback", callback, "it has to be a function")
     stated = _each(pairs, ContactPair, "a contact pair")
     check_problem({"the stiffness": K}, reductions=(reduction,), space=space, solver=solver)
@@ -114,7 +114,9 @@ def checked_remedies(remedies: Remedies) -> dict[Remedy, float]:
     if not named or any(one not in REMEDIES for one in remedies):
         raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}")
     some = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MAX_COST_RATIO)
-    return {k: arguments.positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some}
+    return {
+        k: arguments.check_positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some
+    }
 
 
 def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
@@ -123,7 +125,7 @@ def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> No
         surface, wrong = pair.surface, ""
         if getattr(surface, "gradient", True) is None:
             words = f"contact pair {k}: differences stand in for a gradient function"
-            told(space.mesh.comm, logging.WARNING, words, ".contact")
+            log_on_root(space.mesh.comm, logging.WARNING, words, ".contact")
         if pair.interference:
             wrong = (
                 "it has interference, which small displacements only can have: start with the "
@@ -165,7 +167,7 @@ def _each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
     """Things of a kind, one or several."""
     things = arguments.as_list(given)
     for thing in things:
-        arguments.of_type(what, thing, kind, f"it has to be a {kind.__name__}")
+        arguments.check_type(what, thing, kind, f"it has to be a {kind.__name__}")
     return things
 
 
@@ -178,8 +180,8 @@ def _of_pairs(what: str, given: Any, pairs: int) -> list:  # noqa: ANN401
 
 
 def _check_function(name: str, given: object, remedy: str) -> None:
-    if not (given is None or arguments.is_function(given)):
-        raise TypeError(f"{name} is {arguments.described(given)}: {remedy}")
+    if not (given is None or arguments.is_user_function(given)):
+        raise TypeError(f"{name} is {arguments.describe(given)}: {remedy}")
 
 
 def _check_motions(
@@ -229,7 +231,7 @@ class ContactProblem:
     _has_residual = False
     _histories: Sequence[fem.FunctionSpace] = ()  # spaces of the functions that belong to a state
 
-    @same_everywhere
+    @check_same_arguments
     def __init__(
         self,
         K: PETSc.Mat,
@@ -265,7 +267,7 @@ class ContactProblem:
         )
 
     @classmethod
-    @same_everywhere
+    @check_same_arguments
     def of_residual(
         cls,
         residual: ufl.Form,
@@ -324,7 +326,7 @@ class ContactProblem:
             update=update,
         )
 
-    @same_everywhere
+    @check_same_arguments
     def step(
         self,
         state: ContactState,
@@ -390,7 +392,7 @@ class ContactProblem:
             self.release()
             self._stepping, self._seen = self._by(solver=self._stepping.solver), self._K.stateGet()
 
-    @same_everywhere
+    @check_same_arguments
     def sensitivity(
         self,
         states: Sequence[ContactState],
@@ -461,13 +463,13 @@ class ContactProblem:
         self._check_constants(by, out)
         given = None
         if weights is not None:
-            given = arguments.real_array("weights", weights, (steps, len(out)))
+            given = arguments.check_real_array("weights", weights, (steps, len(out)))
         parts = list(parts_of(states, loads or [None] * steps))
         made = increments.interface, increments.linearise, self._residual
         derivatives = Derivatives(*made, parts, out, by)
         return derivatives.direct() if given is None else derivatives.adjoint(given)
 
-    @same_everywhere
+    @check_same_arguments
     def release(self) -> None:
         """Frees what the solver holds, on all processes; the next step makes it anew."""
         self._increments.release()
@@ -497,7 +499,7 @@ class ContactProblem:
         interface, states = self._increments.interface, self.undeformed.pairs
         return identify_problem(interface, self.pairs, states, column, self._space)
 
-    @same_everywhere
+    @check_same_arguments
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, completely or not at all: a NumPy archive without pickles.
 
@@ -513,7 +515,7 @@ class ContactProblem:
         check_belongs(state, self.undeformed, "the state")
         write_state(path, state, self._space, self._histories, self._identify())
 
-    @same_everywhere
+    @check_same_arguments
     def load(
         self, path: str | Path, changed: Sequence[str | fem.Constant | fem.Function] = ()
     ) -> ContactState:
@@ -564,7 +566,7 @@ class _ResidualProblem(ContactProblem):
         problem = PetrovGalerkinProblem(residual, u, conditions)
         space = u.function_space
         _check_function("update", update, "it has to be a function")
-        with collective(space.mesh.comm) as same:
+        with collective_errors(space.mesh.comm) as same:
             same["the history"] = [
                 getattr(one, "function_space", None) for one in arguments.as_list(history)
             ]
@@ -630,7 +632,7 @@ class _ResidualProblem(ContactProblem):
         return Identity(self._identify_interface(column), residual)
 
 
-@same_everywhere
+@check_same_arguments
 def solve_contact(
     K: PETSc.Mat,
     loads: PETSc.Vec | Sequence[PETSc.Vec],
@@ -684,7 +686,7 @@ def solve_contact(
     states = [problem.undeformed]
     for k, (load, moved) in enumerate(zip(given, moves, strict=True)):
         try:
-            with doing(space.mesh.comm, f"{k} of {len(given)} increments done"):
+            with report_activity(space.mesh.comm, f"{k} of {len(given)} increments done"):
                 states.append(problem.step(states[-1], load, moved))
         except ContactFailed as error:
             error.args = (f"increment {k}: {error}",)

@@ -20,7 +20,7 @@ from ufl.algorithms import expand_derivatives
 
 from pw_elements.algebra import Reduction, is_finite
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, listed
+from pw_elements.checks import arguments, format_points
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactPair, ContactState, Coulomb
@@ -149,9 +149,9 @@ class Linearised:
         places = interface.gathered(interface.position[on_supports])
         if len(places):
             raise ValueError(
-                f"has contact nodes, first at {listed(places)}, with friction along a direction in "
-                "which supports hold them: no derivatives are given of it. Let the pair end before "
-                "these nodes, or take friction away there"
+                f"has contact nodes, first at {format_points(places)}, with friction along a "
+                "direction in which supports hold them: no derivatives are given of it. Let the "
+                "pair end before these nodes, or take friction away there"
             )
         free = nodes.frame[:, 1:].any(axis=2) & ~nodes.held_tangents
         slides = closed & nodes.cone.rough & free.any(axis=1)
@@ -163,9 +163,10 @@ class Linearised:
         places, least = interface.gathered(interface.position[near]), interface.gathered(margin)
         if len(places):
             raise ValueError(
-                f"has contact nodes, first at {listed(places)}, about to change their status: a "
-                f"force of {least.min():.1e} is left, beside the largest one of {largest:.1e}, and "
-                "derivatives differ on either side. Take states a little before or after"
+                f"has contact nodes, first at {format_points(places)}, about to change their "
+                f"status: a force of {least.min():.1e} is left, beside the largest one of "
+                f"{largest:.1e}, and derivatives differ on either side. Take states a little "
+                "before or after"
             )
 
     def change(self, given: Given, before: Change) -> Change:
@@ -423,7 +424,7 @@ def checked_parameters(
                     f'the parameter {parameter!r}: give a constant, ("friction", pair), ("motion", '
                     "pair, rates), (constant, rates) or (vector, rates), in a list"
                 )
-        found.append((parameter, arguments.real_array("rates", rates, shape)))
+        found.append((parameter, arguments.check_real_array("rates", rates, shape)))
     return found
 
 
@@ -449,7 +450,7 @@ def check_constants(
 def check_loads(loads: Sequence[Any], steps: int, of_residual: bool) -> None:
     """Raise unless loads are none, or of a residual: a function or None for each step."""
     remedy = "give a list of functions of the share (0, 1], or nothing"
-    arguments.of_type("loads", loads, (list, tuple), remedy)
+    arguments.check_type("loads", loads, (list, tuple), remedy)
     if not of_residual and len(loads):
         raise ValueError(
             "`loads` are those of a residual; a problem with a stiffness K needs none, its states "
@@ -458,21 +459,21 @@ def check_loads(loads: Sequence[Any], steps: int, of_residual: bool) -> None:
     if len(loads) not in (0, steps):
         raise ValueError(f"{len(loads)} loads for {steps} steps: give the load of each, or none")
     for k, load in enumerate(loads):
-        if not (load is None or arguments.is_function(load)):
+        if not (load is None or arguments.is_user_function(load)):
             raise TypeError(
-                f"the load of step {k} is {arguments.described(load)}: give the function of the "
+                f"the load of step {k} is {arguments.describe(load)}: give the function of the "
                 "share (0, 1] of the increment that `step` had, or None"
             )
 
 
 def _check_vector(name: str, vector: PETSc.Vec, space: fem.FunctionSpace) -> None:
-    arguments.petsc_vector(name, vector, "the space", space)
+    arguments.check_petsc_vector(name, vector, "the space", space)
     if not is_finite(vector):
         raise ValueError(f"{name} is not finite")
 
 
 def _number(given: Any, count: int, what: str) -> int:  # noqa: ANN401
-    if arguments.whole("a number", given, 0) >= count:
+    if arguments.check_integer("a number", given, 0) >= count:
         raise ValueError(f"number {given} of {count} {what}: they count from 0")
     return int(given)
 

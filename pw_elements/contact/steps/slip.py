@@ -5,11 +5,11 @@ import logging
 import numpy as np
 
 from pw_elements.arrays import Array
-from pw_elements.checks import listed
+from pw_elements.checks import format_points
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import OPEN
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 
 # Largest difference of both slips over the larger one
 MAX_DIFFERENCE = 0.1
@@ -44,10 +44,10 @@ class SlipCheck:
                     f"increment {state.increment - 1}, contact pair {k}: slip differs from that "
                     f"of the path by up to {apart[wrong].max():.3g}, more than "
                     f"{MAX_DIFFERENCE:.0%} of it, at {wrong.sum()} contact nodes first at "
-                    f"{listed(pair.position[wrong])}, where friction may be wrong: make smaller "
-                    "increments and compare `PairState.slip` with `path_slip`"
+                    f"{format_points(pair.position[wrong])}, where friction may be wrong: make "
+                    "smaller increments and compare `PairState.slip` with `path_slip`"
                 )
-                told(self._comm, logging.WARNING, words, ".contact")
+                log_on_root(self._comm, logging.WARNING, words, ".contact")
 
 
 def measure_slip_difference(pair: PairState) -> Array:

@@ -15,12 +15,12 @@ from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import collective, listed
+from pw_elements.checks import collective_errors, format_points
 from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, flat_facets
 from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
 from pw_elements.contact.nodes import OPEN, IncrementStart
-from pw_elements.progress import told
+from pw_elements.progress import log_on_root
 from pw_elements.spaces import as_function
 
 # Cells at a time
@@ -87,7 +87,7 @@ def log_large(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm
     ]
     if left:
         words = f"{when} leaves the range of small displacements: {', '.join(left)}"
-        told(comm, logging.WARNING, words, ".contact")
+        log_on_root(comm, logging.WARNING, words, ".contact")
 
 
 class SmallnessCheck:
@@ -173,7 +173,7 @@ class SmallnessCheck:
         pushed = np.zeros_like(interface.position)
         count, other, ended = len(x), interface.first_nodes[k], False
         while not ended:
-            with collective(self._comm):
+            with collective_errors(self._comm):
                 place = x - share[:, None] * way if count else other
                 gap, normal = surface.gap(place)[:count], surface.normal(place)[:count]
                 depth = -(gap + np.sum(normal * before, axis=1))
@@ -207,9 +207,9 @@ class SmallnessCheck:
         places = self._interface.gathered(self._interface.position[wrong])
         if len(places):
             raise SurfacePassed(
-                f"the surface of contact pair {k} {what} {listed(places)}; contact is stated for "
-                "small displacements and surfaces that come from outside: move it less far, or "
-                "round the body in increments that stay clear of it"
+                f"the surface of contact pair {k} {what} {format_points(places)}; contact is "
+                "stated for small displacements and surfaces that come from outside: move it less "
+                "far, or round the body in increments that stay clear of it"
             )
 
 

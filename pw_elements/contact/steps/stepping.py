@@ -24,7 +24,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction, equilibrated, masked
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import collective
+from pw_elements.checks import collective_errors
 from pw_elements.contact.interface import Interface, NoContactStated, nodal_interface
 from pw_elements.contact.iteration import (
     DISPLACEMENT_ROUND_OFF,
@@ -78,7 +78,7 @@ from pw_elements.contact.steps.verification import (
     verify_state,
 )
 from pw_elements.contact.system import Accuracy, ContactSystem
-from pw_elements.progress import doing, told
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     LinearSolver,
     NotConverged,
@@ -234,7 +234,7 @@ def solve_in_substeps(
             current = replace(step(current, share), increment=state.increment + 1)
         except (ContactFailed, NoContactStated, SingularSystem) as failed:
             words = f"not from {reached:.4g} to {share:.4g} of the increment: {failed}"
-            told(state.displacement.comm, logging.INFO, words, ".contact")
+            log_on_root(state.displacement.comm, logging.INFO, words, ".contact")
             size, failure = (share - reached) / 2, (share, failed)
             continue
         reached, size, failure = share, min(growth * size, largest), None
@@ -330,8 +330,8 @@ class Reporter:
 
     def _tell(self, level: int, words: str, now: Progress) -> None:
         """Logs, and calls the user's function: what it raises on one process is raised on all."""
-        told(self._comm, level, f"increment {self._increment}: {words}", ".contact")
-        with collective(self._comm):
+        log_on_root(self._comm, level, f"increment {self._increment}: {words}", ".contact")
+        with collective_errors(self._comm):
             if self._callback is not None:
                 self._callback(now)
 
@@ -388,7 +388,7 @@ class Stepping:
         start_time = perf_counter()
         end = IncrementTarget.from_motions(load, motions, self.interface)
         comm, what = self.interface.comm, f"contact increment {state.increment}"
-        with doing(comm, what):
+        with report_activity(comm, what):
             reporter = Reporter(comm, state.increment, self._callback)
             before = self._cost(end.free)
             try:
@@ -418,7 +418,7 @@ class Stepping:
         left = self._budget("cutback", end.free)
         comm = self.interface.comm
         words = f"in parts, for what {left():.0f} linear systems take at most"
-        told(comm, logging.INFO, words, ".contact")
+        log_on_root(comm, logging.INFO, words, ".contact")
 
         def solve_part(current: ContactState, share: float) -> ContactState:
             return self._solve_part(current, interpolate(start, end, share), reporter, left)
@@ -427,7 +427,7 @@ class Stepping:
         parts, _ = solve_in_substeps(solve_part, state, sizes, lambda: left() > 0)
         reached = parts[-1][0] if parts else 0.0
         words = f"{reached:.4g} of the increment has been solved in {len(parts)} parts"
-        told(comm, logging.INFO, words, ".contact")
+        log_on_root(comm, logging.INFO, words, ".contact")
         return parts
 
     def _budget(self, remedy: Remedy, free: Free) -> Callable[[], float]:

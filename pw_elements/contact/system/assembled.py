@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from pw_elements.arrays import Array, Indices, Local
+from pw_elements.arrays import Array, Indices, LocalIndices
 from pw_elements.contact.nodes import LinearisedLaw
 from pw_elements.contact.system.solution import Accuracy, TangentSolution
 from pw_elements.solvers import LinearSolver
@@ -115,7 +115,7 @@ def with_points(rows: sp.csr_matrix, points: PointRows, border: sp.csr_matrix) -
     return indptr, indices, data
 
 
-def border_columns(free: Sequence[tuple[int, int]], pair: Local, each: int) -> sp.csr_matrix:
+def border_columns(free: Sequence[tuple[int, int]], pair: LocalIndices, each: int) -> sp.csr_matrix:
     """(m each, free translations): ones where one, among each surface's, moves a point."""
     row = [np.flatnonzero(pair == number) * each + axis for number, axis in free]
     rows = np.concatenate([np.empty(0, dtype=np.int64), *row])

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 import numpy as np
 import scipy.sparse as sp
 
-from pw_elements._compat import single_entries
+from pw_elements._compat import single_entry_matrix
 from pw_elements.algebra import Reduction, free_pressure, supported
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import Interface
@@ -136,7 +136,7 @@ class ContactSystem:
     def _assemble_rows(self) -> tuple[sp.csr_matrix, PointRows, CsrArrays]:
         """Return L K, the points' rows, and the matrix that contains them."""
         K, equation, sizes = self.stiffness, self.interface.equation.ravel(), self._force.getSizes()
-        L = single_entries(equation, sizes, self.comm, self._flexible.ravel())
+        L = single_entry_matrix(equation, sizes, self.comm, self._flexible.ravel())
         forces = L.matMult(K)
         if self._spread is not None:
             fixed = self._spread.transposeMatMult(forces)
