@@ -32,7 +32,12 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.contact.rescue import refusals
-from pw_elements.contact.rescue.refusals import Points, escape, proof, proves_imbalance
+from pw_elements.contact.rescue.refusals import (
+    NodeVelocities,
+    find_escape_motion,
+    find_proof,
+    proves_imbalance,
+)
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import triangles
 from pw_elements.solvers import matrices
@@ -333,7 +338,7 @@ def rigid_points(rng, count, dim):
     normal = np.einsum("na,nak->nk", n, modes)
     tangential = modes - n[:, :, None] * normal[:, None]
     no = np.zeros(count, dtype=bool)
-    return Points(np.zeros(count, dtype=int), mu, no, normal, tangential), n, mu, modes
+    return NodeVelocities(np.zeros(count, dtype=int), mu, no, normal, tangential), n, mu, modes
 
 
 def balanced(n, mu, modes, power, directions):
@@ -360,7 +365,7 @@ def test_proof_is_found_where_no_forces_balance_the_loads_and_nowhere_else(seed)
     if rng.random() < 0.6:  # loads that near admissible forces balance
         forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
         power = -np.einsum("nak,na->k", modes, forces) + 0.3 * rng.normal() * power
-    found = proof(points, power, np.abs(power))
+    found = find_proof(points, power, np.abs(power))
     proved = found is not None
     if dim == 2:
         assert proved is not balanced(n, mu, modes, power, np.array([[1.0], [-1.0]]))
@@ -376,7 +381,7 @@ def test_proof_is_found_where_no_forces_balance_the_loads_and_nowhere_else(seed)
         more = 1e-5 * np.abs(power).max()
         assert -missing @ velocity == pytest.approx(power @ velocity, abs=more)
         again = power + missing
-        assert escape(points, again)[0] @ again < more
+        assert find_escape_motion(points, again)[0] @ again < more
 
 
 def test_no_motion_proves_anything_where_forces_balance_the_loads():
@@ -390,9 +395,9 @@ def test_no_motion_proves_anything_where_forces_balance_the_loads():
             forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
             power = -np.einsum("nak,na->k", modes, forces) + 0.3 * rng.normal() * power
         balance = balanced(n, mu, modes, power, np.array([[1.0], [-1.0]]))
-        velocity, _ = escape(points, power)
+        velocity, _ = find_escape_motion(points, power)
         for motion in (rng.normal(size=len(power)), velocity + rng.normal(size=len(power)), power):
-            oversteps = points.clearance(motion).min() < -1e-3
+            oversteps = points.cone_margin(motion).min() < -1e-3
             overstepped += balance and oversteps and power @ motion > 1e-3
             if proves_imbalance(points, power, np.abs(power), motion):
                 proved += 1
@@ -406,12 +411,12 @@ def test_an_escape_that_oversteps_a_cone_proves_nothing(monkeypatch):
     eye = np.eye(2)
     no = np.zeros(1, dtype=bool)
     normal, tangential = np.array([[0.0, 1.0]]), np.array([[eye[0], [0.0, 0.0]]])
-    points = Points(np.zeros(1, dtype=int), np.array([0.5]), no, normal, tangential)
+    points = NodeVelocities(np.zeros(1, dtype=int), np.array([0.5]), no, normal, tangential)
     power = np.array([0.3, -1.0])  # pushed by less than friction, pressed by one
     along = np.array([1.0, 0.0])
-    monkeypatch.setattr(refusals, "escape", lambda *_: (along, np.zeros(2)))
-    assert proof(points, power, np.abs(power)) is None
-    assert proof(replace(points, steepest=np.zeros(1)), power, np.abs(power)) is not None
+    monkeypatch.setattr(refusals, "find_escape_motion", lambda *_: (along, np.zeros(2)))
+    assert find_proof(points, power, np.abs(power)) is None
+    assert find_proof(replace(points, friction_slope=np.zeros(1)), power, np.abs(power)) is not None
 
 
 @pytest.mark.parametrize("blocked", [False, True])

@@ -154,7 +154,7 @@ def singular(*_):
 
 def dragged_off():
     """What process 0 does by itself where the iteration has failed."""
-    with patch("pw_elements.contact.rescue.refusals._proved", singular):
+    with patch("pw_elements.contact.rescue.refusals._combine_proofs", singular):
         return contact(loads=BLOCK.pulled(1e3, 1))
 
 
