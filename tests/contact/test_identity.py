@@ -305,15 +305,15 @@ FORGED = {
     "length of scale is -1": set_part("scale", "length", -1.0),
     "contact pair 0: status has [0, 1, 7]": set_array("status_0", put(7)),
     "contact pair 0: status has the shape": set_array("status_0", lambda v: v.astype(float)),
-    "residuals has not the parts": set_number("residuals", {}),
-    "allowance has not the parts": set_number("allowance", None),
+    "residuals does not have the fields": set_number("residuals", {}),
+    "allowance does not have the fields": set_number("allowance", None),
     "equilibrium of residuals = None": set_part("residuals", "equilibrium", None),
     "displacement is of the type complex128": set_array("displacement", lambda v: v + 0j),
     "displacement of the shape (225, 1)": set_array("displacement", lambda v: v[:, :1]),
     "displacement of the shape (225, 2) and the type float64":
         set_array("displacement", put(np.nan)),
     "a displacement is 1e+30": set_array("displacement", put(1e30)),
-    "contact pair 0: displacement is another": set_array("displacement_0", lambda v: v + 0.01),
+    "contact pair 0: displacement differs": set_array("displacement_0", lambda v: v + 0.01),
     "contact pair 0: force_normal has values that": set_array("force_normal_0", put(np.inf)),
     "contact pair 0: force_normal is 1e+40": set_array("force_normal_0", put(1e40)),
     "contact pair 0: gap has values that are": set_array("gap_0", put(np.nan)),
@@ -334,7 +334,7 @@ FORGED = {
     "orientations [5]": set_number("orientations", [5]),
     "rotation of smallness is -0.1":
         set_number("smallness", {"strain": 0.0, "rotation": -0.1, "slip": 0.0}),
-    "report has not the parts": set_number("report", {"method": "LU"}),
+    "report does not have the fields": set_number("report", {"method": "LU"}),
     "factorisations is '3'": set_part("report", "factorisations", "3"),
     "pairs is 'one'": set_number("pairs", "one"),
 }

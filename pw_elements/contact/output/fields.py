@@ -35,7 +35,7 @@ from pw_elements.checks import (
 from pw_elements.contact.interface import Overlap, SlidingMortar, Trace, gathered_trace, whole_areas
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import HELD, OPEN
-from pw_elements.contact.output.storage import checked_path
+from pw_elements.contact.output.storage import check_path
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, boundary_measure, facets_between
 from pw_elements.files import FolderReplacement
 from pw_elements.spaces import (
@@ -542,7 +542,7 @@ def write(
         RuntimeError: if DOLFINx has been built without ADIOS2.
         OSError: if something else is there, which is not replaced, or there is no room.
     """
-    path, space = checked_path(path), _trial(body)
+    path, space = check_path(path), _trial(body)
     states = arguments.as_list(states)
     comm = space.mesh.comm
     with collective_errors(comm):
