@@ -123,11 +123,11 @@ def test_kernels_of_two_bodies_that_are_wrong_lead_to_no_state(wrong, monkeypatc
 def test_residual_of_the_wrong_sign_is_refused_at_once():
     rubber = Rubber()
     rubber.residual = -rubber.residual
-    with pytest.raises(ValueError, match=r"negative stiffness, -.* wrong one; give -F"):
+    with pytest.raises(ValueError, match=r"negative mean stiffness, -.* wrong; give -F"):
         rubber.touching()
     body = block()
     body.K.scale(-1.0)
-    with pytest.raises(ValueError, match=r"negative stiffness, -.* wrong one; give -K"):
+    with pytest.raises(ValueError, match=r"negative mean stiffness, -.* wrong; give -K"):
         body.solve(floor(), (0.0, -1.0))
 
 
