@@ -250,7 +250,10 @@ def test_what_has_no_derivatives_is_refused_in_words():
         (("radius", 0), "give a constant"),
     ]
     for arguments, words in (
-        ((*known[:3], [case.loads[0]] * 2), "state 2 is not the end of a step from the one before"),
+        (
+            (*known[:3], [case.loads[0]] * 2),
+            "state 2 is not the end of a step from the state before",
+        ),
         ((states[:1], *known[1:]), "give the states at the start and at the end"),
         *(((*known[:2], [one], case.loads), words) for one, words in parameters),
         *(((states, [one], *known[2:]), "give a func") for one in (("pressure", 0, 0), "force")),
@@ -279,10 +282,10 @@ def test_parameters_that_cannot_act_and_numbers_that_are_none_are_refused():
     broken = case.u.x.petsc_vec.duplicate()
     broken.set(np.nan)
     for given, words in (
-        ((outputs, [absent], case.loads), r"the constant of value 2\.0 .* contain it"),
+        ((outputs, [absent], case.loads), r"the constant of value 2\.0 .* contains it"),
         (
             (outputs, [(absent, np.ones(2))], case.loads),
-            r"the constant of value 2\.0 .* contain it",
+            r"the constant of value 2\.0 .* contains it",
         ),
         ((outputs, [(case.shear, [1.0, 1.0j])], case.loads), r"rates .* complex.* real"),
         ((outputs, [(case.shear, [True, True])], case.loads), r"rates .* real"),
@@ -305,7 +308,7 @@ def test_parameters_that_cannot_act_and_numbers_that_are_none_are_refused():
     assert found[0, 0, 1] != 0
     steel = Steel()
     problem, states = steel.solve()
-    with pytest.raises(ValueError, match="`loads` are those of a residual"):
+    with pytest.raises(ValueError, match="`loads` belong to a residual"):
         problem.sensitivity(states, [("force", 0, 1)], [("friction", 0)], [steel.load] * 3)
 
 

@@ -551,9 +551,7 @@ def solve_with_springs(
                     max_iterations=limit_iterations(_MAX_CONFIRMING_ITERATIONS),
                     after_iteration=_ignore_iteration,
                 )
-                log_on_root(
-                    comm, logging.INFO, f"solved by springs of {stiffness:.0e}", ".contact"
-                )
+                log_on_root(comm, logging.INFO, f"solved by springs of {stiffness:.0e}", ".contact")
                 return solution
             except ContactFailed as failed:
                 words = f"no solution from springs of {stiffness:.0e}: {failed}"

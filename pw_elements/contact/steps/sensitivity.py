@@ -202,7 +202,7 @@ class Linearised:
             )
 
     def change(self, rates: Given, start_change: Change) -> Change:
-        """Return the change of the end by rates of the data there, and by the change of the start."""
+        """Return the change of the end by rates of the data and by the change of the start."""
         system = self._system
         load, law, totals, translations, offset = self._right_hand_side(rates)
         start_motion = (
@@ -242,13 +242,13 @@ class Linearised:
         adjoint = system.tangent.solve_transposed(right.array_r, free_weights, self._law)
         derivatives = np.zeros(len(rates_of_parameters))
         for number, rates in enumerate(rates_of_parameters):
-            load, law, totals, translations, offset = self._right_hand_side(rates)
+            load, law, totals, motion_rates, offset = self._right_hand_side(rates)
             right_hand_sides = np.append(
                 *system.right_hand_sides(load, law, totals, self._torque_map)
             )[: len(adjoint)]
             derivatives[number] = adjoint @ right_hand_sides - force.array_r @ load.array_r
             derivatives[number] += weights.unknowns.array_r @ offset.array_r
-            derivatives[number] += np.sum(weights.translations * translations) * (
+            derivatives[number] += np.sum(weights.translations * motion_rates) * (
                 system.comm.rank == 0
             )
         start_weights = -np.einsum("nab,na->nb", self._by_start, system.at_points(adjoint))
@@ -264,7 +264,7 @@ class Linearised:
     def _right_hand_side(
         self, rates: Given
     ) -> tuple[PETSc.Vec, LinearisedLaw, Array, Array, PETSc.Vec]:
-        """Return reduced load, law, totals, prescribed translations and displacements of data rates."""
+        """Return reduced load, law, totals, translations and displacements of data rates."""
         system, translations = self._system, rates.motions.copy()
         totals = np.array([translations[pair_and_axis] for pair_and_axis in system.free])
         for pair_and_axis in system.free:
@@ -446,7 +446,7 @@ _NEEDS_RESIDUAL_MESSAGE = (
 def checked_outputs(
     outputs: Sequence[Any], n_pairs: int, space: fem.FunctionSpace, allow_forms: bool
 ) -> list[Output]:
-    """Return outputs as a list, or raise an error for one that is not valid.
+    """Return outputs as a list, or raise an error for an invalid one.
 
     Args:
         outputs: of the user.
@@ -480,7 +480,7 @@ def checked_parameters(
     space: fem.FunctionSpace,
     allow_forms: bool,
 ) -> list[tuple[Parameter, Array]]:
-    """Return parameters with their rates (states, ...), or raise an error for one that is not valid.
+    """Return parameters with their rates (states, ...), or raise an error for an invalid one.
 
     Args:
         parameters: of the user.
@@ -512,8 +512,8 @@ def checked_parameters(
                 shape += (space.mesh.geometry.dim,)
             case _:
                 raise ValueError(
-                    f'the parameter {parameter!r} is not valid: give a constant, ("friction", pair), ("motion", '
-                    "pair, rates), (constant, rates) or (vector, rates), in a list"
+                    f'the parameter {parameter!r} is not valid: give a constant, ("friction", '
+                    'pair), ("motion", pair, rates), (constant, rates) or (vector, rates), in a list'
                 )
         with_rates.append((parameter, arguments.check_real_array("rates", rates, shape)))
     return with_rates
