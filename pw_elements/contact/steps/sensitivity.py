@@ -512,8 +512,9 @@ def checked_parameters(
                 shape += (space.mesh.geometry.dim,)
             case _:
                 raise ValueError(
-                    f'the parameter {parameter!r} is not valid: give a constant, ("friction", '
-                    'pair), ("motion", pair, rates), (constant, rates) or (vector, rates), in a list'
+                    f"the parameter {parameter!r} is not valid: give a constant, "
+                    '("friction", pair), ("motion", pair, rates), (constant, rates) or '
+                    "(vector, rates), in a list"
                 )
         with_rates.append((parameter, arguments.check_real_array("rates", rates, shape)))
     return with_rates
