@@ -271,8 +271,8 @@ def forge(path, change):
     numbers = json.loads(str(arrays["state"]))
     change(arrays, numbers)
     arrays["state"] = np.array(json.dumps(numbers))
-    arrays.pop(storage._MARK)
-    arrays[storage._MARK] = storage._digest(arrays)
+    arrays.pop(storage._DIGEST_NAME)
+    arrays[storage._DIGEST_NAME] = storage._compute_digest(arrays)
     np.savez(path, **arrays)
 
 
