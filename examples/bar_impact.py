@@ -23,7 +23,7 @@ mesh = quadrilaterals(MPI.COMM_WORLD, (0, 0), (radius, length), (cells, 10 * cel
 bar = Body(Spaces.galerkin(mesh), Material(E, nu, rho), "axisymmetric")
 U = bar.spaces.trial
 
-sibling = Sibling.of(U)
+sibling = Sibling.from_space(U)
 K = sibling.matrix(assemble_matrix(bar.stiffness()))
 M = lumped_mass(sibling.matrix(assemble_matrix(bar.mass())), U)
 on_axis = sibling.dirichlet(prescribe(U, 0, lambda x: np.isclose(x[0], 0)))

@@ -27,7 +27,7 @@ class Falling:
 
     def at(self, x):  # p_0 A
         order = np.argsort(self.nodes.position[:, 0])
-        return p_0 * np.interp(x[0], self.nodes.position[order, 0], self.nodes.own_area[order])
+        return p_0 * np.interp(x[0], self.nodes.position[order, 0], self.nodes.weight_area[order])
 
     def limit(self, half, force):
         share = half / (half + force)
@@ -43,7 +43,8 @@ left, right, top, bottom = (
 )
 held = Reduction.dirichlet(U, prescribe(U, 0, top))
 slides = Motion((0.1, 0.0))  # mm
-floor = ContactPair(bottom, Plane((0, 0), (0, 1)), Falling(SurfaceNodes.of(body, bottom)), slides)
+friction = Falling(SurfaceNodes.from_body(body, bottom))
+floor = ContactPair(bottom, Plane((0, 0), (0, 1)), friction, slides)
 pressures, found = np.array([5.0, 20.0, 60.0]), {"factors": [], "Krylov's method": []}
 for p in pressures:
     tau = mu * p / (1 + p / p_0)

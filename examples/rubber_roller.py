@@ -53,7 +53,8 @@ for k in range(steps):
     state = problem.step(state, lambda share, k=k: placed(depth, (k + share) / steps * angle))
 
 (pair,) = state.pairs
-areas = SurfaceNodes.scalar(Spaces.petrov_galerkin(mesh, 0), tread, SurfaceNodes.stretch(u))
+scalars = Spaces.petrov_galerkin(mesh, 0)
+areas = SurfaceNodes.from_scalar_spaces(scalars, tread, SurfaceNodes.stretch(u))
 pressure, closed = areas.pressure(pair.force_normal), pair.status != OPEN
 x = (pair.position + pair.displacement)[closed, 0]
 

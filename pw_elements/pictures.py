@@ -25,7 +25,7 @@ from ufl.domain import extract_unique_domain
 from pw_elements._compat import interpolation_points
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, check_same_arguments, collective_errors
-from pw_elements.elasticity import facets_in_cells
+from pw_elements.elasticity import locate_facets_in_cells
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -192,7 +192,7 @@ def _faces(
     else:
         nodes = fem.functionspace(mesh, ("Lagrange", 2))
         mesh.topology.create_connectivity(2, 3)
-        own, places = facets_in_cells(nodes, exterior_facet_indices(mesh.topology))
+        own, places = locate_facets_in_cells(nodes, exterior_facet_indices(mesh.topology))
         cells = own[:, None]
     behind = moved.mean(axis=1)[cells[:, 0]]
     each = mesh.comm.allgather((moved[cells, places], field[cells, places], behind))

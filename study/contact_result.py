@@ -80,7 +80,7 @@ def surface_result(
     contact = state.pairs[pair]
     (x, y), r_n = contact.position.T, contact.force_normal
     r_t = -contact.force_tangential[:, 0]  # of the body on the surface, as it is pulled
-    surface = SurfaceNodes.of(body.body, line)
+    surface = SurfaceNodes.from_body(body.body, line)
     pressure = surface.pressure(r_n)
     closed = contact.status != OPEN
     curves = {

@@ -152,7 +152,7 @@ def held_nodes(
     """Prescribed displacements (m, dim) of nodes (m,) of the displacement space."""
     field, exact = SubSpace.displacements(space), fem.Function(space)
     exact.x.array[field.unknowns[nodes]] = displacement
-    return fem.dirichletbc(exact, nodes if field.is_all else field.unknowns[nodes].ravel())
+    return fem.dirichletbc(exact, nodes if field.is_whole_space else field.unknowns[nodes].ravel())
 
 
 def is_quadrilateral(element: str) -> bool:

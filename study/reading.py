@@ -27,9 +27,9 @@ def transferred(surface: SurfaceNodes, transfer: PETSc.Mat) -> SurfaceNodes:
         transfer: T (n, n).
     """
     weights, of_node = transfer.createVecRight(), (-1, surface.position.shape[1])
-    weights.array.reshape(of_node)[surface.node, -1] = surface.own_area
+    weights.array.reshape(of_node)[surface.node, -1] = surface.weight_area
     own = (transfer * weights).array_r.reshape(of_node)[surface.node, -1]
-    return replace(surface, own_area=own)
+    return replace(surface, weight_area=own)
 
 
 def compared(error: Array, other: Array) -> dict[str, float]:

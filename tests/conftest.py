@@ -1,8 +1,8 @@
-"""How many random problems are tried: few in the suite, always the same; many in `--nightly`.
+"""Options and fixtures of all tests: few random problems, always the same; many in `--nightly`.
 
-The first line tells the number of tests, and how long they took when they last ran here. No test
-leaves figures open, for others count them. MPI's processes that wait leave the core to those that
-work: as fast as ever on a busy machine, where a time limit must tell hung from slow.
+The first line of the output gives the number of tests and their duration when they last ran here.
+Figures are closed after each test, because some tests count open figures. Waiting MPI processes
+yield the core to working ones, so that a time limit can distinguish hung from slow tests.
 """
 
 import os
@@ -14,30 +14,31 @@ from hypothesis import HealthCheck, settings
 
 os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
 
-CANDIDATES = 40  # for a sub-facet
-ASSUMED = 0.25  # seconds of a test, before any of its file has run
+MAX_CANDIDATES_PER_FACET = 40  # in the mortar's search
+ASSUMED_TEST_SECONDS = 0.25  # for a file none of whose tests has run yet
 
 
 @pytest.fixture(autouse=True)
-def _closed_figures():
+def _close_figures():
+    """Close all Matplotlib figures after each test."""
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
 
 
 @pytest.fixture(autouse=True)
-def _few_candidates(monkeypatch):
-    """The mortar's search asks about few pairs on each of the suite's meshes."""
+def _limit_mortar_candidates(monkeypatch):
+    """Assert that the mortar's search tests few candidate pairs on every mesh of the suite."""
     if (mortar := sys.modules.get("pw_elements.contact.interface.mortar")) is None:
         return
     candidates = mortar._candidates
 
-    def counted(slave, master, along):
-        found = candidates(slave, master, along)
-        assert len(found[0]) <= CANDIDATES * max(len(slave), len(master))
-        return found
+    def count_candidates(slave, master, along):
+        pairs = candidates(slave, master, along)
+        assert len(pairs[0]) <= MAX_CANDIDATES_PER_FACET * max(len(slave), len(master))
+        return pairs
 
-    monkeypatch.setattr(mortar, "_candidates", counted)
+    monkeypatch.setattr(mortar, "_candidates", count_candidates)
 
 
 def pytest_addoption(parser):
@@ -55,7 +56,7 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    import tests.parallel  # noqa: F401  has DOLFINx wait longer; starts MPI, so not above
+    import tests.parallel  # noqa: F401  extends DOLFINx's time limit; starts MPI, hence not at the top
 
     slow = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
     common = {"deadline": None, "database": None, "suppress_health_check": slow}
@@ -63,33 +64,37 @@ def pytest_configure(config):
     settings.register_profile("nightly", max_examples=5000, print_blob=True, **common)
     settings.load_profile("nightly" if config.getoption("--nightly") else "suite")
     if not hasattr(config, "workerinput"):
-        config.pluginmanager.register(Clock(config))
+        config.pluginmanager.register(DurationReporter(config))
 
 
-class Clock:
-    """Seconds of tests: their mean in each file, kept in pytest's cache."""
+class DurationReporter:
+    """Mean duration of the tests of each file in seconds, kept in pytest's cache."""
 
     def __init__(self, config):
         self.config, self.cache = config, getattr(config, "cache", None)
         self.means = self.cache.get("pw_elements/seconds", {}) if self.cache else {}
-        self.seconds, self.counts, self.told = Counter(), Counter(), False
+        self.seconds, self.counts, self.printed = Counter(), Counter(), False
 
-    def line(self, ids):
+    def summarise(self, ids):
+        """Return the number of tests and their expected duration as one line."""
         processes = getattr(self.config.option, "numprocesses", None) or 1
-        total = sum(self.means.get(one.split("::")[0], ASSUMED) for one in ids) / processes
-        long = f"{total / 60:.0f} min" if total > 90 else f"{total:.0f} s"
-        known = all(one.split("::")[0] in self.means for one in ids)
-        basis = "as they last ran here" if known else "not all have run here yet"
-        return f"{len(ids)} tests, about {long} by {processes} at a time ({basis})"
+        total = (
+            sum(self.means.get(test_id.split("::")[0], ASSUMED_TEST_SECONDS) for test_id in ids)
+            / processes
+        )
+        duration = f"{total / 60:.0f} min" if total > 90 else f"{total:.0f} s"
+        all_measured = all(test_id.split("::")[0] in self.means for test_id in ids)
+        basis = "as they last ran here" if all_measured else "not all have run here yet"
+        return f"{len(ids)} tests, about {duration} by {processes} at a time ({basis})"
 
     def pytest_report_collectionfinish(self, items):
-        return self.line([item.nodeid for item in items])
+        return self.summarise([item.nodeid for item in items])
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_xdist_node_collection_finished(self, ids):
-        if not self.told:  # by the first worker; all collect the same
-            self.config.get_terminal_writer().line(self.line(ids))
-        self.told = True
+        if not self.printed:  # printed for the first worker; all workers collect the same tests
+            self.config.get_terminal_writer().line(self.summarise(ids))
+        self.printed = True
 
     def pytest_runtest_logreport(self, report):
         file = report.nodeid.split("::")[0]
@@ -104,7 +109,7 @@ class Clock:
 
 @pytest.fixture(scope="session")
 def results(tmp_path_factory, worker_id):
-    """The study's results, each computed when a test asks for it, once for all workers."""
+    """Return the study's results, each computed on first use, once for all workers."""
     from tests.study.computed_results import ComputedResults
 
     base = tmp_path_factory.getbasetemp()

@@ -1,16 +1,16 @@
-"""Forty mutants of the library, drawn by a seed: which of them does the suite catch?
+"""Draw forty mutants of the library by a seed, and test which of them the suite catches.
 
-Those whose expressions have gone since are left out.
+Mutants whose expressions no longer exist are skipped.
 
     ./run pip install pytest-cov
     ./run python3 -m tests.mutants draw           # writes tests/mutants.json
-    ./run python3 -m tests.mutants cover          # which test enters which line: the suite, once
+    ./run python3 -m tests.mutants cover          # run the suite; record the lines of each test
     ./run python3 -m tests.mutants run OUT.json   # each mutant against the tests that cover it
 
 A mutant is one expression of a statement of `pw_elements` with another sign, factor, index,
 comparison or tolerance. It is named by its function and its text, so that it is found again after
-lines have moved. Each runs in a copy of the tree, the quickest tests first, stops at the first that
-fails, and counts as timed out after `LIMIT` seconds of CPU.
+lines have moved. Each is tested in a copy of the tree, the fastest tests first, until the first
+failure; it counts as timed out after `CPU_LIMIT` seconds.
 """
 
 import argparse
@@ -30,22 +30,22 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
-DRAWN = Path(__file__).with_suffix(".json")
-COVERED = ROOT / ".cache" / "mutants.coverage"
-TIMES = COVERED.with_suffix(".xml")  # of each test
-SEED, EACH = 20261122, 8
+MUTANTS_FILE = Path(__file__).with_suffix(".json")
+COVERAGE_FILE = ROOT / ".cache" / "mutants.coverage"
+DURATIONS_FILE = COVERAGE_FILE.with_suffix(".xml")  # durations of the tests
+SEED, MUTANTS_PER_KIND = 20261122, 8
 KINDS = ("sign", "factor", "index", "comparison", "tolerance")
-SMALL = 1e-3  # a positive constant below this is a tolerance
-OTHER = {
+MAX_TOLERANCE = 1e-3  # positive constants below this value are tolerances
+OPPOSITE_OPERATOR = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
     ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt,
     ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
 }  # fmt: skip
-LIMIT = 240  # seconds of CPU of a mutant's tests
+CPU_LIMIT = 240  # CPU seconds for the tests of a mutant
 
 
 class Mutant(NamedTuple):
-    """One changed expression; its place is its number among those of its kind in the function."""
+    """One changed expression; `place` is its index among those of its kind in the function."""
 
     kind: str
     module: str
@@ -55,26 +55,26 @@ class Mutant(NamedTuple):
     new: str
 
 
-def changed(node: ast.AST) -> tuple[str, ast.expr] | None:
-    """Return the kind of change that an expression allows, and the changed expression."""
+def mutate_expression(node: ast.AST) -> tuple[str, ast.expr] | None:
+    """Return the kind of mutation of an expression and the changed expression, or None."""
     match node:
         case ast.BinOp(left, ast.Add() | ast.Sub() as op, right):
-            return "sign", ast.BinOp(left, OTHER[type(op)](), right)
+            return "sign", ast.BinOp(left, OPPOSITE_OPERATOR[type(op)](), right)
         case ast.UnaryOp(ast.USub(), operand) if not isinstance(operand, ast.Constant):
             return "sign", operand
         case ast.BinOp(left, ast.Mult() | ast.Div() as op, right):
-            return "factor", ast.BinOp(left, OTHER[type(op)](), right)
+            return "factor", ast.BinOp(left, OPPOSITE_OPERATOR[type(op)](), right)
         case ast.Subscript(value, ast.Constant(int() as i)) if not isinstance(i, bool):
             return "index", ast.Subscript(value, ast.Constant(1 if i == 0 else 0), ast.Load())
-        case ast.Compare(left, [op], [right]) if type(op) in OTHER:
-            return "comparison", ast.Compare(left, [OTHER[type(op)]()], [right])
-        case ast.Constant(float() as x) if 0.0 < x < SMALL:
+        case ast.Compare(left, [op], [right]) if type(op) in OPPOSITE_OPERATOR:
+            return "comparison", ast.Compare(left, [OPPOSITE_OPERATOR[type(op)]()], [right])
+        case ast.Constant(float() as x) if 0.0 < x < MAX_TOLERANCE:
             return "tolerance", ast.Constant(1e4 * x)
     return None
 
 
-def sites(module: Path) -> Iterator[tuple[Mutant, ast.expr]]:
-    """Yield all mutants of a module, each with the expression to replace."""
+def find_mutants(module: Path) -> Iterator[tuple[Mutant, ast.expr]]:
+    """Yield all mutants of a module, each with the node of the expression to replace."""
     tree = ast.parse(module.read_text(encoding="utf-8"))
     counts: dict[tuple[str, str], int] = {}
 
@@ -83,17 +83,17 @@ def sites(module: Path) -> Iterator[tuple[Mutant, ast.expr]]:
             if isinstance(child, ast.FunctionDef | ast.ClassDef):
                 body = child.body
                 inner = f"{name}.{child.name}".lstrip(".")
-                for one in body:
-                    yield from walk(ast.Module([one], []), inner)
+                for statement in body:
+                    yield from walk(ast.Module([statement], []), inner)
                 continue
             if isinstance(child, ast.arguments | ast.Raise | ast.JoinedStr | ast.AnnAssign):
                 continue  # messages and annotations
-            if isinstance(child, ast.expr) and (change := changed(child)):
-                kind, other = change
-                place = counts[kind, name] = counts.get((kind, name), -1) + 1
+            if isinstance(child, ast.expr) and (change := mutate_expression(child)):
+                kind, mutated = change
+                index = counts[kind, name] = counts.get((kind, name), -1) + 1
                 path = str(module.relative_to(ROOT))
                 yield (
-                    Mutant(kind, path, name, place, ast.unparse(child), ast.unparse(other)),
+                    Mutant(kind, path, name, index, ast.unparse(child), ast.unparse(mutated)),
                     child,
                 )
             yield from walk(child, name)
@@ -101,68 +101,78 @@ def sites(module: Path) -> Iterator[tuple[Mutant, ast.expr]]:
     yield from walk(tree, "")
 
 
-def draw() -> list[Mutant]:
-    found = [
+def draw_mutants() -> list[Mutant]:
+    """Return `MUTANTS_PER_KIND` random mutants of each kind."""
+    candidates = [
         mutant
         for module in sorted((ROOT / "pw_elements").rglob("*.py"))
-        for mutant, _ in sites(module)
-        if mutant.function or mutant.kind == "tolerance"  # which have names at the module's head
+        for mutant, _ in find_mutants(module)
+        # tolerances at the top of a module are named constants
+        if mutant.function or mutant.kind == "tolerance"
     ]
     dice = random.Random(SEED)
     return [
         mutant
         for kind in KINDS
-        for mutant in dice.sample([one for one in found if one.kind == kind], EACH)
+        for mutant in dice.sample(
+            [mutant for mutant in candidates if mutant.kind == kind], MUTANTS_PER_KIND
+        )
     ]
 
 
-def applied(mutant: Mutant) -> tuple[str, set[int]] | None:
-    """Return the module's text with the change, and its lines; None if the expression is gone."""
+def apply_mutant(mutant: Mutant) -> tuple[str, set[int]] | None:
+    """Return the changed module text and its lines, or None if the expression no longer exists."""
     path = ROOT / mutant.module
-    for other, node in sites(path) if path.is_file() else ():
-        if (other.kind, *other[2:5]) == (mutant.kind, *mutant[2:5]):
+    for candidate, node in find_mutants(path) if path.is_file() else ():
+        if (candidate.kind, *candidate[2:5]) == (mutant.kind, *mutant[2:5]):
             lines = path.read_bytes().splitlines(keepends=True)
-            first, last = node.lineno - 1, (node.end_lineno or node.lineno) - 1
-            head = b"".join(lines[:first]) + lines[first][: node.col_offset]
-            tail = lines[last][node.end_col_offset :] + b"".join(lines[last + 1 :])
+            start, end = node.lineno - 1, (node.end_lineno or node.lineno) - 1
+            head = b"".join(lines[:start]) + lines[start][: node.col_offset]
+            tail = lines[end][node.end_col_offset :] + b"".join(lines[end + 1 :])
             text = (head + f"({mutant.new})".encode() + tail).decode()
-            return text, set(range(first + 1, last + 2)) if mutant.function else used(
-                path, first + 1
-            )
+            if mutant.function:
+                return text, set(range(start + 1, end + 2))
+            return text, find_uses_of_constant(path, start + 1)
     return None
 
 
-def used(path: Path, line: int) -> set[int]:
-    """Return the lines that use the constant which a line at a module's head defines."""
+def find_uses_of_constant(path: Path, line: int) -> set[int]:
+    """Return the lines that use the constant defined by a line at the top of a module."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     (names,) = [
-        {one.id for one in ast.walk(statement) if isinstance(one, ast.Name)}
+        {node.id for node in ast.walk(statement) if isinstance(node, ast.Name)}
         for statement in tree.body
         if statement.lineno <= line <= (statement.end_lineno or line)
     ]
-    loads = [one for one in ast.walk(tree) if isinstance(one, ast.Name) and one.id in names]
-    return {one.lineno for one in loads if isinstance(one.ctx, ast.Load)}
+    loads = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id in names]
+    return {node.lineno for node in loads if isinstance(node.ctx, ast.Load)}
 
 
-def cover() -> None:
-    COVERED.parent.mkdir(exist_ok=True)
-    COVERED.unlink(missing_ok=True)
-    environment = os.environ | {"COVERAGE_FILE": str(COVERED), "COVERAGE_CORE": "ctrace"}
-    options = ["--cov=pw_elements", "--cov-context=test", "--cov-report=", f"--junitxml={TIMES}"]
+def measure_coverage() -> None:
+    """Run the suite once; store which test executes which line, and the test durations."""
+    COVERAGE_FILE.parent.mkdir(exist_ok=True)
+    COVERAGE_FILE.unlink(missing_ok=True)
+    environment = os.environ | {"COVERAGE_FILE": str(COVERAGE_FILE), "COVERAGE_CORE": "ctrace"}
+    options = [
+        "--cov=pw_elements",
+        "--cov-context=test",
+        "--cov-report=",
+        f"--junitxml={DURATIONS_FILE}",
+    ]
     subprocess.run([sys.executable, "-m", "pytest", *options, "-n", "2"], cwd=ROOT, env=environment)
 
 
-def durations() -> dict[str, float]:
-    """Return the seconds that each test took, by its last name."""
-    cases = ElementTree.parse(TIMES).iter("testcase")
-    return {one.attrib["name"]: float(one.attrib["time"]) for one in cases}
+def read_test_durations() -> dict[str, float]:
+    """Return the duration of each test in seconds, by its name without the file."""
+    cases = ElementTree.parse(DURATIONS_FILE).iter("testcase")
+    return {case.attrib["name"]: float(case.attrib["time"]) for case in cases}
 
 
-def covering(mutant: Mutant, lines: set[int]) -> list[str]:
-    """Return the tests that enter one of the lines."""
+def find_covering_tests(mutant: Mutant, lines: set[int]) -> list[str]:
+    """Return the tests that execute one of the lines, the fastest first."""
     from coverage.numbits import numbits_to_nums
 
-    with sqlite3.connect(COVERED) as base:
+    with sqlite3.connect(COVERAGE_FILE) as base:
         rows = base.execute(
             "select context.context, line_bits.numbits from line_bits"
             " join context on context.id = line_bits.context_id"
@@ -171,44 +181,46 @@ def covering(mutant: Mutant, lines: set[int]) -> list[str]:
         ).fetchall()
     hit = [name for name, bits in rows if lines & set(numbits_to_nums(bits))]
     tests = {name.split("|")[0] for name in hit if name}
-    seconds = durations()
+    seconds = read_test_durations()
     return sorted(tests, key=lambda test: (seconds.get(test.split("::")[-1], 0.0), test))
 
 
-def verdict(mutant: Mutant, folder: Path) -> dict[str, object]:
-    """Run the tests that cover a mutant, in a copy of the tree."""
-    changed_text = applied(mutant)
-    if changed_text is None:
+def judge_mutant(mutant: Mutant, folder: Path) -> dict[str, object]:
+    """Run the tests that cover a mutant in a copy of the tree; return its record."""
+    change = apply_mutant(mutant)
+    if change is None:
         return {**mutant._asdict(), "verdict": "gone", "tests": 0}
-    text, lines = changed_text
-    tests = covering(mutant, lines)
+    text, lines = change
+    tests = find_covering_tests(mutant, lines)
     if not tests:
         return {**mutant._asdict(), "verdict": "not covered", "tests": 0}
     module = folder / mutant.module
     module.write_text(text, encoding="utf-8")
-    chosen = folder / "chosen"  # a file, for names may be more than a command line holds
+    chosen = folder / "chosen"  # a file, because a command line may be too short for all names
     chosen.write_text("\n".join(tests), encoding="utf-8")
     options = ["-x", "-n", "0", "-rfE", "-p", "no:cacheprovider", f"@{chosen}"]
-    began = os.times()
-    done = subprocess.run(
+    start_times = os.times()
+    process = subprocess.run(
         [sys.executable, "-m", "pytest", *options],
         cwd=folder,
         capture_output=True,
         text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT)),
-    )  # children have limits of their own
-    ended = os.times()
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT, CPU_LIMIT)),
+    )  # the limit applies to each process separately
+    end_times = os.times()
     shutil.copyfile(ROOT / mutant.module, module)
-    if "not found:" in done.stderr:
-        raise SystemExit(done.stderr)
-    code = done.returncode  # 2 where the mutant cannot even be imported
-    words = "timed out" if code < 0 else "survived" if code == 0 else "caught"
+    if "not found:" in process.stderr:
+        raise SystemExit(process.stderr)
+    code = process.returncode  # 2 if the mutant cannot be imported
+    outcome = "timed out" if code < 0 else "survived" if code == 0 else "caught"
     return {
         **mutant._asdict(),
-        "verdict": words,
+        "verdict": outcome,
         "tests": len(tests),
-        "seconds": round(sum(ended[2:4]) - sum(began[2:4]), 1),
-        "by": next((x for x in done.stdout.splitlines() if x.startswith(("FAILED", "ERROR"))), ""),
+        "seconds": round(sum(end_times[2:4]) - sum(start_times[2:4]), 1),
+        "by": next(
+            (x for x in process.stdout.splitlines() if x.startswith(("FAILED", "ERROR"))), ""
+        ),
     }
 
 
@@ -218,24 +230,29 @@ def main() -> None:
     parser.add_argument("out", nargs="?", type=Path)
     options = parser.parse_args()
     if options.what == "draw":
-        rows = [mutant._asdict() for mutant in draw()]
+        rows = [mutant._asdict() for mutant in draw_mutants()]
         lines = ",\n".join(map(json.dumps, rows))
-        DRAWN.write_text(f'{{"seed": {SEED}, "mutants": [\n{lines}\n]}}\n')
+        MUTANTS_FILE.write_text(f'{{"seed": {SEED}, "mutants": [\n{lines}\n]}}\n')
     elif options.what == "cover":
-        cover()
+        measure_coverage()
     else:
-        judge(options.out)
+        run_mutants(options.out)
 
 
-def judge(out: Path | None) -> None:
-    mutants = [Mutant(**row) for row in json.loads(DRAWN.read_text())["mutants"]]
+def run_mutants(out: Path | None) -> None:
+    """Judge all mutants, print one line for each, and write the records to `out`."""
+    mutants = [Mutant(**row) for row in json.loads(MUTANTS_FILE.read_text())["mutants"]]
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "tree"
-        made = {"results", ".git", ".cache"}  # in the project's own folder alone
-        shutil.copytree(ROOT, folder, ignore=lambda at, _: made if Path(at) == ROOT else set())
+        ignored = {"results", ".git", ".cache"}  # ignored only at the top of the project
+        shutil.copytree(
+            ROOT,
+            folder,
+            ignore=lambda folder_name, _: ignored if Path(folder_name) == ROOT else set(),
+        )
         results = []
         for number, mutant in enumerate(mutants, start=1):
-            results.append(verdict(mutant, folder))
+            results.append(judge_mutant(mutant, folder))
             change = f"{mutant.module}: {mutant.function}: {mutant.old} -> {mutant.new}"
             head = f"[{number:2}/{len(mutants)}] {results[-1]['verdict']:11}"
             print(f"{head} {mutant.kind:10} {change}", flush=True)

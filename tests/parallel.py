@@ -1,7 +1,8 @@
-"""Functions of test files, on several processes.
+"""Run functions of test files on several MPI processes.
 
 `run_on(3, function, *args)` starts `mpirun`, whose processes import the function and call it with
-their communicator and the arguments. A start costs a second or two of CPU: let a function do much.
+their communicator and the arguments. A start costs one or two seconds of CPU time, so a function
+should do much work.
 """
 
 import faulthandler
@@ -21,15 +22,15 @@ import numpy as np
 import pytest
 
 PROJECT = Path(__file__).parents[1]
-LIMIT = 1800  # seconds, to tell hung from slow on the busiest machine
-# as long DOLFINx waits for another process that compiles the same form
-JIT = dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS
-JIT["timeout"] = (LIMIT, *JIT["timeout"][1:])
-DISPLACEMENT = 0.1  # of all contact problems that are compared; gaps and slips may all be zero
+TIME_LIMIT = 1800  # seconds; distinguishes hung from slow processes even on a busy machine
+# DOLFINx waits equally long for another process that compiles the same form
+JIT_OPTIONS = dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS
+JIT_OPTIONS["timeout"] = (TIME_LIMIT, *JIT_OPTIONS["timeout"][1:])
+DISPLACEMENT_SCALE = 0.1  # of all compared contact problems, in which gaps and slips may vanish
 
 
-def run_on(processes, function, *args, limit=LIMIT):
-    """What `function(comm, *args)` returned, process by process; fails with what each printed."""
+def run_on(processes, function, *args, limit=TIME_LIMIT):
+    """Return the results of `function(comm, *args)` by rank; fail with the output of all ranks."""
     if shutil.which("mpirun") is None:
         pytest.skip("no mpirun")
     with tempfile.TemporaryDirectory() as name:
@@ -37,42 +38,47 @@ def run_on(processes, function, *args, limit=LIMIT):
         (folder / "call").write_bytes(pickle.dumps((processes, function, args, limit)))
         command = ["mpirun", "-n", str(processes), sys.executable, "-m", "tests.parallel", name]
         run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True)
-        said = [f"mpirun ended with {run.returncode}:\n{run.stdout}{run.stderr}"]
-        said += [f"{path.stem}:\n{path.read_text()}" for path in sorted(folder.glob("*.txt"))]
+        output = [f"mpirun ended with {run.returncode}:\n{run.stdout}{run.stderr}"]
+        output += [f"{path.stem}:\n{path.read_text()}" for path in sorted(folder.glob("*.txt"))]
         results = [folder / f"result {rank}" for rank in range(processes)]
-        assert run.returncode == 0 and all(map(Path.exists, results)), "\n".join(said)  # noqa: PT018
+        assert run.returncode == 0 and all(map(Path.exists, results)), "\n".join(output)  # noqa: PT018
         return [pickle.loads(result.read_bytes()) for result in results]
 
 
 def same_numbers(function, *args, processes=(3,), rel=1e-10):
-    """Asserts that `function(comm, *args)` gives the same numbers by name as here, on one process.
+    """Assert that `function(comm, *args)` returns the same numbers on several processes as on one.
 
-    All processes have to return them. Differences are compared with the largest absolute value, of
-    names that end in "gap" or "slip" with `DISPLACEMENT`.
+    The function returns a dictionary of arrays on every process, see `assert_same`.
     """
     serial = function(MPI.COMM_SELF, *args)
     for count in processes:
-        for rank, found in enumerate(run_on(count, function, *args)):
-            assert_same(serial, found, rel, f"process {rank} of {count}")
+        for rank, numbers in enumerate(run_on(count, function, *args)):
+            assert_same(serial, numbers, rel, f"process {rank} of {count}")
 
 
-def assert_same(serial, found, rel, where):
-    assert found.keys() == serial.keys()
+def assert_same(serial, numbers, rel, where):
+    """Assert that dictionaries of arrays are equal up to a relative difference.
+
+    Differences are relative to the largest absolute value; for names that end in " gap" or " slip",
+    relative to `DISPLACEMENT_SCALE`.
+    """
+    assert numbers.keys() == serial.keys()
     for name, value in serial.items():
         small = name.endswith((" gap", " slip"))
-        scale = DISPLACEMENT if small else np.abs(value).max(initial=0.0)
-        difference = np.abs(np.subtract(found[name], value)).max(initial=0.0)
+        scale = DISPLACEMENT_SCALE if small else np.abs(value).max(initial=0.0)
+        difference = np.abs(np.subtract(numbers[name], value)).max(initial=0.0)
         assert difference <= rel * scale, f"{name}, {where}"
 
 
-def _called(folder):
+def _execute_call(folder):
+    """Call the pickled function of a folder on this process and store its result."""
     processes, function, args, limit = pickle.loads((folder / "call").read_bytes())
-    # another MPI's mpirun starts programs of one process each
+    # mpirun of another MPI starts separate programs with one process each
     assert MPI.COMM_WORLD.size == processes, f"{MPI.COMM_WORLD.size} in place of {processes}"
-    faulthandler.dump_traceback_later(limit, exit=True)  # until this process has ended
+    faulthandler.dump_traceback_later(limit, exit=True)  # applies until this process ends
     try:
         result = function(MPI.COMM_WORLD, *args)
-    except BaseException:  # ends all, which would else wait for this one: at its end, PETSc, too
+    except BaseException:  # abort all processes, which would otherwise wait for this one
         traceback.print_exc()
         sys.stderr.flush()
         MPI.COMM_WORLD.Abort(1)
@@ -80,8 +86,8 @@ def _called(folder):
 
 
 if __name__ == "__main__":
-    own = Path(sys.argv[1]) / f"process {MPI.COMM_WORLD.rank}.txt"
-    with own.open("w") as output:
+    output_path = Path(sys.argv[1]) / f"process {MPI.COMM_WORLD.rank}.txt"
+    with output_path.open("w") as output:
         for descriptor in (1, 2):
             os.dup2(output.fileno(), descriptor)
-    _called(Path(sys.argv[1]))
+    _execute_call(Path(sys.argv[1]))

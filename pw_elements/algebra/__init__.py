@@ -6,10 +6,22 @@ from pw_elements.algebra.eigen import (
     VibrationModes,
     buckling,
     critical_step,
-    diagonal_mass,
+    extract_diagonal_mass,
     vibration_modes,
 )
-from pw_elements.algebra.linear import factorise, free_pressure, reactions, solve, symmetric_part
-from pw_elements.algebra.nonlinear import PetrovGalerkinProblem, System
+from pw_elements.algebra.linear import (
+    factorise,
+    has_free_constant_pressure,
+    reactions,
+    solve,
+    symmetric_part,
+)
+from pw_elements.algebra.nonlinear import PetrovGalerkinProblem, ResidualSystem
 from pw_elements.algebra.problem_checks import check_load, check_problem, is_finite
-from pw_elements.algebra.reduction import Reduction, equilibrated, masked, prescribed, supported
+from pw_elements.algebra.reduction import (
+    Reduction,
+    constrained_operator,
+    evaluate_conditions,
+    full_size_reduction,
+    scale_pressures,
+)

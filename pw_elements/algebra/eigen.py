@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from pw_elements.algebra.linear import explained, factorise, symmetric_part
-from pw_elements.algebra.problem_checks import check_problem, refuse_negative
-from pw_elements.algebra.reduction import Reduction, equilibrated, masked
+from pw_elements.algebra.linear import explain_singular_system, factorise, symmetric_part
+from pw_elements.algebra.problem_checks import check_problem, refuse_negative_trace
+from pw_elements.algebra.reduction import Reduction, full_size_reduction, scale_pressures
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.progress import log_on_root, report_activity
@@ -34,12 +34,12 @@ from pw_elements.solvers import (
     PreparedSolver,
     Solver,
     SolverReport,
-    auto_solver,
+    choose_solver,
+    compute_with_fallback,
     is_matrix_free,
-    unblocked,
-    with_fallback,
+    to_aij,
 )
-from pw_elements.spaces import Assembled, SubSpace, is_hybrid
+from pw_elements.spaces import AssemblyRecord, SubSpace, is_hybrid
 
 T = TypeVar("T")
 
@@ -70,8 +70,8 @@ _UNSTRESSED = 1e-10
 # Critical prestress over stiffness, as `BucklingModes` has it. At prestresses nearly as large as
 # the stiffness no body buckles: such factors belong to the few cells about a clamp, and exist when
 # the load pulls, too. Columns as wide as high have .1, their fourth modes up to .3
-MAX_PRESTRESS = 0.6
-DOUBTFUL_PRESTRESS = 0.4
+MAX_PRESTRESS_RATIO = 0.6
+WARNING_PRESTRESS_RATIO = 0.4
 
 # Relative residual of the largest eigenvalue; its error is of the size of the square
 _POWER_TOLERANCE = 1e-8
@@ -100,10 +100,10 @@ class BucklingModes:
     """
 
     factors: Array
-    prestress: Array
+    prestress_ratios: Array
     shapes: list[PETSc.Vec]
     residuals: Array
-    imaginary: float
+    imaginary_ratio: float
     report: SolverReport
 
 
@@ -126,8 +126,8 @@ class VibrationModes:
     eigenvalues: Array
     shapes: list[PETSc.Vec]
     residuals: Array
-    imaginary: float
-    rigid: int
+    imaginary_ratio: float
+    n_rigid: int
     report: SolverReport
 
 
@@ -162,8 +162,8 @@ def vibration_modes(
     """
     asked = _Asked(reduction, count, symmetrised, solver)
     asked.check(K, "the mass", M)
-    refuse_negative("the mass", M, reduction.space)
-    K, M = unblocked(K), unblocked(M)
+    refuse_negative_trace("the mass", M, reduction.space)
+    K, M = to_aij(K), to_aij(M)
     return asked.by_solver(lambda taken: _vibrations(K, M, asked, taken))
 
 
@@ -177,12 +177,14 @@ def _vibrations(
     short = stiffness / mass  # eigenvalue of a mode as short as an element
     shift = -_SHIFT * short / B.getSize()[0] if lowest is None else -lowest
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
-    Assembled().mark(B)  # the next call would lose what it knows, and never free mesh and all
+    AssemblyRecord().attach(
+        B
+    )  # the next call would lose what it knows, and never free mesh and all
     mass_matrix = M if is_matrix_free(solver) else A
     B.axpy(-shift, mass_matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(short)
     if is_matrix_free(solver):  # by this the solver scales pressures
-        reduction = equilibrated(masked(asked.reduction), B)
+        reduction = scale_pressures(full_size_reduction(asked.reduction), B)
     mu, shapes, residuals, report = _largest(A, B, reduction, asked, solver, shifted=True)
     if mu.real.min() <= 0:
         raise NoModes(
@@ -195,7 +197,7 @@ def _vibrations(
     slowest = elastic.real.min(initial=np.inf)
     if lowest is None and 0 < slowest < -_SLENDER * shift:
         again = _vibrations(K, M, asked, solver, slowest)
-        return replace(again, report=again.report.after(report))
+        return replace(again, report=again.report.plus(report))
     imaginary = float(np.max(np.abs(elastic.imag) / np.abs(elastic.real), initial=0.0))
     return VibrationModes(values.real, shapes, residuals, imaginary, int(rigid.sum()), report)
 
@@ -230,7 +232,7 @@ def buckling(
     """
     asked = _Asked(reduction, count, symmetrised, solver)
     asked.check(K, "the initial stress", K_sigma)
-    K, K_sigma = unblocked(K), unblocked(K_sigma)
+    K, K_sigma = to_aij(K), to_aij(K_sigma)
     return asked.by_solver(lambda taken: _buckles(K, K_sigma, asked, taken))
 
 
@@ -269,7 +271,7 @@ def _prestress_over_stiffness(
     size = np.sqrt(np.bincount(np.repeat(np.arange(len(rows) - 1), np.diff(rows)), entries**2))
     prestress = np.pad(size, (0, len(rows) - 1 - len(size)))
     stiffness = np.abs(K.getDiagonal().array_r)
-    own = slice(None) if space is None else SubSpace.displacements(space).owned.ravel()
+    own = slice(None) if space is None else SubSpace.displacements(space).owned_unknowns.ravel()
     sums = np.array(
         [[np.sum((s.array_r**2 * size)[own]) for s in shapes] for size in (prestress, stiffness)]
     )
@@ -279,7 +281,7 @@ def _prestress_over_stiffness(
 
 def _check_prestress(factors: Array, prestress: Array, comm: MPI.Comm) -> None:
     """Raise NoModes for prestresses beyond the stiffness; warn of those near it."""
-    too_large = prestress > MAX_PRESTRESS
+    too_large = prestress > MAX_PRESTRESS_RATIO
     if too_large.any():
         raise NoModes(
             f"only {np.sum(~too_large)} of {len(factors)} factors are of buckling: at the factor "
@@ -287,7 +289,7 @@ def _check_prestress(factors: Array, prestress: Array, comm: MPI.Comm) -> None:
             "stiffness, and no body is elastic there. Either the load pulls where it should press "
             "(then reverse it), or fewer modes have to be asked for"
         )
-    if prestress.max() > DOUBTFUL_PRESTRESS:
+    if prestress.max() > WARNING_PRESTRESS_RATIO:
         worst = int(np.argmax(prestress))
         words = (
             f"at the buckling factor {factors[worst]:.4g} the prestress is {prestress[worst]:.2g} "
@@ -311,7 +313,7 @@ class _Asked:
         check_problem(pair, reductions=reductions, solver=self.solver)
         arguments.check_integer("count", self.count, 1)
         arguments.check_flag("symmetrised", self.symmetrised)
-        refuse_negative("the stiffness", K, self.reduction.space)
+        refuse_negative_trace("the stiffness", K, self.reduction.space)
 
     def by_solver(self, modes: Callable[[LinearSolver], T]) -> T:
         why = "a symmetrised pair needs its pivots counted" if self.symmetrised else ""
@@ -320,16 +322,16 @@ class _Asked:
             raise ValueError(
                 "a pair of hybrid spaces has no symmetrised twin: it is never definite"
             )
-        taken = auto_solver(self.solver, supports, why, modes=True)
-        return with_fallback(taken, self.solver, supports, modes)
+        taken = choose_solver(self.solver, supports, why, for_modes=True)
+        return compute_with_fallback(taken, self.solver, supports, modes)
 
     def pair(
         self, A: PETSc.Mat, B: PETSc.Mat, solver: LinearSolver
     ) -> tuple[PETSc.Mat, PETSc.Mat, Reduction]:
         """A and B of A d = mu B d, reduced; for a solver without matrix A masked, B a free copy."""
-        reduction = equilibrated(self.reduction, B)
+        reduction = scale_pressures(self.reduction, B)
         if is_matrix_free(solver):
-            reduction = masked(reduction)
+            reduction = full_size_reduction(reduction)
             return reduction.matrix(A), B.copy(), reduction
         A, B = reduction.matrix(A), reduction.matrix(B)
         if self.symmetrised:
@@ -357,9 +359,9 @@ def _largest(
     if isinstance(solver, Iterative):
         inverse = krylov = solver.prepare(B, asked.symmetrised, reduction.supports)
         if shifted:
-            krylov.multigrid.ready()
+            krylov.preconditioner.set_up_levels()
         else:
-            with explained():
+            with explain_singular_system():
                 krylov.set_up()
         B = krylov.operator
     else:
@@ -472,9 +474,9 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
         raise ValueError(
             "the stiffness is not symmetric: some of its upper eigenvalues are complex, and "
             "undamped motions would grow whatever the time step; use the symmetric sibling, "
-            "Sibling.of(space).matrix(K_standard), whose nodal forces are even, too"
+            "Sibling.from_space(space).matrix(K_standard), whose nodal forces are even, too"
         )
-    inverse = diagonal_mass(M)
+    inverse = extract_diagonal_mass(M)
     inverse.reciprocal()
     inverse.sqrtabs()
     scaled = K.copy()
@@ -507,7 +509,7 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     return float(2 / np.sqrt(largest))
 
 
-def diagonal_mass(M: PETSc.Mat) -> PETSc.Vec:
+def extract_diagonal_mass(M: PETSc.Mat) -> PETSc.Vec:
     """Masses (n,) of a matrix, which is refused unless it is diagonal and positive."""
     mass = M.getDiagonal()
     first, last = M.getOwnershipRange()

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.algebra.problem_checks import check_problem
-from pw_elements.algebra.reduction import Reduction, equilibrated, masked
+from pw_elements.algebra.reduction import Reduction, full_size_reduction, scale_pressures
 from pw_elements.checks import check_same_arguments
 from pw_elements.progress import report_activity
 from pw_elements.solvers import (
@@ -24,12 +24,12 @@ from pw_elements.solvers import (
     PreparedSolver,
     SingularSystem,
     Solver,
-    auto_solver,
+    choose_solver,
     collect_garbage,
+    compute_with_fallback,
     is_matrix_free,
-    with_fallback,
 )
-from pw_elements.spaces import NOTHING, Assembled, SubSpace, is_hybrid
+from pw_elements.spaces import PRESSURE_MODE_TOLERANCE, AssemblyRecord, SubSpace, is_hybrid
 
 
 @check_same_arguments
@@ -53,23 +53,25 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
             a solver that does not serve the reduction.
     """
     check_problem({"the stiffness": K}, None, {"the load": f}, (reduction,), solver=solver)
-    taken = auto_solver(solver, reduction.supports)
-    return with_fallback(taken, solver, reduction.supports, partial(_solved, K, f, reduction))
+    taken = choose_solver(solver, reduction.supports)
+    return compute_with_fallback(
+        taken, solver, reduction.supports, partial(_solved, K, f, reduction)
+    )
 
 
 def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolver) -> PETSc.Vec:
     matrix: PETSc.Mat | None = None
     prepared: PreparedSolver
     if is_matrix_free(solver):
-        reduction = equilibrated(masked(reduction), K).under(K, f)
+        reduction = scale_pressures(full_size_reduction(reduction), K).for_load(K, f)
         prepared = solver.prepare(K, supports=reduction.supports)
     else:
-        reduction = equilibrated(reduction, K).under(K, f)
+        reduction = scale_pressures(reduction, K).for_load(K, f)
         matrix = reduction.matrix(K)
         prepared = solver.prepare(matrix)
     load = reduction.load(K, f)
     try:
-        with explained(matrix, reduction), _told(prepared, K):
+        with explain_singular_system(matrix, reduction), _told(prepared, K):
             solution, report = prepared.solve(load), prepared.report
     finally:
         prepared.release()
@@ -77,7 +79,9 @@ def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolv
         collect_garbage(K)
     full = reduction.expand(solution)
     full.setAttr("report", report)
-    full.setAttr("mesh", Assembled.of(K).mesh)  # whose communicator copies of the vector need
+    full.setAttr(
+        "mesh", AssemblyRecord.read(K).mesh
+    )  # whose communicator copies of the vector need
     return full
 
 
@@ -97,24 +101,24 @@ def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     return K * a - f
 
 
-def free_pressure(
-    matrix: PETSc.Mat, reduction: Reduction, beside: npt.NDArray[np.integer] | None = None
+def has_free_constant_pressure(
+    matrix: PETSc.Mat, reduction: Reduction, ignored_rows: npt.NDArray[np.integer] | None = None
 ) -> bool:
     """Whether a constant pressure acts on no displacement; own equations `beside` do not count."""
     if reduction.space is None or not is_hybrid(reduction.space):
         return False
     pressure = SubSpace.pressure(reduction.space)
     constant = reduction.offset.duplicate()
-    constant.setArray(pressure.spread(np.ones(len(pressure.owned))))
+    constant.setArray(pressure.embed(np.ones(len(pressure.owned_unknowns))))
     unknown = matrix.createVecRight()
     reduction.right.multTranspose(constant, unknown)
     unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # several may be tied
     effect = matrix * unknown
-    if beside is not None:
-        effect.array[beside] = 0.0
+    if ignored_rows is not None:
+        effect.array[ignored_rows] = 0.0
     largest = PETSc.NormType.INFINITY
     size = matrix.norm(largest) * unknown.norm(largest)
-    return bool(size > 0 and effect.norm(largest) <= NOTHING * size)
+    return bool(size > 0 and effect.norm(largest) <= PRESSURE_MODE_TOLERANCE * size)
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
@@ -125,7 +129,7 @@ def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
     """
     part = matrix + matrix.transpose(PETSc.Mat())
     part.scale(0.5)
-    return Assembled.of(matrix).mark(part)
+    return AssemblyRecord.read(matrix).attach(part)
 
 
 def factorise(
@@ -137,7 +141,7 @@ def factorise(
     """A solver ready for a regular matrix; the reduction that made it gives better words."""
     prepared = (solver or Direct()).prepare(matrix, symmetric)
     try:
-        with explained(matrix, reduction), _told(prepared, matrix):
+        with explain_singular_system(matrix, reduction), _told(prepared, matrix):
             prepared.set_up()
     except SingularSystem:
         prepared.release()
@@ -146,7 +150,7 @@ def factorise(
 
 
 @contextmanager
-def explained(
+def explain_singular_system(
     matrix: PETSc.Mat | None = None, reduction: Reduction | None = None
 ) -> Iterator[None]:
     """Adds to a `SingularSystem` of a block what is the likely cause."""
@@ -155,7 +159,11 @@ def explained(
     except FreePressure:
         raise
     except SingularSystem as error:
-        if matrix is not None and reduction is not None and free_pressure(matrix, reduction):
+        if (
+            matrix is not None
+            and reduction is not None
+            and has_free_constant_pressure(matrix, reduction)
+        ):
             raise FreePressure from None
         raise SingularSystem(
             f"{error}: the supports leave a rigid motion free, a node has no stiffness, or the "

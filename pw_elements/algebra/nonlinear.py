@@ -23,7 +23,7 @@ from ufl.algorithms import compute_form_data, expand_derivatives
 from ufl.algorithms.check_arities import ArityMismatch
 
 from pw_elements.algebra.problem_checks import check_solver, is_finite
-from pw_elements.algebra.reduction import prescribed
+from pw_elements.algebra.reduction import evaluate_conditions
 from pw_elements.arrays import Array
 from pw_elements.checks import (
     arguments,
@@ -34,14 +34,14 @@ from pw_elements.checks import (
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import Direct, LinearSolver, NotConverged, SingularSystem, is_matrix_free
 from pw_elements.spaces import (
-    Assembled,
+    AssemblyRecord,
     Spaces,
-    compiled_form,
-    equilibration,
+    add_estimated_degrees,
+    add_sub_cell_rules,
+    compile_form,
+    equilibration_scale,
+    has_split_pressure,
     is_hybrid,
-    is_split,
-    with_cell_rules,
-    with_degrees,
 )
 
 # Newton's method is done with a correction below this, over the largest value of u: it is
@@ -71,7 +71,7 @@ _MOST_PARTS = 16
 
 
 @dataclass(frozen=True)
-class Increment:
+class SolvedIncrement:
     """The work that an increment took, or a part of one.
 
     Args:
@@ -79,37 +79,37 @@ class Increment:
         corrections: largest change of a nodal value in each iteration, over the largest value.
     """
 
-    share: float
-    corrections: tuple[float, ...]
+    load_factor: float
+    relative_corrections: tuple[float, ...]
 
 
-class System:
+class ResidualSystem:
     """Residual and tangent, compiled forms, at an unknown function, assembled in place."""
 
     def __init__(self, u: fem.Function, residual: fem.Form, tangent: fem.Form) -> None:
-        self.u, self._residual, self._tangent = u, residual, tangent
+        self.u, self._residual_form, self._tangent_form = u, residual, tangent
         self.blocked = False  # whether the matrix is stored by nodes, see `assemble_matrix`
 
     @cached_property
-    def matrix(self) -> PETSc.Mat:
+    def tangent(self) -> PETSc.Mat:
         nodal = not is_hybrid(self.u.function_space) and self.u.function_space.dofmap.bs > 1
-        matrix = petsc.create_matrix(self._tangent, "baij" if self.blocked and nodal else None)
+        matrix = petsc.create_matrix(self._tangent_form, "baij" if self.blocked and nodal else None)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        return Assembled(self._tangent).mark(matrix)
+        return AssemblyRecord(self._tangent_form).attach(matrix)
 
-    def take(self, x: PETSc.Vec) -> None:
+    def set_unknowns(self, x: PETSc.Vec) -> None:
         self.u.x.array[: x.getLocalSize()] = x.array_r
         self.u.x.scatter_forward()
 
-    def forces(self) -> PETSc.Vec:
-        forces = petsc.assemble_vector(self._residual)
+    def assemble_residual(self) -> PETSc.Vec:
+        forces = petsc.assemble_vector(self._residual_form)
         forces.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-        return Assembled(self._residual).mark(forces)
+        return AssemblyRecord(self._residual_form).attach(forces)
 
-    def assemble(self) -> None:
-        self.matrix.zeroEntries()
-        petsc.assemble_matrix(self.matrix, self._tangent)
-        self.matrix.assemble()
+    def assemble_tangent(self) -> None:
+        self.tangent.zeroEntries()
+        petsc.assemble_matrix(self.tangent, self._tangent_form)
+        self.tangent.assemble()
 
 
 class Newton:
@@ -120,7 +120,7 @@ class Newton:
 
     def __init__(
         self,
-        system: System,
+        system: ResidualSystem,
         fixed: npt.NDArray[np.integer],
         prescribed: PETSc.Vec,
         linear: bool,
@@ -132,28 +132,31 @@ class Newton:
         self._x.setArray(system.u.x.array[: self._x.getLocalSize()])
         self.corrections: list[float] = []
         self._singular: SingularSystem | None = None
-        system.assemble()
-        for name, values in (("the tangent", system.matrix), ("the residual", system.forces())):
+        system.assemble_tangent()
+        for name, values in (
+            ("the tangent", system.tangent),
+            ("the residual", system.assemble_residual()),
+        ):
             size = values.norm(PETSc.NormType.INFINITY)
             if np.isfinite(size):  # the iteration says where it is not
                 arguments.check_magnitude(f"{name} at the start", size)
-        self._scale = equilibration(system.u.function_space, system.matrix)
-        system.matrix.diagonalScale(self._scale, self._scale)
+        self._scale = equilibration_scale(system.u.function_space, system.tangent)
+        system.tangent.diagonalScale(self._scale, self._scale)
         self._x.pointwiseDivide(self._x, self._scale)
         self._prescribed = prescribed.duplicate()
         self._prescribed.pointwiseDivide(prescribed, self._scale)
         self._before = self._x.copy()
-        diagonal = system.matrix.getDiagonal()
+        diagonal = system.tangent.getDiagonal()
         # what makes equations of conditions
         self._stiffness = diagonal.norm(PETSc.NormType.NORM_1) / diagonal.getSize() or 1.0
         self._norm = 0.0
-        self._prepared = solver.prepare(system.matrix)
+        self._prepared = solver.prepare(system.tangent)
 
     def solve(self) -> None:
         """Solves, or raises NotConverged or SingularSystem; u is worth nothing then."""
         snes = PETSc.SNES().create(self._prescribed.comm)
         snes.setFunction(self._equations, self._prescribed.duplicate())
-        snes.setJacobian(self._linearised, self._system.matrix)
+        snes.setJacobian(self._linearised, self._system.tangent)
         snes.setType("newtonls")
         snes.setKSP(self._prepared.ksp)
         snes.setTolerances(max_it=_ITERATIONS)
@@ -173,21 +176,21 @@ class Newton:
     def _take(self, x: PETSc.Vec) -> None:
         values = x.duplicate()
         values.pointwiseMult(x, self._scale)
-        self._system.take(values)
+        self._system.set_unknowns(values)
 
     def _equations(self, _: PETSc.SNES, x: PETSc.Vec, out: PETSc.Vec) -> None:
         self._take(x)
-        forces = self._system.forces().array_r * self._scale.array_r
+        forces = self._system.assemble_residual().array_r * self._scale.array_r
         off = x.array_r[self._fixed] - self._prescribed.array_r[self._fixed]
         forces[self._fixed] = self._stiffness * off
         out.setArray(forces)
 
     def _linearised(self, _: PETSc.SNES, x: PETSc.Vec, *__: PETSc.Mat) -> None:
         self._take(x)
-        self._system.assemble()
-        self._system.matrix.diagonalScale(self._scale, self._scale)
-        self._system.matrix.zeroRows(self._rows, diag=self._stiffness)
-        self._norm = self._system.matrix.norm(PETSc.NormType.INFINITY)
+        self._system.assemble_tangent()
+        self._system.tangent.diagonalScale(self._scale, self._scale)
+        self._system.tangent.zeroRows(self._rows, diag=self._stiffness)
+        self._norm = self._system.tangent.norm(PETSc.NormType.INFINITY)
         try:
             self._prepared.set_up()
         except SingularSystem as error:
@@ -289,10 +292,10 @@ class PetrovGalerkinProblem:
                 'Iterative() and "auto" solve with one free matrix under supports, not with '
                 "Newton's tangents: use Direct()"
             )
-        self.u, self.increments = u, tuple[Increment, ...]()
+        self.u, self.increments = u, tuple[SolvedIncrement, ...]()
         self._space, self._conditions = u.function_space, conditions
         self._comm: MPI.Comm = self._space.mesh.comm
-        if is_split(self._space):
+        if has_split_pressure(self._space):
             raise ValueError(
                 "the pressure of this space is split, and no residual ties it: use "
                 "Spaces.hybrid(mesh) without parts"
@@ -305,7 +308,7 @@ class PetrovGalerkinProblem:
             )
         Spaces(self._space, weights[0].ufl_function_space())
         try:
-            form = with_degrees(with_cell_rules(residual))
+            form = add_estimated_degrees(add_sub_cell_rules(residual))
             compute_form_data(form)  # in which UFL looks whether all terms have the weights
             tangent = expand_derivatives(ufl.derivative(form, u, ufl.TrialFunction(self._space)))
         except (Exception, ArityMismatch) as error:  # UFL's is no Exception
@@ -313,9 +316,9 @@ class PetrovGalerkinProblem:
         if tangent.empty():
             raise ValueError("the residual does not depend on u: it has to be stated with u itself")
         self.form, self._is_linear = form, u not in tangent.coefficients()
-        prescribed(self._space, conditions)  # what is wrong is refused at once
-        self.system = System(
-            u, compiled_form(form, 1, "a residual"), compiled_form(tangent, 2, "a tangent")
+        evaluate_conditions(self._space, conditions)  # what is wrong is refused at once
+        self.system = ResidualSystem(
+            u, compile_form(form, 1, "a residual"), compile_form(tangent, 2, "a tangent")
         )
         self._solver: LinearSolver = Direct() if solver is None else solver
         self._held: dict[fem.Constant, Array] = {}
@@ -381,7 +384,7 @@ class PetrovGalerkinProblem:
         third order in the size of cells, if a load's moment is that of its density (with nodal
         loads at deformed nodes: to second order).
         """
-        return self.system.forces()
+        return self.system.assemble_residual()
 
     def _path(self, load: Load | None) -> Callable[[float], None]:
         """The function that sets the load to a share of it; local."""
@@ -411,11 +414,11 @@ class PetrovGalerkinProblem:
 
     def _newton(self, share: float) -> None:
         """Solves for u under the load as it is; where that fails, u is worth nothing."""
-        free, values = prescribed(self._space, self._conditions)
+        free, values = evaluate_conditions(self._space, self._conditions)
         fixed = np.flatnonzero(~free)
         newton = Newton(self.system, fixed, values, self._is_linear, self._solver)
         newton.solve()
-        self.increments += (Increment(share, tuple(newton.corrections)),)
+        self.increments += (SolvedIncrement(share, tuple(newton.corrections)),)
         words = f"load {share:.4g}: {len(newton.corrections)} iterations"
         log_on_root(self._comm, logging.INFO, words, ".problems")
 

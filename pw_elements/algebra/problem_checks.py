@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.checks import arguments, collective_errors
-from pw_elements.spaces import Assembled, SubSpace
+from pw_elements.spaces import AssemblyRecord, SubSpace
 
 _STIFFNESS = "the stiffness"
 _FROBENIUS, _INFINITY = PETSc.NormType.FROBENIUS, PETSc.NormType.INFINITY
@@ -56,7 +56,7 @@ def check_problem(
                 raise ValueError(f"{name} lives on other processes than {first}")
             sizes = thing.getSizes()[0] if name in matrices else thing.getSizes()
             arguments.check_sizes(name, sizes, first, K.getSizes()[0])
-            _check_mesh(name, Assembled.of(thing).mesh, K)
+            _check_mesh(name, AssemblyRecord.read(thing).mesh, K)
         if space is not None:
             arguments.check_space(space)
             arguments.check_sizes(first, K.getSizes()[0], "the space", space)
@@ -81,7 +81,7 @@ def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
     """Raises unless a load is a finite vector (n,) made with the weight functions of K (n, n)."""
     with collective_errors(K.comm.tompi4py()):
         arguments.check_petsc_vector(name, load, _STIFFNESS, K.getSizes()[0])
-        _check_mesh(name, Assembled.of(load).mesh, K)
+        _check_mesh(name, AssemblyRecord.read(load).mesh, K)
         _check_likeness(name, load, K)
     if not is_finite(load):
         raise ValueError(f"{name} is not finite")
@@ -89,7 +89,7 @@ def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
 
 
 def _check_mesh(name: str, mesh: Any, K: PETSc.Mat) -> None:  # noqa: ANN401
-    known = Assembled.of(K).mesh
+    known = AssemblyRecord.read(K).mesh
     if None not in (known, mesh) and mesh is not known:
         raise ValueError(
             f"{name} belongs to another mesh than {_STIFFNESS}: their nodes have other numbers, "
@@ -99,11 +99,11 @@ def _check_mesh(name: str, mesh: Any, K: PETSc.Mat) -> None:  # noqa: ANN401
 
 def _check_likeness(name: str, thing: PETSc.Vec | PETSc.Mat, K: PETSc.Mat) -> None:
     """Raises ValueError unless weights and state of stress are those of K; local."""
-    own, other = Assembled.of(K), Assembled.of(thing)
-    if own.states and other.states and own.states != other.states:
-        theirs, ours = (" and ".join(sorted(known.states)) for known in (other, own))
+    own, other = AssemblyRecord.read(K), AssemblyRecord.read(thing)
+    if own.stress_states and other.stress_states and own.stress_states != other.stress_states:
+        theirs, ours = (" and ".join(sorted(known.stress_states)) for known in (other, own))
         raise ValueError(f"{name} is one in {theirs}, {_STIFFNESS} in {ours}")
-    if own.form is None or own.weights is None or other.weights is None:
+    if own.form is None or own.test_space is None or other.test_space is None:
         return
     if (own.sibling is None) != (other.sibling is None):
         raise ValueError(
@@ -111,7 +111,7 @@ def _check_likeness(name: str, thing: PETSc.Vec | PETSc.Mat, K: PETSc.Mat) -> No
             "coefficients: use Sibling.matrix and Sibling.load for both or for none"
         )
     test, trial = own.form.function_spaces
-    if not _same_element(other.weights, test):
+    if not _same_element(other.test_space, test):
         standard = "galerkin" if _same_element(test, trial) else "petrov_galerkin"
         raise ValueError(
             f"{name} was made with other weight functions than {_STIFFNESS}: nodal forces differ "
@@ -156,11 +156,13 @@ def is_finite(vector: PETSc.Vec) -> bool:
     return bool(vector.comm.tompi4py().allreduce(own, MPI.LAND))
 
 
-def refuse_negative(name: str, matrix: PETSc.Mat, space: fem.FunctionSpace | None = None) -> None:
+def refuse_negative_trace(
+    name: str, matrix: PETSc.Mat, space: fem.FunctionSpace | None = None
+) -> None:
     """Refuses a diagonal, and so eigenvalues, of negative sum; displacements alone count."""
     diagonal = matrix.getDiagonal()
     if space is not None:
-        diagonal = SubSpace.displacements(space).part(diagonal)
+        diagonal = SubSpace.displacements(space).extract(diagonal)
     trace = diagonal.sum()
     if trace < 0:
         raise ValueError(

@@ -19,27 +19,27 @@ from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.arrays import Mask
 from pw_elements.checks import arguments, check_same_arguments, collective_errors, format_points
 from pw_elements.solvers import (
-    NO_SUPPORTS,
-    Masked,
-    Projection,
+    NO_SUPPORTS_MESSAGE,
+    ConstrainedOperator,
+    ConstraintProjection,
     SingularSystem,
     Supports,
-    add,
-    block_diagonal,
+    add_scaled,
+    block_diagonal_matrix,
     diagonal_blocks,
     python_matrix,
-    selection,
-    unblocked,
+    selection_matrix,
+    to_aij,
 )
 from pw_elements.spaces import (
-    Assembled,
+    AssemblyRecord,
     Spaces,
-    equilibration,
-    fields_of,
+    equilibration_scale,
+    has_split_pressure,
     is_hybrid,
-    is_split,
-    numbered,
-    tied,
+    list_fields,
+    local_numbers,
+    tie_pressures,
 )
 
 # Largest difference of values that are prescribed as the same, over the largest of them
@@ -49,7 +49,7 @@ _SAME_VALUE = 1e-9
 _ZERO_ENTRY = 1e-13
 
 
-def prescribed(
+def evaluate_conditions(
     space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
 ) -> tuple[Mask, PETSc.Vec]:
     """Which owned degrees of freedom are free, and the prescribed values (zero where free)."""
@@ -79,9 +79,9 @@ def prescribed(
         size = np.abs(values[:owned]).max(initial=0.0)
         arguments.check_magnitude("the largest prescribed value", float(size), minimum=0.0)
     places = np.zeros((0, space.mesh.geometry.dim))
-    for field in fields_of(space):
-        largest = comm.allreduce(np.abs(values[field.owned]).max(initial=0.0), MPI.MAX)
-        twice = (difference[field.owned] > _SAME_VALUE * largest).any(axis=1)
+    for field in list_fields(space):
+        largest = comm.allreduce(np.abs(values[field.owned_unknowns]).max(initial=0.0), MPI.MAX)
+        twice = (difference[field.owned_unknowns] > _SAME_VALUE * largest).any(axis=1)
         if twice.any():
             x = field.space.tabulate_dof_coordinates()[: len(twice)][twice]
             places = np.vstack([places, x[:, : places.shape[1]]])
@@ -108,21 +108,21 @@ def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> No
         )
 
 
-def check_any(chosen: Mask, space: fem.FunctionSpace, otherwise: str) -> None:
+def require_any_dof(chosen: Mask, space: fem.FunctionSpace, otherwise: str) -> None:
     if space.mesh.comm.allreduce(int(chosen.sum()), MPI.SUM) == 0:
         raise ValueError(otherwise)
 
 
 def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
     """Q (n, n): inverse of K_ii, whose blocks belong to one node each, and zeros."""
-    chosen = selection(inner, K.createVecLeft())
+    chosen = selection_matrix(inner, K.createVecLeft())
     K_ii = chosen.transposeMatMult(K.matMult(chosen))
     (nodes, own), (sizes, _) = diagonal_blocks(K_ii, block), K_ii.getSizes()
     blocks = np.zeros((sizes[0] // block, block, block))
     blocks[nodes] = own
     largest = PETSc.NormType.INFINITY
     size = K_ii.norm(largest)
-    add(K_ii, -1.0, block_diagonal(blocks, sizes, K.comm))
+    add_scaled(K_ii, -1.0, block_diagonal_matrix(blocks, sizes, K.comm))
     coupled = K_ii.norm(largest) > _ZERO_ENTRY * size
     with collective_errors(K.comm.tompi4py()):
         if coupled:
@@ -132,7 +132,7 @@ def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
             )
         if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ZERO_ENTRY):
             raise SingularSystem("a node that is to be condensed has no stiffness")
-    inverse = block_diagonal(np.linalg.inv(blocks), sizes, K.comm)
+    inverse = block_diagonal_matrix(np.linalg.inv(blocks), sizes, K.comm)
     return chosen.matMult(inverse).matMult(chosen.transpose(PETSc.Mat()))
 
 
@@ -165,7 +165,7 @@ class Reduction:
     left: PETSc.Mat
     right: PETSc.Mat
     offset: PETSc.Vec
-    inner: PETSc.Mat | None = None
+    inner_flexibility: PETSc.Mat | None = None
     space: fem.FunctionSpace | None = None
     supports: Supports | None = None
 
@@ -206,12 +206,12 @@ class Reduction:
         parts = None
         if isinstance(space, Spaces):
             space, parts = space.trial, space.parts
-        free, offset = prescribed(space, conditions)
-        check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
-        if is_split(space):
-            kept = tied(space, parts, free)
+        free, offset = evaluate_conditions(space, conditions)
+        require_any_dof(free, space, "the Dirichlet conditions leave no degree of freedom free")
+        if has_split_pressure(space):
+            kept = tie_pressures(space, parts, free)
             return cls(kept, kept, offset, space=space)
-        kept = selection(free, offset)
+        kept = selection_matrix(free, offset)
         return cls(kept, kept, offset, space=space, supports=Supports(space, free))
 
     @classmethod
@@ -244,20 +244,20 @@ class Reduction:
         check_problem({"the stiffness": K}, space=space)
         if is_hybrid(space):
             raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
-        K = unblocked(K)
-        free, offset = prescribed(space, conditions)
+        K = to_aij(K)
+        free, offset = evaluate_conditions(space, conditions)
         block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
         comm = space.mesh.comm
         inner = np.zeros(len(free), dtype=bool)
         with collective_errors(comm):
             known = index_map.size_local + index_map.num_ghosts
-            chosen = numbered(comm, "the nodes to be condensed", nodes, known)
+            chosen = local_numbers(comm, "the nodes to be condensed", nodes, known)
             inner.reshape(-1, block)[chosen[chosen < index_map.size_local]] = True
             if np.any(inner & ~free):
                 raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
-        check_any(free & ~inner, space, "there is nothing but inner and prescribed nodes")
+        require_any_dof(free & ~inner, space, "there is nothing but inner and prescribed nodes")
         Q = _inner_flexibility(K, inner, block)
-        kept = selection(free & ~inner, offset)
+        kept = selection_matrix(free & ~inner, offset)
         right, left = kept.copy(), kept.copy()
         different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
         right.axpy(-1.0, Q.matMult(K.matMult(kept)), different)
@@ -265,7 +265,7 @@ class Reduction:
         return cls(left, right, offset, Q, space)
 
     @check_same_arguments
-    def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
+    def for_load(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
         """Makes the reduction for a load f (n,) that acts on inner nodes, too.
 
         Args:
@@ -276,9 +276,9 @@ class Reduction:
             TypeError, ValueError: if K and f do not match the reduction.
         """
         self._check_system(K, f)
-        if self.inner is None:
+        if self.inner_flexibility is None:
             return self
-        return replace(self, offset=self.offset - self.inner * (K * self.offset - f))
+        return replace(self, offset=self.offset - self.inner_flexibility * (K * self.offset - f))
 
     @check_same_arguments
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
@@ -288,8 +288,8 @@ class Reduction:
             TypeError, ValueError: if K is not a matrix that matches the reduction.
         """
         self._check_system(K)
-        reduced = self.left.transposeMatMult(unblocked(K).matMult(self.right))
-        return Assembled.of(K).mark(reduced)
+        reduced = self.left.transposeMatMult(to_aij(K).matMult(self.right))
+        return AssemblyRecord.read(K).attach(reduced)
 
     @check_same_arguments
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
@@ -329,28 +329,28 @@ class Reduction:
                 arguments.check_petsc_vector("the load", f, "the reduction", sizes)
 
 
-def masked(reduction: Reduction) -> Reduction:
+def full_size_reduction(reduction: Reduction) -> Reduction:
     """The reduction that keeps all unknowns and sets prescribed ones to zero."""
     if reduction.supports is None:
-        raise ValueError(NO_SUPPORTS)
+        raise ValueError(NO_SUPPORTS_MESSAGE)
     unknowns, free = reduction.right.getSize()
     if free == unknowns:  # nothing is prescribed: contact alone holds the body
         return reduction
-    kept = selection(reduction.supports.free, reduction.offset, renumbered=False)
+    kept = selection_matrix(reduction.supports.free, reduction.offset, renumbered=False)
     return replace(reduction, left=kept, right=kept)
 
 
-def supported(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
+def constrained_operator(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
     """The matrix of `masked` supports without assembling it: ones where values are prescribed."""
     if reduction.supports is None:
-        raise ValueError(NO_SUPPORTS)
+        raise ValueError(NO_SUPPORTS_MESSAGE)
     space = reduction.supports.space
-    projection = Projection(reduction.supports.free, space.dofmap.index_map_bs)
+    projection = ConstraintProjection(reduction.supports.free, space.dofmap.index_map_bs)
     scale = reduction.right.getDiagonal() if is_hybrid(space) else None  # see `equilibrated`
-    return python_matrix(K.getSizes(), Masked(K, projection, scale), K.comm)
+    return python_matrix(K.getSizes(), ConstrainedOperator(K, projection, scale), K.comm)
 
 
-def equilibrated(reduction: Reduction, K: PETSc.Mat) -> Reduction:
+def scale_pressures(reduction: Reduction, K: PETSc.Mat) -> Reduction:
     """The reduction with pressures of hybrid spaces scaled to a displacement's size.
 
     In consistent units displacement and pressure may be 15 orders of magnitude apart, and
@@ -358,7 +358,7 @@ def equilibrated(reduction: Reduction, K: PETSc.Mat) -> Reduction:
     """
     if reduction.space is None or not is_hybrid(reduction.space):
         return reduction
-    scale = equilibration(reduction.space, K)
+    scale = equilibration_scale(reduction.space, K)
     left, right = reduction.left.copy(), reduction.right.copy()
     for side in (left, right):
         side.diagonalScale(scale)

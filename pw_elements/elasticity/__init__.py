@@ -14,13 +14,13 @@ from pw_elements.elasticity.forces import (
     BoundaryForces,
     NodalFlux,
     SurfaceNodes,
-    by_position,
     facet_nodes,
-    facets_between,
-    facets_in_cells,
+    facets_with_all_nodes,
     force_transfer,
     forces_along,
+    locate_facets_in_cells,
     nodal_flux,
+    order_by_position,
 )
-from pw_elements.elasticity.incompressibility import REMEDY, TangentWatch
+from pw_elements.elasticity.incompressibility import HYBRID_SPACES_REMEDY, TangentRatioMonitor
 from pw_elements.elasticity.sibling import Sibling

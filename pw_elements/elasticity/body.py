@@ -34,25 +34,25 @@ from pw_elements.checks import (
     format_points,
 )
 from pw_elements.elasticity.incompressibility import (
-    REMEDY,
+    HYBRID_SPACES_REMEDY,
     bulk_over_shear,
     has_parallel_cells,
     max_bulk_over_shear,
 )
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
-    STATE,
-    Assembled,
+    STRESS_STATE_KEY,
+    AssemblyRecord,
     Marker,
     Part,
     Spaces,
     SubSpace,
-    by_cell_tag,
-    check_parts,
-    exterior_facets,
+    add_sub_cell_rules,
+    check_part_tags,
     is_hybrid,
-    some_nodes_of,
-    with_cell_rules,
+    locate_any_nodes,
+    locate_exterior_facets,
+    piecewise_constants_by_tag,
 )
 
 Scalar: TypeAlias = float | Expr
@@ -152,7 +152,7 @@ class Material:
             constants[tag] = [
                 arguments.check_number(f"{name} of {of}", value) for name, value in numbers
             ]
-        return cls(*by_cell_tag(mesh, cell_tags, constants))
+        return cls(*piecewise_constants_by_tag(mesh, cell_tags, constants))
 
 
 @dataclass(frozen=True)
@@ -273,7 +273,7 @@ class Body:
         """
         arguments.check_mesh_type(mesh)
         arguments.check_type("material", material, Material, "Material(E, nu) makes one")
-        check_parts(parts)
+        check_part_tags(parts)
         largest = _largest(material.poissons_ratio, mesh.comm)
         named = isinstance(state, str | StressState)  # other things may refuse to be compared
         stresses = StressState.PLANE_STRESS, StressState.PLANE_STRESS.value
@@ -293,7 +293,7 @@ class Body:
             return ""
         return (
             f". The bulk modulus is {ratio:.3g} times the shear modulus, more than {limit:g}. "
-            f"With piecewise-linear weights on these cells {REMEDY}"
+            f"With piecewise-linear weights on these cells {HYBRID_SPACES_REMEDY}"
         )
 
     def strain(self, u: Expr) -> Expr:
@@ -480,10 +480,12 @@ class Body:
         if degree is None:
             degree = self._sufficient_degree(exact_degree, in_box)
         dx = ufl.Measure("dx", self.spaces.mesh, metadata={"quadrature_degree": degree})
-        return with_cell_rules(integrand * self._depth() * self._stated(dx))
+        return add_sub_cell_rules(integrand * self._depth() * self._stated(dx))
 
     def _stated(self, measure: ufl.Measure) -> ufl.Measure:
-        return measure.reconstruct(metadata={**measure.metadata(), STATE: self.state.value})
+        return measure.reconstruct(
+            metadata={**measure.metadata(), STRESS_STATE_KEY: self.state.value}
+        )
 
     def _sufficient_degree(self, exact_degree: int, in_box: int) -> int:
         geometry = self.spaces.mesh.ufl_domain().ufl_coordinate_element()
@@ -524,7 +526,7 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
     arguments.check_mesh_type(mesh)
     arguments.check_integer("quadrature_degree", quadrature_degree, 0)
     dimension = mesh.topology.dim - 1
-    facets = exterior_facets(mesh, where)
+    facets = locate_exterior_facets(mesh, where)
     if mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
         raise ValueError("the marker holds on no exterior facet of the mesh: nothing to load")
     tags = meshtags(mesh, dimension, facets, np.ones(len(facets), dtype=np.int32))
@@ -571,10 +573,10 @@ def prescribe(
     arguments.check_number("the prescribed value", now)
     axis = 0 if fluid else int(component)
     if arguments.is_user_function(where):
-        nodes = some_nodes_of(field.space, "the prescribed nodes", where)
+        nodes = locate_any_nodes(field.space, "the prescribed nodes", where)
     else:
         # nodes given in place of facets are hardly ever all of the boundary's
-        facets = exterior_facets(space.mesh, where, inner=False)
+        facets = locate_exterior_facets(space.mesh, where, skip_interior=False)
         if space.mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
             raise ValueError("the prescribed part has no facet")
         nodes = fem.locate_dofs_topological(field.space, space.mesh.topology.dim - 1, facets)
@@ -604,12 +606,12 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
     arguments.check_space(space)
     comm, field = space.mesh.comm, SubSpace.displacements(space)
     arguments.check_vector("nodal force", force, field.unknowns.shape[1])
-    nodes = some_nodes_of(field.space, "the loaded nodes", where)
-    nodes = nodes[nodes < len(field.owned)]
-    values = np.zeros(field.owned.shape)
+    nodes = locate_any_nodes(field.space, "the loaded nodes", where)
+    nodes = nodes[nodes < len(field.owned_unknowns)]
+    values = np.zeros(field.owned_unknowns.shape)
     values[nodes] = force
-    load = PETSc.Vec().createMPI(field.rows, comm=comm)
-    load.setArray(field.spread(values.ravel()))
+    load = PETSc.Vec().createMPI(field.full_sizes, comm=comm)
+    load.setArray(field.embed(values.ravel()))
     return load
 
 
@@ -649,7 +651,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     lumped = PETSc.Mat().createAIJ(M.getSizes(), nnz=1, comm=M.comm)
     lumped.setDiagonal(mass)
     lumped.assemble()
-    return replace(Assembled.of(M), lumped=True).mark(lumped)
+    return replace(AssemblyRecord.read(M), lumped=True).attach(lumped)
 
 
 def _constant(value: Scalar) -> bool:

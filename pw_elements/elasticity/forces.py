@@ -35,20 +35,20 @@ from pw_elements.spaces import (
     Part,
     Spaces,
     assemble_vector,
-    exterior_facets,
+    gather_from_owners,
     is_hybrid,
+    locate_any_nodes,
+    locate_exterior_facets,
     macro_element,
-    of_owners,
     quadratic_element,
     scalar_space,
-    some_nodes_of,
 )
 
 # Shares of a mid-side node's Galerkin force that stay with it and go to either vertex
 _STAYS = 3 / 4
 _GOES = 1 / 8
 
-Area = Literal["geometric", "own"]
+Area = Literal["geometric", "weight"]
 
 
 @check_same_arguments
@@ -151,14 +151,14 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
         arguments.check_petsc_vector("the vector of forces", forces, "the space", space)
     if not is_finite(forces):
         raise ValueError("the vector of forces is not finite")
-    nodes = some_nodes_of(space, "the line", where)
+    nodes = locate_any_nodes(space, "the line", where)
     values = forces.array_r.reshape(-1, space.dofmap.index_map_bs)
     return BoundaryForces(*_in_order(space, nodes, values)[:2])
 
 
 @dataclass(frozen=True)
 class SurfaceNodes:
-    """Nodes of a part of the boundary, in the order of `by_position`, on every process.
+    """Nodes of a part of the boundary, in the order of `order_by_position`, on every process.
 
     Areas are lengths times thickness in the plane, and of the whole circumference in
     axisymmetry.
@@ -174,7 +174,7 @@ class SurfaceNodes:
     """
 
     position: Array
-    own_area: Array
+    weight_area: Array
     tributary_area: Array
     edges: Indices
     rim: Mask
@@ -183,7 +183,7 @@ class SurfaceNodes:
 
     @classmethod
     @check_same_arguments
-    def of(cls, body: Body, where: Part, stretch: Expr | None = None) -> "SurfaceNodes":
+    def from_body(cls, body: Body, where: Part, stretch: Expr | None = None) -> "SurfaceNodes":
         """Nodes of a part of the boundary.
 
         A `ContactPair` with the same marker has the same nodes if the marker ends at vertices.
@@ -202,11 +202,11 @@ class SurfaceNodes:
         arguments.check_type("body", body, Body, "Body(spaces, material, state) makes one")
         arguments.check_type("stretch", stretch, Expr | None, "SurfaceNodes.stretch(u) makes it")
         depth = body._depth() if stretch is None else body._depth() * stretch
-        return cls.scalar(_scalar(body.spaces.displacements), where, depth)
+        return cls.from_scalar_spaces(_scalar(body.spaces.displacements), where, depth)
 
     @classmethod
     @check_same_arguments
-    def scalar(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
+    def from_scalar_spaces(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
         """Nodes of a part of the boundary of a scalar problem.
 
         Args:
@@ -241,8 +241,8 @@ class SurfaceNodes:
         and the true pressure:
 
             spaces = Spaces.petrov_galerkin(mesh, 0)
-            nominal = SurfaceNodes.scalar(spaces, top).pressure(pair.force_normal)
-            deformed = SurfaceNodes.scalar(spaces, top, SurfaceNodes.stretch(u))
+            nominal = SurfaceNodes.from_scalar_spaces(spaces, top).pressure(pair.force_normal)
+            deformed = SurfaceNodes.from_scalar_spaces(spaces, top, SurfaceNodes.stretch(u))
             true = deformed.pressure(pair.force_normal)
 
         Args:
@@ -267,8 +267,8 @@ class SurfaceNodes:
             ValueError: if they are not one for each node.
         """
         force = self._checked(force)
-        weightless = self.own_area < 1e-9 * self.tributary_area
-        area = np.where(weightless, np.nan, self.own_area)
+        weightless = self.weight_area < 1e-9 * self.tributary_area
+        area = np.where(weightless, np.nan, self.weight_area)
         return (force.T / area).T
 
     def tributary_pressure(self, force: Array) -> Array:
@@ -348,24 +348,24 @@ class SurfaceNodes:
         return given
 
 
-def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.intp]:
+def order_by_position(position: Array, tie_break: Array | None = None) -> npt.NDArray[np.intp]:
     """Order of nodes (m, dim) by their first coordinate, then the next.
 
     Round-off of mid-side positions depends on the partition; the order does not. Nodes that
     coincide are in the order of a second position `beside`, if it is given.
     """
     size = np.ptp(position, axis=0).max(initial=0.0) if len(position) else 0.0
-    keys = position if beside is None else np.hstack([position, beside])
+    keys = position if tie_break is None else np.hstack([position, tie_break])
     return np.lexsort(np.round(keys / (size or 1.0), 9).T[::-1])
 
 
 def facet_nodes(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
     """Local numbers (f, k) of the nodes of exterior facets, in the order of Basix' own facets."""
-    cells, places = facets_in_cells(space, facets)
+    cells, places = locate_facets_in_cells(space, facets)
     return np.asarray(space.dofmap.list[cells[:, None], places])
 
 
-def facets_in_cells(
+def locate_facets_in_cells(
     space: fem.FunctionSpace, facets: LocalIndices
 ) -> tuple[LocalIndices, LocalIndices]:
     """Cell (f,) of each exterior facet, and places (f, k) of its nodes there."""
@@ -382,7 +382,7 @@ def facets_in_cells(
     return cells, closure[local]
 
 
-def facets_between(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
+def facets_with_all_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
     """Local numbers of exterior facets of owned cells with all nodes among global ones (m,)."""
     index_map, topology = space.dofmap.index_map, space.mesh.topology
     local = index_map.global_to_local(nodes)
@@ -398,7 +398,7 @@ def _areas(spaces: Spaces, where: Part, depth: Scalar) -> tuple[Array, Array, In
     space, mesh = spaces.trial, spaces.mesh
     weights = depth * ufl.TestFunction(spaces.test) * boundary_measure(mesh, where)
     area = assemble_vector(weights).array_r
-    facets = exterior_facets(mesh, where)
+    facets = locate_exterior_facets(mesh, where)
     nodes = fem.locate_dofs_topological(space, mesh.topology.dim - 1, facets)
     position, areas, node = _in_order(space, nodes, area)
     return position[:, : mesh.geometry.dim], areas, node
@@ -413,13 +413,13 @@ def _in_order(
     numbers = nodes + np.int64(index_map.local_range[0])
     own = space.tabulate_dof_coordinates()[nodes], values[nodes], numbers
     position, *rest = (np.concatenate(space.mesh.comm.allgather(part)) for part in own)
-    order = by_position(position)
+    order = order_by_position(position)
     return position[order], rest[0][order], rest[1][order]
 
 
 def _facets(space: fem.FunctionSpace, where: Part, node: Indices) -> Indices:
     """Facets (f, k) of all processes as places of their nodes among `node` (m,)."""
-    facets = facet_nodes(space, exterior_facets(space.mesh, where))
+    facets = facet_nodes(space, locate_exterior_facets(space.mesh, where))
     numbers = space.dofmap.index_map.local_to_global(facets.ravel()).reshape(facets.shape)
     order = np.argsort(node)
     every = np.concatenate(space.mesh.comm.allgather(numbers))
@@ -475,7 +475,7 @@ def nodal_flux(
         reactions: vector (n,), of `reactions` or `PetrovGalerkinProblem.reactions`.
         where: part of the boundary, as in `boundary_measure`.
         area: by which reactions are divided: "geometric", the node's share of the surface, or
-            "own", the integral of its test function: the same for piecewise-linear weights.
+            "weight", the integral of its test function: the same for piecewise-linear weights.
         depth: factor of the lengths or areas of the mesh, such as a thickness or 2 pi r.
 
     Raises:
@@ -488,15 +488,15 @@ def nodal_flux(
     with collective_errors(space.mesh.comm):
         arguments.check_petsc_vector("the vector of reactions", reactions, "the space", space)
     if not arguments.is_one_of(area, get_args(Area)):
-        raise ValueError(f"area {area!r}: it is 'geometric' or 'own'")
+        raise ValueError(f"area {area!r}: it is 'geometric' or 'weight'")
     if not is_finite(reactions):
         raise ValueError("the vector of reactions is not finite")
-    surface = SurfaceNodes.scalar(_scalar(spaces), where, depth)
+    surface = SurfaceNodes.from_scalar_spaces(_scalar(spaces), where, depth)
     values = reactions.array_r.reshape(-1, space.dofmap.index_map_bs)
-    reaction = of_owners(space, surface.node, values)
+    reaction = gather_from_owners(space, surface.node, values)
     if not space.num_sub_spaces:
         reaction = reaction[:, 0]
-    read = surface.pressure if area == "own" else surface.tributary_pressure
+    read = surface.pressure if area == "weight" else surface.tributary_pressure
     return NodalFlux(surface, reaction, read(reaction))
 
 

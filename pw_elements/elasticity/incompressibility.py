@@ -22,7 +22,7 @@ from pw_elements._compat import cell_nodes, interpolation_points
 from pw_elements.arrays import Array
 from pw_elements.checks import format_points
 from pw_elements.progress import log_on_root
-from pw_elements.spaces import compiled_form
+from pw_elements.spaces import compile_form
 
 # Bulk over shear modulus up to which K is safe. Curved cells: 50, that is nu = 0.49; the least
 # singular value, over the standard element's, is 0.13 there, and det K < 0 was met from 140 on
@@ -35,7 +35,7 @@ MAX_RATIO_STRAIGHT = 250.0
 STRAIGHT_TOLERANCE = 1e-8
 PARALLEL_TOLERANCE = 1e-12
 
-REMEDY = (
+HYBRID_SPACES_REMEDY = (
     "the stiffness may be singular there, or its determinant negative, and displacements may be "
     "off by any amount: add a pressure, Spaces.hybrid(mesh), which serves up to and including "
     "nu = 0.5"
@@ -126,7 +126,7 @@ class TangentRatio:
         work += ufl.replace(inner, {weight: H * H * arm})
         cell = ufl.TestFunction(fem.functionspace(self._mesh, ("DG", 0)))
         parts = [part.reconstruct(integrand=cell * part.integrand()) for part in work.integrals()]
-        self._work = compiled_form(ufl.Form(parts), 1, "the work of cells")
+        self._work = compile_form(ufl.Form(parts), 1, "the work of cells")
         self._numbers = self._work.function_spaces[0].dofmap.map().ravel()[self._cells]
 
     def of_cells(self) -> Array:
@@ -156,7 +156,7 @@ class TangentRatio:
         return np.array(fem.assemble_vector(self._work).array[self._numbers])
 
 
-class TangentWatch:
+class TangentRatioMonitor:
     """Tells once when a tangent leaves the range in which displacements alone serve.
 
     Args:
@@ -193,7 +193,8 @@ class TangentWatch:
                 f"the tangent's bulk stiffness is up to {largest:.3g} times its shear stiffness, "
                 f"in {len(middle)} cells, first around {format_points(middle[:3])}, more than "
                 f"{self._limit:g} times. With displacements and piecewise-linear weights on such "
-                f"cells {REMEDY}. Signs of determinants do not tell instability there",
+                f"cells {HYBRID_SPACES_REMEDY}. "
+                "Signs of determinants do not tell instability there",
                 ".contact",
             )
             self._told = True

@@ -21,8 +21,8 @@ from pw_elements.checks import (
     vector_sizes,
 )
 from pw_elements.elasticity.forces import transposed_transfer
-from pw_elements.solvers import unblocked
-from pw_elements.spaces import Assembled
+from pw_elements.solvers import to_aij
+from pw_elements.spaces import AssemblyRecord
 
 # A sum of positive shares below this, over one, is none
 _NO_SHARE = 1e-9
@@ -32,7 +32,7 @@ _NO_SHARE = 1e-9
 class Sibling:
     """The standard element of a space in the basis that T defines: symmetric, with even forces.
 
-        sibling = Sibling.of(U)
+        sibling = Sibling.from_space(U)
         K, f = sibling.matrix(K_standard), sibling.load(f_standard)
         a = solve(K, f, sibling.dirichlet(conditions))
         u = sibling.displacement(a)
@@ -59,7 +59,7 @@ class Sibling:
 
     @classmethod
     @check_same_arguments
-    def of(cls, space: fem.FunctionSpace) -> "Sibling":
+    def from_space(cls, space: fem.FunctionSpace) -> "Sibling":
         """The sibling of a quadratic Lagrange space.
 
         Args:
@@ -83,8 +83,8 @@ class Sibling:
         with collective_errors(self.space.mesh.comm):
             arguments.check_matrix("the matrix", standard, "the space", vector_sizes(self.space))
             self._check("the matrix", standard)
-        known = replace(Assembled.of(standard), sibling=self)
-        return known.mark(unblocked(standard).ptap(self.basis))
+        known = replace(AssemblyRecord.read(standard), sibling=self)
+        return known.attach(to_aij(standard).ptap(self.basis))
 
     @check_same_arguments
     def load(self, standard: PETSc.Vec) -> PETSc.Vec:
@@ -100,7 +100,7 @@ class Sibling:
         self._check_vector("the load", standard)
         load = self.basis.createVecRight()
         self.basis.multTranspose(standard, load)
-        return replace(Assembled.of(standard), sibling=self).mark(load)
+        return replace(AssemblyRecord.read(standard), sibling=self).attach(load)
 
     @check_same_arguments
     def displacement(self, coefficients: PETSc.Vec) -> PETSc.Vec:
@@ -164,8 +164,11 @@ class Sibling:
 
     def _check(self, name: str, thing: PETSc.Mat | PETSc.Vec) -> None:
         """Raises ValueError for what is not the standard element's; local."""
-        known = Assembled.of(thing)
-        if known.weights is not None and known.weights.element != self.space._cpp_object.element:
+        known = AssemblyRecord.read(thing)
+        if (
+            known.test_space is not None
+            and known.test_space.element != self.space._cpp_object.element
+        ):
             raise ValueError(
                 f"{name} was made with other weight functions than the standard element's: the "
                 "sibling transforms what Spaces.galerkin gives"

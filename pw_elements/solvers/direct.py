@@ -72,28 +72,28 @@ class SolverReport:
     factorisations: int
     krylov_iterations: int = 0
 
-    def after(self, before: "SolverReport") -> "SolverReport":
-        """The sum of this report and an earlier one.
+    def plus(self, earlier: "SolverReport") -> "SolverReport":
+        """Return the sum of this report and an earlier one.
 
         Args:
-            before: the earlier report.
+            earlier: report of an earlier solution, whose method is dropped.
         """
         return SolverReport(
             self.method,
-            before.factorisations + self.factorisations,
-            before.krylov_iterations + self.krylov_iterations,
+            earlier.factorisations + self.factorisations,
+            earlier.krylov_iterations + self.krylov_iterations,
         )
 
-    def since(self, before: "SolverReport") -> "SolverReport":
-        """What was done after an earlier report of the same solver.
+    def since(self, earlier: "SolverReport") -> "SolverReport":
+        """Return the work done since an earlier report of the same solver.
 
         Args:
-            before: an earlier report.
+            earlier: the earlier report.
         """
         return SolverReport(
             self.method,
-            self.factorisations - before.factorisations,
-            self.krylov_iterations - before.krylov_iterations,
+            self.factorisations - earlier.factorisations,
+            self.krylov_iterations - earlier.krylov_iterations,
         )
 
 
@@ -112,7 +112,7 @@ class PreparedSolver(Protocol):
         """What has been done so far."""
 
     @property
-    def orientations(self) -> tuple[int, ...]:
+    def determinant_signs(self) -> tuple[int, ...]:
         """Signs of the determinants met so far, in order; none if the solver knows none."""
 
     @property
@@ -122,10 +122,10 @@ class PreparedSolver(Protocol):
     def set_up(self) -> None:
         """Makes `ksp` ready for the matrix as it is now, or raises SingularSystem."""
 
-    def solve(self, right: PETSc.Vec) -> PETSc.Vec:
+    def solve(self, rhs: PETSc.Vec) -> PETSc.Vec:
         """Solution (n,) for the matrix as it is now; SingularSystem if there is not just one."""
 
-    def solve_changed(self, right: PETSc.Vec, rows: Indices) -> PETSc.Vec | None:
+    def solve_with_changed_rows(self, rhs: PETSc.Vec, rows: Indices) -> PETSc.Vec | None:
         """Solution after rows (global, this process') have changed, if that is cheaper; or None."""
 
     def release(self) -> None:
@@ -144,7 +144,7 @@ class LinearSolver(Protocol):
         """
 
 
-class MatrixFree(Protocol):
+class MatrixFreeSolver(Protocol):
     """A `LinearSolver` that takes the free stiffness and supports, and needs no reduced matrix.
 
     Right-hand sides and solutions are zero where displacements are prescribed. In contact, whose
@@ -166,7 +166,7 @@ class MatrixFree(Protocol):
         """
 
 
-def is_matrix_free(solver: object) -> TypeGuard[MatrixFree]:
+def is_matrix_free(solver: object) -> TypeGuard[MatrixFreeSolver]:
     """Whether a solver takes the free matrix and supports, and does without a reduced one."""
     return bool(getattr(solver, "matrix_free", False))
 
@@ -204,7 +204,7 @@ class Direct:
         """
         arguments.check_flag("symmetric", symmetric)
         arguments.check_matrix("the matrix", matrix)
-        with said_clearly(self.options):
+        with name_options_in_errors(self.options):
             return Factors(matrix, symmetric, self.options)
 
 
@@ -231,9 +231,9 @@ class Factors:
         package = self._preconditioner.getFactorSolverType()
         self._method = f"{'LDL^T' if symmetric else 'LU'} by {package}"
         self._mumps = package == "mumps"
-        self.take(matrix)
+        self.set_matrix(matrix)
 
-    def take(self, matrix: PETSc.Mat) -> None:
+    def set_matrix(self, matrix: PETSc.Mat) -> None:
         """Goes on with another matrix of the same size, whose pattern may be another one."""
         self._matrix, self._failed = matrix, False
         self._preconditioner.reset()
@@ -249,7 +249,7 @@ class Factors:
         return SolverReport(self._method, self._factorisations, self._iterations)
 
     @property
-    def orientations(self) -> tuple[int, ...]:
+    def determinant_signs(self) -> tuple[int, ...]:
         """Signs of the determinants of all matrices factorised so far, as far as MUMPS did it."""
         return tuple(self._orientations)
 
@@ -263,19 +263,19 @@ class Factors:
     def set_up(self) -> None:
         """Factorises the matrix as it is now; raises SingularSystem if the factors do not serve."""
         if self._failed:  # PETSc keeps the error of an analysis that NaN made fail
-            self.take(self._matrix)
+            self.set_matrix(self._matrix)
         self._preconditioner.setReusePreconditioner(False)
         self._most = 0.0  # columns
         self._columns: list[PETSc.Mat] = []
         self._rows: Indices = np.empty(0, dtype=PETSc.IntType)  # S, of all processes
         begun, comm, n = perf_counter(), self._matrix.comm.tompi4py(), self._matrix.getSize()[0]
-        with said_clearly(self._options):
+        with name_options_in_errors(self._options):
             self.ksp.setUp()
         self._factorisations += 1
         self._failed = True
         self._check()
         self._failed = False
-        refuse_unused(self.ksp, self._options)
+        refuse_unused_options(self.ksp, self._options)
         words = f"{self._method} of {n} unknowns: {perf_counter() - begun:.2f} s"
         log_on_root(comm, logging.DEBUG, words, ".linear_solver")
         if self._mumps:
@@ -286,13 +286,13 @@ class Factors:
             self._factorised = int(np.sign(factor.getMumpsRinfog(12)))
             self._orientations.append(self._factorised)
 
-    def solve(self, right: PETSc.Vec) -> PETSc.Vec:
+    def solve(self, rhs: PETSc.Vec) -> PETSc.Vec:
         self.set_up()
-        self._solution = right.duplicate()
-        self.ksp.solve(right, self._solution)
+        self._solution = rhs.duplicate()
+        self.ksp.solve(rhs, self._solution)
         return self._solution.copy()
 
-    def solve_changed(self, right: PETSc.Vec, rows: Indices) -> PETSc.Vec | None:
+    def solve_with_changed_rows(self, rhs: PETSc.Vec, rows: Indices) -> PETSc.Vec | None:
         """Solution by the last factors; None if new ones cost less, or it is not exact."""
         A, comm = self._matrix, self._matrix.comm.tompi4py()
         new = np.setdiff1d(np.concatenate(comm.allgather(rows)), self._rows)
@@ -312,9 +312,9 @@ class Factors:
         comm.Allreduce(MPI.IN_PLACE, changed, MPI.SUM)
         if len(own) and not np.linalg.cond(changed, 1) < _SINGULAR:
             return None
-        x, rest, step = self._solution.copy(), right.duplicate(), right.duplicate()
+        x, rest, step = self._solution.copy(), rhs.duplicate(), rhs.duplicate()
         largest = PETSc.NormType.INFINITY
-        size, known = A.norm(largest), right.norm(largest)
+        size, known = A.norm(largest), rhs.norm(largest)
         for refined in range(_REFINED):
             if refined:
                 self.ksp.solve(rest, step)
@@ -322,14 +322,14 @@ class Factors:
                 x.axpy(1.0, step)
             A.mult(x, rest)
             wrong = np.zeros(len(own))
-            wrong[own] = (right.array_r - rest.array_r)[here]
+            wrong[own] = (rhs.array_r - rest.array_r)[here]
             comm.Allreduce(MPI.IN_PLACE, wrong, MPI.SUM)
             weights, at = np.linalg.solve(changed, wrong), 0
             for Z in self._columns:
                 x.array[:] += Z.getDenseArray() @ weights[at : at + Z.getSize()[1]]
                 at += Z.getSize()[1]
             A.mult(x, rest)
-            rest.aypx(-1.0, right)
+            rest.aypx(-1.0, rhs)
             if rest.norm(largest) <= _ROUND_OFF * (size * x.norm(largest) + known):
                 self._solution = x
                 sign = int(np.linalg.slogdet(changed)[0])
@@ -403,7 +403,7 @@ def _check_count(name: str, value: str | float) -> None:
 
 
 @contextmanager
-def said_clearly(options: Options) -> Iterator[None]:
+def name_options_in_errors(options: Options) -> Iterator[None]:
     """Makes of PETSc's error in a block, which options have caused, one that names them."""
     try:
         yield
@@ -414,7 +414,7 @@ def said_clearly(options: Options) -> Iterator[None]:
         raise ValueError(f"PETSc cannot solve with the options {dict(options)}: {said}") from error
 
 
-def refuse_unused(ksp: PETSc.KSP, options: Options) -> None:
+def refuse_unused_options(ksp: PETSc.KSP, options: Options) -> None:
     prefix = ksp.getOptionsPrefix()
     unused = [name for name in options if not is_petsc_option_used(f"{prefix}{name.lstrip('-')}")]
     if unused:

@@ -44,22 +44,22 @@ from pw_elements.solvers.direct import (
     SingularSystem,
     SolverReport,
     check_options,
-    refuse_unused,
-    said_clearly,
+    name_options_in_errors,
+    refuse_unused_options,
     set_options,
 )
 from pw_elements.solvers.matrices import (
-    Masked,
-    Projection,
+    ConstrainedOperator,
+    ConstraintProjection,
     Supports,
-    destroy,
+    destroy_objects,
     galerkin_product,
     null_space,
     python_matrix,
-    triangle,
+    qr_triangle,
 )
 from pw_elements.solvers.multigrid import Multigrid, linear_interpolation
-from pw_elements.spaces import NOTHING, SubSpace, equilibration, is_hybrid
+from pw_elements.spaces import PRESSURE_MODE_TOLERANCE, SubSpace, equilibration_scale, is_hybrid
 
 # Eigenvalues of P1 or Q1 mass matrices over their diagonal, and the polynomial's degree
 _MASS = {
@@ -75,7 +75,7 @@ _Iterate: TypeAlias = Callable[[_Map, _Map, Array, float], Array]
 
 Solver: TypeAlias = LinearSolver | Literal["auto"] | None
 
-NO_SUPPORTS = (
+NO_SUPPORTS_MESSAGE = (
     "Iterative() solves under the supports of Reduction.dirichlet alone: static condensation and "
     "other reductions, and a pressure that is split, need Direct()"
 )
@@ -113,7 +113,7 @@ _MANY_LOOSE = 30_000
 _SPARE_MEMORY = 2.0
 
 
-class SaddlePoint:
+class BlockTriangularPreconditioner:
     """The levels for one matrix (n, n) of hybrid spaces, in the place of a `Multigrid`.
 
     Pressures are scaled to lengths, as by `equilibration`: `scaled` is s K s, the operator Pi s K s
@@ -125,30 +125,34 @@ class SaddlePoint:
         space, comm = supports.space, K.comm
         self._K = K
         self.displacements, self._p = SubSpace.displacements(space), SubSpace.pressure(space)
-        self._scale, every = equilibration(space, K), np.ones_like(supports.free)
-        self.operator, self.scaled = (
-            python_matrix(K.getSizes(), Masked(K, Projection(free, 1), self._scale), comm)
+        self._scale, every = equilibration_scale(space, K), np.ones_like(supports.free)
+        self.operator, self.scaled_matrix = (
+            python_matrix(
+                K.getSizes(),
+                ConstrainedOperator(K, ConstraintProjection(free, 1), self._scale),
+                comm,
+            )
             for free in (supports.free, every)
         )
-        own = supports.free[self.displacements.owned.ravel()]
-        self._free = supports.free[self._p.owned.ravel()].astype(float)
+        own = supports.free[self.displacements.owned_unknowns.ravel()]
+        self._free = supports.free[self._p.owned_unknowns.ravel()].astype(float)
         A = self._blocks()
-        self.elastic = A, Supports(self.displacements.space, own)
-        self.levels = Multigrid(*self.elastic)
-        self.inner = PETSc.PC().create(comm)
+        self.displacement_block = A, Supports(self.displacements.space, own)
+        self.multigrid = Multigrid(*self.displacement_block)
+        self.displacement_pc = PETSc.PC().create(comm)
         self._given, self._found = A.createVecs()
         self._pressed, self._rest = self._B.createVecLeft(), self._B.createVecLeft()
 
     def _blocks(self, A: PETSc.Mat | None = None) -> PETSc.Mat:
         """Makes the triangle's blocks of K; the first, which it returns, in a matrix given."""
         space = self.displacements.space
-        u, p = (field.numbers() for field in (self.displacements, self._p))
+        u, p = (field.global_numbers() for field in (self.displacements, self._p))
         plain = self._K.createSubMatrix(u, u)
         plain.setBlockSize(space.mesh.geometry.dim)
         A = plain.convert("baij", A or PETSc.Mat())
-        destroy(plain)
+        destroy_objects(plain)
         self._B = self._K.createSubMatrix(p, u)
-        scales = self._p.part(self._scale)
+        scales = self._p.extract(self._scale)
         S = _mass(space, self._p.space, A, self._B)
         volumes = self._K.createSubMatrix(p, p)
         S.axpy(-1.0, volumes, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
@@ -157,48 +161,51 @@ class SaddlePoint:
         self._pressure = _chebyshev(S, space.mesh.topology.cell_name())
         return A
 
-    def renew(self) -> None:
-        self._blocks(self.elastic[0])
-        self.levels.renew()
+    def refresh(self) -> None:
+        self._blocks(self.displacement_block[0])
+        self.multigrid.refresh()
 
     def set_up(self, preconditioner: PETSc.PC) -> None:
-        self.inner.setOptionsPrefix(preconditioner.getOptionsPrefix())
-        self.inner.setOperators(self.levels.operator)
-        self.levels.set_up(self.inner)
-        self.inner.setFromOptions()
+        self.displacement_pc.setOptionsPrefix(preconditioner.getOptionsPrefix())
+        self.displacement_pc.setOperators(self.multigrid.operator)
+        self.multigrid.set_up(self.displacement_pc)
+        self.displacement_pc.setFromOptions()
         preconditioner.setType("python")
         preconditioner.setPythonContext(self)
 
     def release(self) -> None:
-        destroy(self.inner, self.operator, self.scaled)
-        self.levels.release()
+        destroy_objects(self.displacement_pc, self.operator, self.scaled_matrix)
+        self.multigrid.release()
 
-    def ready(self) -> None:
+    def set_up_levels(self) -> None:
         """Makes the multigrid's coarse level, unless a constant pressure is free."""
-        if self.free_pressure(self.operator):
+        if self.has_free_constant_pressure(self.operator):
             raise FreePressure
-        self.levels.ready()
+        self.multigrid.set_up_levels()
 
-    def free_pressure(self, operator: PETSc.Mat) -> bool:
+    def has_free_constant_pressure(self, operator: PETSc.Mat) -> bool:
         """Whether a constant pressure does nothing under an operator (n, n), or a larger one."""
         constant, effect = operator.createVecs()
-        pressures = self._p.spread(self._free)
+        pressures = self._p.embed(self._free)
         constant.array[: len(pressures)] = pressures
         operator.mult(constant, effect)
         largest = PETSc.NormType.INFINITY
-        return bool(effect.norm(largest) <= NOTHING * self.elastic[0].norm(largest))
+        return bool(
+            effect.norm(largest)
+            <= PRESSURE_MODE_TOLERANCE * self.displacement_block[0].norm(largest)
+        )
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         values = x.array_r
-        self._given.setArray(values[self.displacements.owned.ravel()])
-        self.inner.apply(self._given, self._found)
+        self._given.setArray(values[self.displacements.owned_unknowns.ravel()])
+        self.displacement_pc.apply(self._given, self._found)
         self._B.mult(self._found, self._rest)
-        wanted = values[self._p.owned.ravel()]
+        wanted = values[self._p.owned_unknowns.ravel()]
         self._rest.setArray((self._rest.array_r - wanted) * self._free)
         self._pressure.solve(self._rest, self._pressed)
-        out = self.displacements.spread(self._found.array_r)
+        out = self.displacements.embed(self._found.array_r)
         p = np.where(self._free > 0, self._pressed.array_r, wanted)
-        y.setArray(out + self._p.spread(p))
+        y.setArray(out + self._p.embed(p))
 
 
 def _mass(
@@ -288,7 +295,7 @@ class Iterative:
     @check_same_arguments
     def prepare(
         self, matrix: PETSc.Mat, symmetric: bool = False, supports: Supports | None = None
-    ) -> "Krylov":
+    ) -> "KrylovSolver":
         """Binds the method to a free matrix (n, n) under supports.
 
         Args:
@@ -300,7 +307,7 @@ class Iterative:
             ValueError: without supports, or for a symmetric pair of eigenvalue problems.
         """
         if supports is None:
-            raise ValueError(NO_SUPPORTS)
+            raise ValueError(NO_SUPPORTS_MESSAGE)
         arguments.check_type("supports", supports, Supports, "a reduction's `supports` are some")
         arguments.check_flag("symmetric", symmetric)
         with collective_errors(supports.space.mesh.comm):
@@ -310,39 +317,44 @@ class Iterative:
                 "Iterative() does not count negative pivots, without which a symmetrised pair is "
                 "not known to be positive definite: use Direct()"
             )
-        with said_clearly(self.options):
-            return Krylov(matrix, supports, self)
+        with name_options_in_errors(self.options):
+            return KrylovSolver(matrix, supports, self)
 
 
-class Krylov:
+class KrylovSolver:
     """Iterative solutions with one free matrix under supports, of all n unknowns.
 
     The stiffness of displacements, free, and their supports are `elastic`.
     """
 
-    orientations: ClassVar[tuple[int, ...]] = ()  # determinants and pivots are not known
+    determinant_signs: ClassVar[tuple[int, ...]] = ()  # determinants and pivots are not known
     negative_pivots: ClassVar[None] = None
 
     def __init__(
         self, matrix: PETSc.Mat, supports: Supports, how: Iterative, foreign: _Iterate | None = None
     ) -> None:
         self._matrix, self._foreign, self.tolerance = matrix, foreign, how.tolerance
-        self.options, self.foreign = how.options, foreign is not None
+        self.options, self.uses_external_method = how.options, foreign is not None
         self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
         self._stiffness = -1, 0.0  # its norm, at a state of the matrix
-        saddle = SaddlePoint(matrix, supports) if is_hybrid(supports.space) else None
-        self.saddle, self.elastic = saddle, saddle.elastic if saddle else (matrix, supports)
-        self.levels = saddle.levels if saddle else Multigrid(matrix, supports)
-        self.multigrid: Multigrid | SaddlePoint = saddle or self.levels
-        self.operator = self.multigrid.operator
+        saddle = (
+            BlockTriangularPreconditioner(matrix, supports) if is_hybrid(supports.space) else None
+        )
+        self.block_preconditioner, self.displacement_block = (
+            saddle,
+            saddle.displacement_block if saddle else (matrix, supports),
+        )
+        self.multigrid = saddle.multigrid if saddle else Multigrid(matrix, supports)
+        self.preconditioner: Multigrid | BlockTriangularPreconditioner = saddle or self.multigrid
+        self.operator = self.preconditioner.operator
         self.ksp = self._method_for(self.operator, "gmres")
         # the levels take over the prefix
-        self.multigrid.set_up(self.ksp.getPC())
+        self.preconditioner.set_up(self.ksp.getPC())
         self.ksp.getPC().setFromOptions()
         how_inside = " in a block triangle" if saddle else ""
         self._method = f"{self.ksp.getType().upper()} with p-multigrid{how_inside}"
 
-    def briefly(self, operator: PETSc.Mat, preconditioner: object | None) -> PETSc.KSP:
+    def create_flexible_ksp(self, operator: PETSc.Mat, preconditioner: object | None) -> PETSc.KSP:
         """For a few iterations with another matrix, and a preconditioner in Python or the levels.
 
         It keeps what the preconditioner makes of each vector, or would have to apply it once more.
@@ -357,8 +369,8 @@ class Krylov:
         return ksp
 
     def release(self) -> None:
-        destroy(self.ksp, self.operator)
-        self.multigrid.release()
+        destroy_objects(self.ksp, self.operator)
+        self.preconditioner.release()
 
     def _method_for(self, operator: PETSc.Mat, kind: str) -> PETSc.KSP:
         ksp = PETSc.KSP().create(operator.comm)
@@ -385,21 +397,21 @@ class Krylov:
 
     def set_up(self) -> None:
         """Refuses a body that supports do not hold."""
-        if free_motion(*self.elastic):
+        if has_free_rigid_motion(*self.displacement_block):
             raise SingularSystem("the system matrix is singular")
-        self.multigrid.ready()
+        self.preconditioner.set_up_levels()
 
-    def solve(self, right: PETSc.Vec) -> PETSc.Vec:
+    def solve(self, rhs: PETSc.Vec) -> PETSc.Vec:
         """Solution (n,); the right-hand side is zero where values are prescribed."""
         self.set_up()
-        solution, step = right.duplicate(), right.duplicate()
-        rest, size = right.copy(), right.norm()
+        solution, step = rhs.duplicate(), rhs.duplicate()
+        rest, size = rhs.copy(), rhs.norm()
         # Rounding makes the residual that GMRES updates drift from the true one
         for _ in range(2):
-            solve_by(self.ksp, rest, step, self.options)
+            solve_with_ksp(self.ksp, rest, step, self.options)
             solution.axpy(1.0, step)
             self.operator.mult(solution, rest)
-            rest.aypx(-1.0, right)
+            rest.aypx(-1.0, rhs)
             left = rest.norm()
             if left <= self.tolerance * size:
                 break
@@ -409,7 +421,7 @@ class Krylov:
 
     def round_off(self, size: float) -> float:
         """Residual that may be nothing but round-off, of a solution with the norm `size`."""
-        matrix = self.elastic[0]
+        matrix = self.displacement_block[0]
         if self._stiffness[0] != matrix.stateGet():
             self._stiffness = matrix.stateGet(), matrix.norm(PETSc.NormType.INFINITY)
         return float(_DRIFT * _EPSILON * self._stiffness[1] * size)
@@ -423,7 +435,7 @@ class Krylov:
             f"(some {memory_of_factors(dofs) / 1e9:.2g} GB in space), or raise ksp_max_it"
         )
 
-    def solve_changed(self, right: PETSc.Vec, rows: Indices) -> None:  # noqa: ARG002
+    def solve_with_changed_rows(self, rhs: PETSc.Vec, rows: Indices) -> None:  # noqa: ARG002
         """Nothing: there are no old factors."""
         return
 
@@ -461,11 +473,11 @@ class _Foreign:
         ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ATOL)
 
 
-def solve_by(ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec, options: Options) -> None:
+def solve_with_ksp(ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec, options: Options) -> None:
     """Solves by a method, PETSc's or another's, whose own errors are raised."""
-    with said_clearly(options):
+    with name_options_in_errors(options):
         ksp.solve(right, solution)
-    refuse_unused(ksp, options)
+    refuse_unused_options(ksp, options)
     if ksp.getType() == "python" and (failed := ksp.getPythonContext().failed):
         raise failed
 
@@ -475,9 +487,9 @@ def _own(values: Array, like: PETSc.Vec) -> Array:
     return arguments.check_function_values("iterate", np.ravel(values), like.array_r.shape, layout)
 
 
-def with_levels(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -> Krylov:
+def as_krylov_solver(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -> KrylovSolver:
     """A prepared `Iterative` itself; the levels of one around the `iterate` of another solver."""
-    if isinstance(solver, Krylov):
+    if isinstance(solver, KrylovSolver):
         return solver
     iterate = getattr(solver, "iterate", None)
     if not callable(iterate):
@@ -485,11 +497,11 @@ def with_levels(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -
             f"contact needs of a matrix-free solver what {type(solver).__name__} has not: a method "
             "iterate(product, precondition, right, size), which returns an x"
         )
-    return Krylov(matrix, supports, Iterative(), iterate)
+    return KrylovSolver(matrix, supports, Iterative(), iterate)
 
 
 @dataclass(frozen=True)
-class Pieces:
+class RigidComponents:
     """Connected pieces of a mesh, sorted by their centres, and rigid motions of their nodes.
 
     Modes (k) of a piece are its translations and rotations about its centre, over its length, so
@@ -497,14 +509,14 @@ class Pieces:
     constants in their place.
     """
 
-    number: Indices  # (nodes,) of each node's piece, ghosts too
+    component_of_node: Indices  # (nodes,) of each node's piece, ghosts too
     centre: Array  # (pieces, dim), mean of its nodes' positions
     length: Array  # (pieces,), their radius of gyration
-    motion: Array  # (owned nodes, block, k), of each node in its piece's modes
+    modes: Array  # (owned nodes, block, k), of each node in its piece's modes
     comm: MPI.Comm
 
     @classmethod
-    def of(cls, space: fem.FunctionSpace) -> "Pieces":
+    def from_space(cls, space: fem.FunctionSpace) -> "RigidComponents":
         comm, dim, block = space.mesh.comm, space.mesh.geometry.dim, space.dofmap.index_map_bs
         number, count = connected_components(comm, space.dofmap.index_map, space.dofmap.list)
         owned = number[: space.dofmap.index_map.size_local]
@@ -528,31 +540,33 @@ class Pieces:
         order = np.lexsort(np.round(np.column_stack([length, centre[:, ::-1]]) / length.max(), 9).T)
         return cls(np.argsort(order)[number], centre[order], length[order], motion, comm)
 
-    def matrix(self, values: Array, others: int = 0) -> sp.csr_array:
+    def mode_matrix(self, values: Array, n_other_modes: int = 0) -> sp.csr_array:
         """Values (owned nodes, block, k) in their pieces' modes: (owned dofs, modes and others)."""
         n, block, k = values.shape
-        mode = np.broadcast_to(self.number[:n, None, None] * k + np.arange(k), values.shape)
+        mode = np.broadcast_to(
+            self.component_of_node[:n, None, None] * k + np.arange(k), values.shape
+        )
         known = values != 0
         pointers = np.append(0, np.cumsum(known.sum(axis=2)))
-        shape = n * block, len(self.centre) * k + others
+        shape = n * block, len(self.centre) * k + n_other_modes
         return sp.csr_array((values[known], mode[known], pointers), shape)
 
-    def held(
+    def resistance(
         self,
         K: PETSc.Mat,
         free: Mask,
-        at: LocalIndices | None = None,
+        rows: LocalIndices | None = None,
         transposed: bool = False,
-        others: int = 0,
+        n_other_modes: int = 0,
     ) -> sp.csr_array:
         """Motions (owned dofs, modes and others) where they are prescribed, and forces elsewhere.
 
         Forces K m or K^T m count over the largest stiffness. `at` (owned dofs,) are rows of K, if
         it has more unknowns than these displacements. `free` (owned dofs,).
         """
-        where = np.arange(len(free), dtype=np.int32) if at is None else at
+        where = np.arange(len(free), dtype=np.int32) if rows is None else rows
         product = K.multTranspose if transposed else K.mult
-        free, diagonal = free.reshape(self.motion.shape[:2]), K.getDiagonal()
+        free, diagonal = free.reshape(self.modes.shape[:2]), K.getDiagonal()
         largest = np.abs(diagonal.array_r[where]).max(initial=0.0)
         size = self.comm.allreduce(largest, MPI.MAX)
         moved, image = K.createVecs()
@@ -562,34 +576,37 @@ class Pieces:
             product(moved, image)
             return image.array_r[where].reshape(free.shape)
 
-        def rows(motion: Array) -> Array:
+        def resistance(motion: Array) -> Array:
             each = [np.where(free, forces(of) / size, of) for of in np.moveaxis(motion, 2, 0)]
             return np.stack(each, axis=2)
 
         if not self._coupled(forces, size):
-            return self.matrix(rows(self.motion), others)
-        number, shape = self.number[: len(free), None, None], (len(where), self.motion.shape[2])
+            return self.mode_matrix(resistance(self.modes), n_other_modes)
+        number, shape = (
+            self.component_of_node[: len(free), None, None],
+            (len(where), self.modes.shape[2]),
+        )
         alone = [
-            sp.csr_array(rows(np.where(number == k, self.motion, 0.0)).reshape(shape))
+            sp.csr_array(resistance(np.where(number == k, self.modes, 0.0)).reshape(shape))
             for k in range(len(self.centre))
         ]
-        return sp.csr_array(sp.hstack([*alone, sp.csr_array((len(where), others))]))
+        return sp.csr_array(sp.hstack([*alone, sp.csr_array((len(where), n_other_modes))]))
 
     def _coupled(self, forces: Callable[[Array], Array], size: float) -> bool:
         """Whether pieces act on each other, by springs, say: they cannot be moved all at once."""
         if len(self.centre) == 1:
             return False
-        nodes, block, _ = self.motion.shape
+        nodes, block, _ = self.modes.shape
         arbitrary = 1.0 + np.cos(np.arange(nodes * block)).reshape(nodes, block)
-        weight = 1.0 + np.cos(self.number[:nodes, None])
+        weight = 1.0 + np.cos(self.component_of_node[:nodes, None])
         apart = np.abs(forces(weight * arbitrary) - weight * forces(arbitrary)).max(initial=0.0)
         return bool(self.comm.allreduce(apart, MPI.MAX) > _COUPLED * size)
 
 
-def free_motion(K: PETSc.Mat, supports: Supports) -> bool:
+def has_free_rigid_motion(K: PETSc.Mat, supports: Supports) -> bool:
     """Whether a rigid motion of a connected piece meets neither supports nor stiffness."""
-    pieces = Pieces.of(supports.space)
-    held = triangle(pieces.held(K, supports.free), pieces.comm)
+    pieces = RigidComponents.from_space(supports.space)
+    held = qr_triangle(pieces.resistance(K, supports.free), pieces.comm)
     return len(null_space(held, _FREE_STIFFNESS)) > 0
 
 
@@ -624,12 +641,12 @@ def _free_here() -> float:
         return left
 
 
-def auto_solver(
+def choose_solver(
     solver: Solver,
     supports: Supports | None,
-    needs_factors: str = "",
-    modes: bool = False,
-    in_contact: PETSc.Mat | None = None,
+    factors_reason: str = "",
+    for_modes: bool = False,
+    contact_stiffness: PETSc.Mat | None = None,
 ) -> LinearSolver:
     """The solver that is meant; `needs_factors` says why only factors will do.
 
@@ -642,22 +659,22 @@ def auto_solver(
     if supports is None:
         return Direct()
     mesh, dofs = supports.space.mesh, vector_sizes(supports.space)[1]
-    if mesh.geometry.dim < 3 or dofs < (_MANY_FOR_MODES if modes else _MANY):
+    if mesh.geometry.dim < 3 or dofs < (_MANY_FOR_MODES if for_modes else _MANY):
         return Direct()
-    small = in_contact is not None and dofs < _MANY_LOOSE and not is_hybrid(supports.space)
-    if small and free_motion(in_contact, supports):
+    small = contact_stiffness is not None and dofs < _MANY_LOOSE and not is_hybrid(supports.space)
+    if small and has_free_rigid_motion(contact_stiffness, supports):
         log_on_root(
             mesh.comm, logging.INFO, f"auto: Direct for {dofs} unknowns that contact has to hold"
         )
         return Direct()
-    taken: LinearSolver = Direct() if needs_factors else Iterative()
-    why, needed = f" ({needs_factors})" if needs_factors else "", memory_of_factors(dofs) / 1e9
+    taken: LinearSolver = Direct() if factors_reason else Iterative()
+    why, needed = f" ({factors_reason})" if factors_reason else "", memory_of_factors(dofs) / 1e9
     what = f"{type(taken).__name__} for {dofs} unknowns in space{why}"
     log_on_root(mesh.comm, logging.INFO, f"auto: {what}; factors take some {needed:.2g} GB")
     return taken
 
 
-def with_fallback(
+def compute_with_fallback(
     taken: LinearSolver,
     solver: Solver,
     supports: Supports | None,

@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import connected_components
 
 from pw_elements._compat import single_entry_matrix
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.spaces import Assembled
+from pw_elements.spaces import AssemblyRecord
 
 # Rows of a matrix in blocks (a multiple of any block) that are converted at once, to save memory,
 # and the most parts in which it is done, for their sum takes time
@@ -59,16 +59,16 @@ def galerkin_product(K: PETSc.Mat, P: PETSc.Mat, rows: Indices | None = None) ->
         of_K, of_P = index_set(numbers[part], comm), index_set(own[part], comm)
         K_part, P_part = K.createSubMatrix(of_K, chosen), P.createSubMatrix(of_P, columns)
         plain = K_part.convert("aij", PETSc.Mat())
-        destroy(K_part)
+        destroy_objects(K_part)
         half = plain.matMult(P)
         some = P_part.transposeMatMult(half)
         if total is None:
             total = some.copy()
-            destroy(some)
+            destroy_objects(some)
         else:
-            add(total, 1.0, some)
-        destroy(plain, half, P_part, of_K, of_P)
-    destroy(chosen, columns)
+            add_scaled(total, 1.0, some)
+        destroy_objects(plain, half, P_part, of_K, of_P)
+    destroy_objects(chosen, columns)
     return total
 
 
@@ -76,18 +76,24 @@ def index_set(numbers: Indices, comm: PETSc.Comm) -> PETSc.IS:
     return PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=comm)
 
 
-def add(
-    total: PETSc.Mat, factor: float, some: PETSc.Mat, last: bool = True, within: bool = False
+def add_scaled(
+    total: PETSc.Mat,
+    factor: float,
+    term: PETSc.Mat,
+    destroy_term: bool = True,
+    same_pattern: bool = False,
 ) -> None:
     """Adds a multiple of a matrix, destroyed at its `last` use; if `within`, the pattern stays."""
     structure = PETSc.Mat.Structure
-    pattern = structure.SUBSET_NONZERO_PATTERN if within else structure.DIFFERENT_NONZERO_PATTERN
-    total.axpy(factor, some, pattern)
-    if last:
-        destroy(some)
+    pattern = (
+        structure.SUBSET_NONZERO_PATTERN if same_pattern else structure.DIFFERENT_NONZERO_PATTERN
+    )
+    total.axpy(factor, term, pattern)
+    if destroy_term:
+        destroy_objects(term)
 
 
-def destroy(*things: PETSc.Object) -> None:
+def destroy_objects(*things: PETSc.Object) -> None:
     """Frees what Python alone would not on several processes, see `collect_garbage`.
 
     What Python objects inside of PETSc's hold is freed by neither, unless those go first by this.
@@ -104,7 +110,7 @@ def collect_garbage(like: PETSc.Object) -> None:
     PETSc.garbage_cleanup(like.comm)
 
 
-def block_diagonal(blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> PETSc.Mat:
+def block_diagonal_matrix(blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> PETSc.Mat:
     """Matrix of blocks (nodes, b, b) along its diagonal; `sizes` local and global."""
     n, b = blocks.shape[:2]
     first = comm.tompi4py().exscan(n) or 0
@@ -114,7 +120,7 @@ def block_diagonal(blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> P
     return PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=comm)
 
 
-def selection(free: Mask, rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
+def selection_matrix(free: Mask, rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
     """Columns of the identity of the owned rows that are free; others are left out, or zero."""
     comm = rows.comm.tompi4py()
     count = int(free.sum()) if renumbered else len(free)
@@ -131,14 +137,14 @@ def python_matrix(
     return matrix
 
 
-def unblocked(matrix: PETSc.Mat) -> PETSc.Mat:
+def to_aij(matrix: PETSc.Mat) -> PETSc.Mat:
     """The matrix, or a copy of one stored in blocks, in the format that products need."""
     if not is_blocked(matrix):
         return matrix
-    return Assembled.of(matrix).mark(matrix.convert("aij", PETSc.Mat()))
+    return AssemblyRecord.read(matrix).attach(matrix.convert("aij", PETSc.Mat()))
 
 
-def triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Array:
+def qr_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Array:
     """R of QR factorisations of all processes' rows (n, modes): of modes that hang together.
 
     It is a dense one where modes are few. A Gram matrix would lose what is small.
@@ -178,7 +184,7 @@ def null_space(rows: sp.csr_array | Array, tolerance: float) -> Array:
     n = rows.shape[1]
     found = [np.zeros((0, n))]
     few = n <= _FEW_MODES
-    for modes in [np.arange(n)] if few else together(abs(rows).T @ abs(rows)):
+    for modes in [np.arange(n)] if few else group_connected_nodes(abs(rows).T @ abs(rows)):
         own = _dense(rows if few else rows[:, modes])
         dense = np.vstack([own, np.zeros((len(modes), len(modes)))])
         _, values, vectors = np.linalg.svd(dense, full_matrices=False)
@@ -188,7 +194,7 @@ def null_space(rows: sp.csr_array | Array, tolerance: float) -> Array:
     return np.concatenate(found)
 
 
-def together(graph: npt.ArrayLike) -> list[Indices]:
+def group_connected_nodes(graph: npt.ArrayLike) -> list[Indices]:
     """Nodes of each connected part of a graph, given by a matrix (nodes, nodes)."""
     count, part = connected_components(graph, directed=False)
     return [np.flatnonzero(part == k) for k in range(count)]
@@ -215,39 +221,41 @@ class Supports:
     free: Mask
 
 
-class Projection:
+class ConstraintProjection:
     """Takes the held parts out of vectors: whole unknowns, and directions at some nodes."""
 
     def __init__(self, free: Mask, block: int) -> None:
         self._free, self._block = free.reshape(-1, block), block
         self._prescribed: Indices = np.flatnonzero(~free)
         none = np.empty(0)
-        self.hold(none.astype(np.int64), none.reshape(0, block, block), none)
+        self.constrain(none.astype(np.int64), none.reshape(0, block, block), none)
 
-    def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
+    def constrain(self, nodes: Indices, projectors: Array, stiffnesses: Array) -> None:
         """Holds directions at local nodes (m,) by projectors, with stiffness (m,); others by 1."""
-        self._nodes, self._held, self._weight = nodes, held, weight[:, None]
-        self._of_free = held * self._free[nodes][:, None, :]
+        self._nodes, self._held, self._weight = nodes, projectors, stiffnesses[:, None]
+        self._of_free = projectors * self._free[nodes][:, None, :]
 
-    def take_out(self, values: Array) -> None:
+    def remove_constrained(self, values: Array) -> None:
         """Leaves what is free of a vector (owned dofs,)."""
         values[self._prescribed] = 0.0
         if len(self._nodes):
             at = values.reshape(-1, self._block)
             at[self._nodes] -= np.einsum("nij,nj->ni", self._of_free, at[self._nodes])
 
-    def put_back(self, values: Array, given: Array) -> None:
+    def add_constrained(self, values: Array, source: Array) -> None:
         """Adds what is held of a given vector, weighted."""
-        values[self._prescribed] += given[self._prescribed]
+        values[self._prescribed] += source[self._prescribed]
         if len(self._nodes):
-            at, to = given.reshape(-1, self._block), values.reshape(-1, self._block)
+            at, to = source.reshape(-1, self._block), values.reshape(-1, self._block)
             back = np.einsum("nij,nj->ni", self._of_free, at[self._nodes])
             to[self._nodes] += self._weight * back
 
-    def blocks(self, others: Sequence[int] | Indices = ()) -> tuple[Indices, Array, Array]:
+    def constrained_blocks(
+        self, extra_nodes: Sequence[int] | Indices = ()
+    ) -> tuple[Indices, Array, Array]:
         """Nodes with anything held, and `others`; projectors onto what is free; weighted rest."""
         held = np.union1d(np.flatnonzero(~self._free.all(axis=1)), self._nodes)
-        some = np.union1d(held, np.asarray(others, dtype=np.int64))
+        some = np.union1d(held, np.asarray(extra_nodes, dtype=np.int64))
         blocks = np.eye(self._block) * self._free[some][:, None, :]
         rest = np.eye(self._block) - blocks
         at = np.searchsorted(some, self._nodes)
@@ -255,24 +263,24 @@ class Projection:
         rest[at] += self._weight[:, :, None] * self._held
         return some, blocks, rest
 
-    def blocks_at(self, some: Indices) -> Array:
+    def free_projectors(self, nodes: Indices) -> Array:
         """Projectors onto what is free at some nodes (k,), in ascending order."""
-        every = np.tile(np.eye(self._block), (len(some), 1, 1))
-        nodes, free, _ = self.blocks()
-        mine = np.isin(nodes, some)
-        every[np.searchsorted(some, nodes[mine])] = free[mine]
+        every = np.tile(np.eye(self._block), (len(nodes), 1, 1))
+        nodes, free, _ = self.constrained_blocks()
+        mine = np.isin(nodes, nodes)
+        every[np.searchsorted(nodes, nodes[mine])] = free[mine]
         return every
 
 
 @dataclass(eq=False)
-class Masked:
+class ConstrainedOperator:
     """Pi s (K + B) s Pi + (1 - Pi), for `PETSc.Mat.createPython`; B are springs, if there are any.
 
     The scales s are one where none are given.
     """
 
     K: PETSc.Mat
-    projection: Projection
+    projection: ConstraintProjection
     scales: PETSc.Vec | None = None
     springs: PETSc.Mat | None = None
 
@@ -285,16 +293,16 @@ class Masked:
     def _apply(self, product: str, x: PETSc.Vec, y: PETSc.Vec) -> None:
         kept = self._work
         x.copy(kept)
-        self.projection.take_out(kept.array)
+        self.projection.remove_constrained(kept.array)
         if self.scales is not None:
             kept.array *= self.scales.array_r
         getattr(self.K, product)(kept, y)
         if self.springs is not None:
             getattr(self.springs, f"{product}Add")(kept, y, y)
-        self.projection.take_out(y.array)
+        self.projection.remove_constrained(y.array)
         if self.scales is not None:
             y.array *= self.scales.array_r
-        self.projection.put_back(y.array, x.array_r)
+        self.projection.add_constrained(y.array, x.array_r)
 
     @cached_property
     def _work(self) -> PETSc.Vec:

@@ -17,13 +17,13 @@ from dolfinx.fem.petsc import interpolation_matrix
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import vector_sizes
 from pw_elements.solvers.matrices import (
-    Masked,
-    Projection,
+    ConstrainedOperator,
+    ConstraintProjection,
     Supports,
-    add,
-    block_diagonal,
+    add_scaled,
+    block_diagonal_matrix,
     collect_garbage,
-    destroy,
+    destroy_objects,
     diagonal_blocks,
     galerkin_product,
     index_set,
@@ -61,7 +61,7 @@ def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, I
     rows = sp.kron(rows, sp.eye_array(block), "csr")
     csr = *(part.astype(PETSc.IntType) for part in (rows.indptr, rows.indices)), rows.data
     P = PETSc.Mat().createAIJ((vector_sizes(space), vector_sizes(linear)), csr=csr, comm=mesh.comm)
-    destroy(every)
+    destroy_objects(every)
     return linear, node[: index_map.size_local], P
 
 
@@ -84,13 +84,13 @@ class LinearLevel:
     interpolation from vertices to nodes is without what is held on either side.
     """
 
-    def __init__(self, K: PETSc.Mat, supports: Supports, fine: Projection) -> None:
+    def __init__(self, K: PETSc.Mat, supports: Supports, fine: ConstraintProjection) -> None:
         space = supports.space
         self._K, self._fine, self._space = K, fine, space
         self._block = space.dofmap.index_map_bs
         linear, self._vertex_node, self._P = linear_interpolation(space)
         free = supports.free.reshape(-1, self._block)[self._vertex_node].ravel()
-        self._held = Projection(free, self._block)
+        self._held = ConstraintProjection(free, self._block)
         at_vertices, at_nodes = self._P.createVecs()
         for vector, mask in ((at_vertices, free), (at_nodes, supports.free)):
             vector.setArray(mask.astype(float))
@@ -116,7 +116,7 @@ class LinearLevel:
         vertex = np.flatnonzero(np.isin(self._vertex_node, nodes))
         order = np.argsort(nodes)
         at = order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
-        self._held.hold(vertex, held[at], weight[at])
+        self._held.constrain(vertex, held[at], weight[at])
 
     def matrix(self) -> PETSc.Mat:
         """The matrix under what is held now, always the same object."""
@@ -126,25 +126,27 @@ class LinearLevel:
             self._matrix = galerkin_product(self._K, self._P)
             self._exchanged = galerkin_product(self._K, near.P, near.rows) if near else None
         if self._exchanged is not None:
-            add(self._matrix, -1.0, self._exchanged, within=again)
-        free = self._held.blocks_at(np.arange(len(self._vertex_node)))
+            add_scaled(self._matrix, -1.0, self._exchanged, same_pattern=again)
+        free = self._held.free_projectors(np.arange(len(self._vertex_node)))
         part = None
         if self.springs is not None:
             part = galerkin_product(self.springs, self._P)
-            add(self._matrix, 1.0, part, last=False, within=again)
+            add_scaled(self._matrix, 1.0, part, destroy_term=False, same_pattern=again)
         elif near is not None:
-            left = block_diagonal(self._fine.blocks_at(near.nodes), near.P.getSizes()[0], comm)
-            right = block_diagonal(free, columns, comm)
+            left = block_diagonal_matrix(
+                self._fine.free_projectors(near.nodes), near.P.getSizes()[0], comm
+            )
+            right = block_diagonal_matrix(free, columns, comm)
             half = left.matMult(near.P)
             P = half.matMult(right)  # what linear functions move near contact
             part = galerkin_product(self._K, P, near.rows)
-            destroy(left, right, half, P)
-            add(self._matrix, 1.0, part, last=False, within=again)
+            destroy_objects(left, right, half, P)
+            add_scaled(self._matrix, 1.0, part, destroy_term=False, same_pattern=again)
         size = self._matrix.getDiagonal().sum() / columns[1]
-        rest = block_diagonal(size * (np.eye(self._block) - free), columns, comm)
-        add(self._matrix, 1.0, rest, last=False, within=again)
+        rest = block_diagonal_matrix(size * (np.eye(self._block) - free), columns, comm)
+        add_scaled(self._matrix, 1.0, rest, destroy_term=False, same_pattern=again)
         if part is not None:
-            add(part, 1.0, rest)
+            add_scaled(part, 1.0, rest)
         self._exchanged = rest if part is None else part
         self._matrix.setBlockSize(self._block)
         if self._near_null is not None:
@@ -155,15 +157,17 @@ class LinearLevel:
 class _Interpolation:
     """Pi P Pi_c, for `PETSc.Mat.createPython`."""
 
-    def __init__(self, P: PETSc.Mat, fine: Projection, coarse: Projection) -> None:
+    def __init__(
+        self, P: PETSc.Mat, fine: ConstraintProjection, coarse: ConstraintProjection
+    ) -> None:
         self._P, self._fine, self._coarse = P, fine, coarse
         self._on_coarse, self._on_fine = P.createVecs()
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         x.copy(self._on_coarse)
-        self._coarse.take_out(self._on_coarse.array)
+        self._coarse.remove_constrained(self._on_coarse.array)
         self._P.mult(self._on_coarse, y)
-        self._fine.take_out(y.array)
+        self._fine.remove_constrained(y.array)
 
     def multAdd(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec, z: PETSc.Vec) -> None:
         self.mult(_, x, self._on_fine)
@@ -171,9 +175,9 @@ class _Interpolation:
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         x.copy(self._on_fine)
-        self._fine.take_out(self._on_fine.array)
+        self._fine.remove_constrained(self._on_fine.array)
         self._P.multTranspose(self._on_fine, y)
-        self._coarse.take_out(y.array)
+        self._coarse.remove_constrained(y.array)
 
 
 class _Near:
@@ -207,7 +211,7 @@ class _Near:
             index_set(some, P.comm) for some in (self.rows, np.arange(*P.getOwnershipRangeColumn()))
         )
         self.P: PETSc.Mat = P.createSubMatrix(rows, columns)
-        destroy(fine, coarse, rows, columns)
+        destroy_objects(fine, coarse, rows, columns)
 
 
 class _NodeBlocks:
@@ -225,10 +229,10 @@ class _NodeBlocks:
         self._nodes: Indices = np.empty(0, dtype=np.int64)
         self._other: Array = np.empty((0, block, block))
 
-    def update(self, projection: Projection, springs: PETSc.Mat | None) -> None:
+    def update(self, projection: ConstraintProjection, springs: PETSc.Mat | None) -> None:
         """Takes over what is held, and the blocks of springs."""
         nodes, sprung = ((), 0.0) if springs is None else diagonal_blocks(springs, self._block)
-        self._nodes, free, rest = projection.blocks(nodes)
+        self._nodes, free, rest = projection.constrained_blocks(nodes)
         own = np.linalg.inv(self._inverse()[self._nodes])
         own[np.searchsorted(self._nodes, nodes)] += sprung
         self._other = np.asarray(np.linalg.inv(free @ own @ free + rest))
@@ -258,11 +262,11 @@ class Multigrid:
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
         self._block = supports.space.dofmap.index_map_bs
         copied = self._block > 1 and not is_blocked(K)
-        self.blocked = K.convert("baij", PETSc.Mat()) if copied else K
-        self._projection = Projection(supports.free, self._block)
-        self._masked = Masked(self.blocked, self._projection)
+        self.block_matrix = K.convert("baij", PETSc.Mat()) if copied else K
+        self._projection = ConstraintProjection(supports.free, self._block)
+        self._masked = ConstrainedOperator(self.block_matrix, self._projection)
         self.operator = python_matrix(K.getSizes(), self._masked, K.comm)
-        self._smoother = _NodeBlocks(self.blocked, self._block)
+        self._smoother = _NodeBlocks(self.block_matrix, self._block)
         self._linear = LinearLevel(K, supports, self._projection)
         self._smoother.update(self._projection, None)
         self._held_before: Array | None = None  # when the coarse level was made
@@ -272,16 +276,16 @@ class Multigrid:
         self._estimated = False
 
     @property
-    def coarse(self) -> PETSc.Mat:
+    def coarse_matrix(self) -> PETSc.Mat:
         if self._coarse is None:
             self._coarse = self._linear.matrix()
         return self._coarse
 
-    def ready(self) -> None:
+    def set_up_levels(self) -> None:
         if self._preconditioner is None:
             return
         coarse = self._preconditioner.getMGCoarseSolve()
-        coarse.setOperators(self.coarse)
+        coarse.setOperators(self.coarse_matrix)
         coarse.setUp()
         if not self._estimated:
             self._preconditioner.setUp()
@@ -295,16 +299,16 @@ class Multigrid:
             smoother.setOperators(*operators)
             self._estimated = True
 
-    def renew(self) -> None:
+    def refresh(self) -> None:
         """Has everything made anew of what K has become."""
         self._linear.renew()
         self._estimated = False
         self._forget(hierarchy=True)
 
-    def bound(self) -> None:
+    def re_estimate_eigenvalues(self) -> None:
         """Has the smoother's eigenvalues estimated anew, for what is solved now."""
         self._estimated = False
-        self.ready()
+        self.set_up_levels()
 
     def set_up(self, preconditioner: PETSc.PC) -> None:
         preconditioner.setType("mg")
@@ -321,8 +325,12 @@ class Multigrid:
         coarse.getPC().setType("gamg")
         self._preconditioner = preconditioner
 
-    def hold(
-        self, nodes: Indices, held: Array, weight: Array, springs: PETSc.Mat | None = None
+    def constrain(
+        self,
+        nodes: Indices,
+        projectors: Array,
+        stiffnesses: Array,
+        springs: PETSc.Mat | None = None,
     ) -> None:
         """Holds directions at local nodes (m,), always the same ones, besides the supports.
 
@@ -332,38 +340,38 @@ class Multigrid:
         """
         self._masked.springs = springs
         if springs is None:
-            self._projection.hold(nodes, held, weight)
+            self._projection.constrain(nodes, projectors, stiffnesses)
             self._linear.watch(nodes)
         first = self._held_before is None
         if self._held_before is None or self._aggregated is None:
-            self._held_before = self._aggregated = np.zeros_like(held)
-        some = np.abs(held).max(axis=(1, 2), initial=0.0) > 0
+            self._held_before = self._aggregated = np.zeros_like(projectors)
+        some = np.abs(projectors).max(axis=(1, 2), initial=0.0) > 0
         since, other = (
-            np.abs(held - before).max(axis=(1, 2), initial=0.0) > _TURNED
+            np.abs(projectors - before).max(axis=(1, 2), initial=0.0) > _TURNED
             for before in (self._aggregated, self._held_before)
         )
         counts = np.array([some.sum(), other.sum(), since.sum()])
-        self.blocked.comm.tompi4py().Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
+        self.block_matrix.comm.tompi4py().Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
         self._smoother.update(self._projection, springs)
         if first or counts[1] > _RENEWED * counts[0]:
-            self._held_before = held
+            self._held_before = projectors
             self._linear.springs = springs
             if springs is None:
-                self._linear.hold(nodes, held, weight)
+                self._linear.hold(nodes, projectors, stiffnesses)
             anew = first or counts[2] > _AGGREGATED * counts[0]
             if anew:
-                self._aggregated = held
+                self._aggregated = projectors
             self._forget(hierarchy=anew)
-        self.ready()
+        self.set_up_levels()
 
     def release(self) -> None:
         if self._preconditioner is not None:
-            destroy(self._preconditioner)
-        destroy(self.operator, self._linear.interpolation)
+            destroy_objects(self._preconditioner)
+        destroy_objects(self.operator, self._linear.interpolation)
 
     def _forget(self, hierarchy: bool) -> None:
         """Has the coarse level made anew; the hierarchy goes, too, or keeps its aggregates."""
         if hierarchy and self._coarse is not None and self._preconditioner is not None:
             self._preconditioner.getMGCoarseSolve().reset()
         self._coarse = None
-        collect_garbage(self.blocked)
+        collect_garbage(self.block_matrix)

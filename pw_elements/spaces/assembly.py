@@ -37,30 +37,32 @@ from pw_elements.progress import report_activity
 from pw_elements.spaces.elements import TwelveCellElement, twelve_cell_rule, vertex_rule
 
 # Key under which the metadata of a body's integrals hold its state of stress
-STATE = "stress_state"
+STRESS_STATE_KEY = "stress_state"
 
 T = TypeVar("T", PETSc.Mat, PETSc.Vec)
 
 
 @dataclass(frozen=True)
-class Assembled:
+class AssemblyRecord:
     """What a matrix or vector was assembled from, so that mismatched ones can be refused."""
 
     form: fem.Form | None = None  # compiled; None of what was made by hand
     sibling: Any = None  # that transformed it; None of what was assembled plainly
-    states: frozenset[str] = frozenset()  # of stress, of the bodies of the forms; if these tell
+    stress_states: frozenset[str] = (
+        frozenset()
+    )  # of stress, of the bodies of the forms; if these tell
     lumped: bool = False  # a diagonal of nodal masses, which suit any weights
 
     @classmethod
-    def made_of(cls, form: fem.Form, stated: ufl.Form) -> "Assembled":
-        states = {integral.metadata().get(STATE) for integral in stated.integrals()}
-        return cls(form, states=frozenset(states - {None}))
+    def from_form(cls, compiled: fem.Form, form: ufl.Form) -> "AssemblyRecord":
+        states = {integral.metadata().get(STRESS_STATE_KEY) for integral in form.integrals()}
+        return cls(compiled, stress_states=frozenset(states - {None}))
 
     @classmethod
-    def of(cls, thing: PETSc.Mat | PETSc.Vec) -> "Assembled":
+    def read(cls, thing: PETSc.Mat | PETSc.Vec) -> "AssemblyRecord":
         return thing.getAttr("assembled") or cls()
 
-    def mark(self, thing: T) -> T:
+    def attach(self, thing: T) -> T:
         """The thing, of which this is known from now on; the form lives as long as it does."""
         thing.setAttr("assembled", self)
         return thing
@@ -71,7 +73,7 @@ class Assembled:
         return None if self.form is None else self.form.function_spaces[0].mesh
 
     @property
-    def weights(self) -> Any:  # noqa: ANN401
+    def test_space(self) -> Any:  # noqa: ANN401
         """Space of the test functions, None if there are none or they do not count."""
         return None if self.form is None or self.lumped else self.form.function_spaces[0]
 
@@ -95,12 +97,12 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
             rule that does not suit the weights.
     """
     arguments.check_flag("blocked", blocked)
-    compiled = compiled_form(form, 2, "a matrix")
+    compiled = compile_form(form, 2, "a matrix")
     nodal = all(space.dofmap.index_map_bs > 1 for space in compiled.function_spaces)
     matrix = create_matrix(compiled, "baij" if blocked and nodal else None)
     _assemble_matrix(matrix, compiled)
     matrix.assemble()
-    return Assembled.made_of(compiled, form).mark(matrix)
+    return AssemblyRecord.from_form(compiled, form).attach(matrix)
 
 
 @check_same_arguments
@@ -117,10 +119,10 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
         ValueError: if it is not linear, cannot be compiled, or has a measure with a quadrature
             rule that does not suit the weights.
     """
-    compiled = compiled_form(form, 1, "a vector")
+    compiled = compile_form(form, 1, "a vector")
     vector = _assemble_vector(compiled)
     vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-    return Assembled.made_of(compiled, form).mark(vector)
+    return AssemblyRecord.from_form(compiled, form).attach(vector)
 
 
 @check_same_arguments
@@ -139,11 +141,11 @@ def assemble_scalar(form: ufl.Form) -> float:
         ValueError: if it has a test function, belongs to no mesh, cannot be compiled, or has a
             measure with a quadrature rule that does not suit the weights.
     """
-    compiled = compiled_form(form, 0, "a functional")
+    compiled = compile_form(form, 0, "a functional")
     return float(compiled.mesh.comm.allreduce(fem.assemble_scalar(compiled), MPI.SUM))
 
 
-def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
+def compile_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
     arguments.check_type(
         "the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form"
     )
@@ -168,8 +170,10 @@ def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
                 f"the form has several measures of {kind.replace('_', ' ')}s, of which DOLFINx "
                 "takes one: assemble a form of each and add the results"
             )
-    plain = _with(form, lambda part: {k: v for k, v in part.metadata().items() if k != STATE})
-    ruled = with_cell_rules(plain)
+    plain = _with(
+        form, lambda part: {k: v for k, v in part.metadata().items() if k != STRESS_STATE_KEY}
+    )
+    ruled = add_sub_cell_rules(plain)
     try:
         with report_activity(mesh.comm, "compiling a form"):
             return fem.form(ruled)
@@ -195,12 +199,12 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
     return ufl.Measure("dx", domain=space.mesh, metadata=metadata)
 
 
-def with_cell_rules(form: ufl.Form) -> ufl.Form:
+def add_sub_cell_rules(form: ufl.Form) -> ufl.Form:
     """The form, with points on sub-cells in integrals over tetrahedra whose functions need them."""
     return _with(form, _ruled)
 
 
-def with_degrees(form: ufl.Form) -> ufl.Form:
+def add_estimated_degrees(form: ufl.Form) -> ufl.Form:
     """The form with UFL's estimate of the degree written into measures that state none.
 
     A derivative of the form then has the same points, of which Newton's method has its order.

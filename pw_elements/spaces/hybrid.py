@@ -18,7 +18,7 @@ from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.checks import collective_errors, vector_sizes
 
 # What a constant pressure does, over the largest stiffness, that is round-off
-NOTHING = 1e-10
+PRESSURE_MODE_TOLERANCE = 1e-10
 
 
 def mixed_element(
@@ -39,7 +39,7 @@ def is_hybrid(space: fem.FunctionSpace) -> bool:
     return len(vector) == 1 and scalar == ()
 
 
-def is_split(space: fem.FunctionSpace) -> bool:
+def has_split_pressure(space: fem.FunctionSpace) -> bool:
     """Whether the pressure is discontinuous between cells, and has to be tied within parts."""
     return is_hybrid(space) and bool(space.ufl_element().sub_elements[1].discontinuous)
 
@@ -50,7 +50,7 @@ class SubSpace:
 
     space: fem.FunctionSpace
     unknowns: LocalIndices  # (nodes, components), local numbers among the unknowns, ghosts too
-    rows: tuple[int, int]  # sizes of vectors of unknowns, own and global
+    full_sizes: tuple[int, int]  # sizes of vectors of unknowns, own and global
 
     @classmethod
     def displacements(cls, space: fem.FunctionSpace) -> "SubSpace":
@@ -80,69 +80,69 @@ class SubSpace:
         return vector_sizes(self.space)
 
     @property
-    def is_all(self) -> bool:
-        return self.sizes == self.rows
+    def is_whole_space(self) -> bool:
+        return self.sizes == self.full_sizes
 
     @property
-    def owned(self) -> LocalIndices:
+    def owned_unknowns(self) -> LocalIndices:
         """(owned nodes, components), those of the nodes that this process owns."""
         return self.unknowns[: self.space.dofmap.index_map.size_local]
 
-    def part(self, values: PETSc.Vec) -> PETSc.Vec:
+    def extract(self, values: PETSc.Vec) -> PETSc.Vec:
         """The field's entries of a vector of all unknowns; both vectors keep the space alive.
 
         PETSc's vectors outlive a mesh, but not its communicator, by which their copies are made.
         """
         own = values
-        if not self.is_all:
+        if not self.is_whole_space:
             own = PETSc.Vec().createMPI(self.sizes, comm=values.comm)
-            own.setArray(values.array_r[self.owned.ravel()])
+            own.setArray(values.array_r[self.owned_unknowns.ravel()])
         for vector in (values, own):
             vector.setAttr("space", self.space)
         return own
 
-    def spread(self, values: Array) -> Array:
+    def embed(self, values: Array) -> Array:
         """Values of this process among those of its unknowns, all others being zero."""
-        every = np.zeros(self.rows[0])
-        every[self.owned.ravel()] = values
+        every = np.zeros(self.full_sizes[0])
+        every[self.owned_unknowns.ravel()] = values
         return every
 
-    def numbers(self) -> PETSc.IS:
+    def global_numbers(self) -> PETSc.IS:
         """Global numbers of the field's unknowns of this process, among all."""
         comm = self.space.mesh.comm
-        first = comm.scan(self.rows[0]) - self.rows[0]
-        numbers = (self.owned.ravel() + first).astype(PETSc.IntType)
+        first = comm.scan(self.full_sizes[0]) - self.full_sizes[0]
+        numbers = (self.owned_unknowns.ravel() + first).astype(PETSc.IntType)
         return PETSc.IS().createGeneral(numbers, comm=comm)
 
-    def selection(self) -> PETSc.Mat:
+    def selection_matrix(self) -> PETSc.Mat:
         """Matrix (field's, unknowns) of ones that does what `part` does."""
-        columns = self.numbers().getIndices()
-        return single_entry_matrix(columns, (self.sizes, self.rows), self.space.mesh.comm)
+        columns = self.global_numbers().getIndices()
+        return single_entry_matrix(columns, (self.sizes, self.full_sizes), self.space.mesh.comm)
 
 
-def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
+def equilibration_scale(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
     """Scale (n,): 1 at displacements, a stiffness per area at pressures; p / scale is a length."""
     scale = K.createVecRight()
     scale.set(1.0)
     if not is_hybrid(space):
         return scale
     fields = SubSpace.displacements(space), SubSpace.pressure(space)
-    u, p = (field.numbers() for field in fields)
+    u, p = (field.global_numbers() for field in fields)
     largest = PETSc.NormType.INFINITY
     of_volume = K.createSubMatrix(p, u).norm(largest)
-    of_equilibrium = fields[0].part(K.getDiagonal()).norm(largest)
+    of_equilibrium = fields[0].extract(K.getDiagonal()).norm(largest)
     modulus = of_equilibrium / (of_volume or 1.0) or 1.0
-    scale.setArray(1.0 + (modulus - 1.0) * fields[1].spread(np.ones(len(fields[1].owned))))
+    scale.setArray(1.0 + (modulus - 1.0) * fields[1].embed(np.ones(len(fields[1].owned_unknowns))))
     return scale
 
 
-def fields_of(space: fem.FunctionSpace) -> list[SubSpace]:
+def list_fields(space: fem.FunctionSpace) -> list[SubSpace]:
     """The displacements (or whatever a space that is not hybrid has), and the pressure."""
     fields = [SubSpace.displacements(space)]
     return [*fields, SubSpace.pressure(space)] if is_hybrid(space) else fields
 
 
-def tied(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.Mat:
+def tie_pressures(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.Mat:
     """Selection (n, n_r) of free unknowns that gives a vertex one pressure in each part."""
     mesh = space.mesh
     comm, owned = mesh.comm, mesh.topology.index_map(mesh.topology.dim).size_local
@@ -154,7 +154,7 @@ def tied(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.
             )
         if parts.dim != mesh.topology.dim or np.sum(parts.indices < owned) < owned:
             raise ValueError("parts: the tags have to be those of cells, and of all of them")
-    displacements = SubSpace.displacements(space).owned.ravel()
+    displacements = SubSpace.displacements(space).owned_unknowns.ravel()
     moved = np.sort(displacements[free[displacements]])
     values = np.unique(np.concatenate(comm.allgather(np.unique(parts.values))))
     part, own = np.empty((owned, 1), dtype=np.intp), parts.indices < owned
@@ -179,4 +179,4 @@ def tied(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.
     column = np.full(len(free), -1, dtype=np.int64)
     column[moved] = first + np.arange(len(moved))
     column[rows] = sums[corners, part, 0].astype(np.int64)
-    return single_entry_matrix(column, (field.rows, (count, PETSc.DETERMINE)), comm)
+    return single_entry_matrix(column, (field.full_sizes, (count, PETSc.DETERMINE)), comm)

@@ -25,11 +25,11 @@ Marker: TypeAlias = Callable[[Array], Mask]
 Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 
 
-def marked(comm: MPI.Comm, whose: str, where: Marker, x: Array) -> Mask:
+def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask:
     """Mask (n,) of the points (3, n) at which a marker holds; local, for use under the guard."""
-    if not arguments.is_user_function(where):
+    if not arguments.is_user_function(marker):
         raise TypeError(
-            f"{whose} is of the type {type(where).__name__}: give a function of points. Tagged "
+            f"{name} is of the type {type(marker).__name__}: give a function of points. Tagged "
             "facets are taken by prescribe, boundary_measure and nodal_flux"
         )
     n = x.shape[1]
@@ -37,44 +37,44 @@ def marked(comm: MPI.Comm, whose: str, where: Marker, x: Array) -> Mask:
         return np.zeros(0, dtype=bool)
     layout = "it takes points as columns (3, n) and gives True or False for each, (n,)"
     return arguments.check_function_values(
-        whose, call_user_function(comm, whose, where, np.array(x, order="C")), (n,), layout, bool
+        name, call_user_function(comm, name, marker, np.array(x, order="C")), (n,), layout, bool
     )
 
 
-def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> LocalIndices:  # noqa: ANN401
+def local_numbers(comm: MPI.Comm, name: str, selection: Any, count: int) -> LocalIndices:  # noqa: ANN401
     """Local numbers, each once, of what numbers (m,) or a mask (count,) name; local."""
-    if isinstance(given, MeshTags):
-        raise TypeError(f"{whose} are tags: give the tagged ones, tags.find(value)")
-    numbers = np.asarray(given)
+    if isinstance(selection, MeshTags):
+        raise TypeError(f"{name} are tags: give the tagged ones, tags.find(value)")
+    numbers = np.asarray(selection)
     if numbers.shape == (0,) and numbers.dtype != bool:  # a list without entries is of floats
         return np.zeros(0, dtype=np.int32)
     here = f"of which process {comm.rank} has {count}" if comm.size > 1 else f"{count} in all"
     if numbers.ndim != 1 or numbers.dtype.kind not in "iub":
         raise ValueError(
-            f"{whose} are {numbers.dtype} of the shape {numbers.shape}: they are a marker, local "
+            f"{name} are {numbers.dtype} of the shape {numbers.shape}: they are a marker, local "
             f"numbers (integers), or a mask of all of them, {here}"
         )
     if numbers.dtype == bool:
         if len(numbers) != count:
-            raise ValueError(f"{whose} are a mask of {len(numbers)}: it is one of all, {here}")
+            raise ValueError(f"{name} are a mask of {len(numbers)}: it is one of all, {here}")
         return np.flatnonzero(numbers).astype(np.int32)
     if numbers.min() < 0 or numbers.max() >= count:
         raise ValueError(
-            f"{whose} have the numbers {numbers.min()} to {numbers.max()}: local numbers are "
+            f"{name} have the numbers {numbers.min()} to {numbers.max()}: local numbers are "
             f"counted from 0, {here}"
         )
     return np.unique(numbers).astype(np.int32)
 
 
-def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> LocalIndices:
+def locate_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndices:
     """Local numbers (ghosts too) of a space's nodes, mid-side ones too; collective.
 
     Of a hybrid space they are those of its displacements; numbers in `where` are of its unknowns, a
     mask may be one of nodes.
     """
-    asked = _AskedMarker(space.mesh.comm, f"the marker of {whose}", where)
+    asked = _AskedMarker(space.mesh.comm, f"the marker of {name}", where)
     with collective_errors(space.mesh.comm):
-        nodes = _local_nodes(space, whose, where, asked)
+        nodes = _local_nodes(space, name, where, asked)
     asked.compare()
     return nodes
 
@@ -88,9 +88,9 @@ def _local_nodes(
     if asked.is_marker:
         return np.flatnonzero(asked.holds(x.T)).astype(np.int32)
     mask = np.asarray(where).dtype == bool and len(np.asarray(where)) == len(x)
-    by_node = field.is_all or mask
+    by_node = field.is_whole_space or mask
     count = len(x) if by_node else index_map.size_local + index_map.num_ghosts
-    numbers = numbered(comm, f"the nodes of {whose}", where, count)
+    numbers = local_numbers(comm, f"the nodes of {whose}", where, count)
     if by_node:
         return numbers
     inside = np.isin(field.unknowns, numbers)
@@ -103,15 +103,15 @@ def _local_nodes(
     return np.flatnonzero(nodes).astype(np.int32)
 
 
-def some_nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> LocalIndices:
+def locate_any_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndices:
     """As `nodes_of`, but a ValueError if there are none on all processes together; collective."""
-    nodes = nodes_of(space, whose, where)
+    nodes = locate_nodes(space, name, where)
     if space.mesh.comm.allreduce(len(nodes), MPI.SUM) == 0:
         raise ValueError("the marker holds at no node of the space: check its coordinates")
     return nodes
 
 
-def exterior_facets(mesh: Mesh, where: Part, inner: bool = True) -> LocalIndices:
+def locate_exterior_facets(mesh: Mesh, where: Part, skip_interior: bool = True) -> LocalIndices:
     """Local numbers of a part of the boundary's facets; a marker has to hold at all vertices.
 
     Given numbers of facets within the body are left out, or refused unless `inner`.
@@ -126,9 +126,9 @@ def exterior_facets(mesh: Mesh, where: Part, inner: bool = True) -> LocalIndices
             facets: LocalIndices = locate_entities_boundary(mesh, dimension, asked.holds)
         else:
             count = index_map.size_local + index_map.num_ghosts
-            given = numbered(mesh.comm, "facets", where, count)
+            given = local_numbers(mesh.comm, "facets", where, count)
             facets = np.intersect1d(given, exterior_facet_indices(topology))
-            if not inner and np.sum(given < index_map.size_local) > len(facets):
+            if not skip_interior and np.sum(given < index_map.size_local) > len(facets):
                 raise ValueError(
                     "the prescribed part has facets within the body: numbers are those of facets "
                     "of its boundary, tags.find(value); for nodes there is fem.dirichletbc"
@@ -148,7 +148,7 @@ class _AskedMarker:
 
     def holds(self, x: Array) -> Mask:
         """Return the mask (n,) of points (3, n) at which the marker holds; local."""
-        marks = marked(self._comm, self._whose, cast(Marker, self._where), x)
+        marks = evaluate_marker(self._comm, self._whose, cast(Marker, self._where), x)
         self._points.append(np.array(x.T))
         self._marks.append(marks)
         return marks
@@ -165,7 +165,7 @@ class _AskedMarker:
         check_same_function(self._comm, self._whose, mark, x[marks], x[~marks])
 
 
-def by_cell_tag(
+def piecewise_constants_by_tag(
     mesh: Mesh, cell_tags: MeshTags, values: Mapping[int, Sequence[float]]
 ) -> list[fem.Function]:
     """Functions that are constant in each cell, of its material's numbers, by tags; collective."""

@@ -18,7 +18,7 @@ from dolfinx.mesh import Mesh, MeshTags
 
 from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.spaces.elements import macro_element, quadratic_element
-from pw_elements.spaces.hybrid import SubSpace, is_hybrid, is_split, mixed_element
+from pw_elements.spaces.hybrid import SubSpace, has_split_pressure, is_hybrid, mixed_element
 
 
 class NumberingError(RuntimeError):
@@ -50,7 +50,7 @@ class Spaces:
         arguments.check_space(self.trial, "the trial space")
         arguments.check_space(self.test, "the test space")
         with collective_errors(self.trial.mesh.comm):
-            check_parts(self.parts)
+            check_part_tags(self.parts)
             if self.parts and self.parts.topology != self.mesh.topology._cpp_object:
                 raise ValueError("parts: the tags are those of another mesh")
         _assert_one_numbering(self.trial, self.test)
@@ -143,7 +143,7 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     shape = tuple((whole.sub_elements[0] if hybrid else whole).reference_value_shape)
     quadratic, weights = quadratic_element(cell, shape), macro_element(cell, shape)
     if hybrid:
-        split = is_split(trial)
+        split = has_split_pressure(trial)
         quadratic, weights = (mixed_element(vector, split) for vector in (quadratic, weights))
     if whole != quadratic:
         raise ValueError(
@@ -237,7 +237,7 @@ def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     return scalars
 
 
-def of_owners(
+def gather_from_owners(
     space: fem.FunctionSpace, nodes: npt.NDArray[np.int64], values: npt.NDArray
 ) -> npt.NDArray:
     """Rows (k, ...) of global nodes, on all processes, of the owners' values (owned nodes, ...)."""
@@ -249,7 +249,7 @@ def of_owners(
     return found
 
 
-def check_parts(parts: object) -> None:
+def check_part_tags(parts: object) -> None:
     arguments.check_type("parts", parts, MeshTags | None, "dolfinx.mesh.meshtags makes them")
 
 

@@ -329,11 +329,11 @@ def _incompressible(row: Row) -> dict[str, float]:
 def _linear(row: Row) -> dict[str, float]:
     """Assembly, the levels, and solutions by them to `FORCING` and `exact`, to 1e-11."""
     import pw_elements as pw
-    from pw_elements.algebra import masked
+    from pw_elements.algebra import full_size_reduction
 
     body, supports = _clamped(row)
     K, assembly = _seconds(lambda: pw.assemble_matrix(body.stiffness(), blocked=True))
-    load = masked(supports).load(K, _pressed(body))
+    load = full_size_reduction(supports).load(K, _pressed(body))
 
     def levels() -> Any:  # noqa: ANN401
         prepared = pw.Iterative().prepare(K, supports=supports.supports)
@@ -527,14 +527,14 @@ def _search(row: Row) -> dict[str, float]:
     """The mortar of two layers whose meshes do not match; "graded": with a rim of wide cells."""
     from pw_elements import Reduction
     from pw_elements.contact.interface import nodal_interface
-    from pw_elements.spaces import Assembled
+    from pw_elements.spaces import AssemblyRecord
     from study.discretisation import spaces
 
     rim = RIM if row.method == "graded" else 0.0
     mesh, above = _two_blocks((row.cells, round(FINER * row.cells)), (1, 1), rim)
     space = spaces(row.element, mesh).trial
     pair, free = _between(space, above), Reduction.dirichlet(space, [])
-    known = Assembled(states=frozenset({"solid"}))
+    known = AssemblyRecord(stress_states=frozenset({"solid"}))
     _, seconds = _seconds(lambda: nodal_interface([pair], space, free, known))
     return {"dofs": space.dofmap.index_map.size_global * 3, "seconds": seconds}
 

@@ -42,8 +42,8 @@ def conducted(element: str, reading: str, edges: int, power: float = POWER) -> H
     spaces = make(problem.mesh, 0)
     pressure = np.maximum(0.0, read_by(reading, surface) @ contact.force) / problem.known.peak
     joint = np.zeros(spaces.trial.dofmap.index_map.size_local)
-    own = SurfaceNodes.scalar(spaces, problem.touching)
-    joint[own.node] = STRENGTH * pressure**power * own.own_area
+    own = SurfaceNodes.from_scalar_spaces(spaces, problem.touching)
+    joint[own.node] = STRENGTH * pressure**power * own.weight_area
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
     indptr, indices, values = K.getValuesCSR()
@@ -63,7 +63,7 @@ def known(cell: str) -> Heat:
     T = _solved(problem, fem.assemble_matrix(fem.form(form)).to_scipy(), spaces.trial)
     field = fem.Function(spaces.trial)
     field.x.array[:] = T
-    own = SurfaceNodes.scalar(spaces, problem.touching)
+    own = SurfaceNodes.from_scalar_spaces(spaces, problem.touching)
     heat = float(fem.assemble_scalar(fem.form(law * field * problem.surface)))
     return Heat(heat, float(T[own.node[_middle(own)]]), len(T))
 

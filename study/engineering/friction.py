@@ -114,7 +114,7 @@ def slipping(element: str, reading: str, edges: int, halving: float = HALVING) -
     conditions = [held_nodes(space, nodes, _field(known, x[nodes], up))]
     if solid:
         conditions.append(prescribe(space, 1, lambda p: np.isclose(p[1], 0.0) & ~far(p)))
-    surface = SurfaceNodes.of(body, touching)
+    surface = SurfaceNodes.from_body(body, touching)
     origin, down = (0.0,) * up, -known.approach
     aside = (SHIFT[up] * known.approach, *origin[1:], down)
     p1 = halving * known.peak
@@ -139,7 +139,7 @@ def slipping(element: str, reading: str, edges: int, halving: float = HALVING) -
                 break
         limit = mu * found.force_normal
     else:
-        area = surface.tributary_area if reading == "tributary" else surface.own_area
+        area = surface.tributary_area if reading == "tributary" else surface.weight_area
         law = Falling(surface.position, p1 * np.maximum(area, 0.0) * (area > 1e-9 * area.max()))
         found = solved(law)
         limit = law.limit(law.most, found.force_normal)[0]

@@ -40,6 +40,6 @@ class Indented:
         answer = (pw_t6 if new else snes_vi).solve(problem)
         state = StressState.PLANE_STRAIN if cell == "T6" else StressState.SOLID
         made = (Spaces.petrov_galerkin if new else Spaces.galerkin)(problem.mesh)
-        surface = SurfaceNodes.of(Body(made, Material(E, NU), state), problem.touching)
+        surface = SurfaceNodes.from_body(Body(made, Material(E, NU), state), problem.touching)
         force = problem.forces(answer.u, answer.tested)[surface.node, problem.up]
         return cls(problem, answer.u, surface, force)

@@ -24,8 +24,8 @@ def reading(name: str, surface: SurfaceNodes) -> Array:
         return np.asarray(P @ np.linalg.solve(_mass(surface), P.T))
     if name == "tributary":
         return np.diag(1 / surface.tributary_area)
-    weightless = surface.own_area < 1e-9 * surface.tributary_area
-    weights = np.where(weightless, np.inf, surface.own_area)
+    weightless = surface.weight_area < 1e-9 * surface.tributary_area
+    weights = np.where(weightless, np.inf, surface.weight_area)
     own = np.diag(1 / weights)
     if name == "neighbours":
         beside = np.zeros_like(own)

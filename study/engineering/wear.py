@@ -92,7 +92,7 @@ class Punch:
         def face(x: Array) -> Mask:
             return np.isclose(x[up], 0.0)
 
-        surface = SurfaceNodes.of(body, face)
+        surface = SurfaceNodes.from_body(body, face)
         rows = np.searchsorted(free, (up + 1) * surface.node + up)
         right = np.zeros((len(free), len(rows) + 1))
         right[rows, np.arange(len(rows))] = 1.0
@@ -205,8 +205,8 @@ def worn(element: str, reading: str, cells: int, steps: int) -> Worn:
         half = depth if k == steps // 2 - 1 else half
     force, _ = punch.forces(depth, touching)
     surface = punch.surface
-    weights = surface.tributary_area if reading == "tributary" else surface.own_area
-    best = "own" if surface.own_area.min() > 1e-9 * surface.tributary_area.min() else "projected"
+    weights = surface.tributary_area if reading == "tributary" else surface.weight_area
+    best = "own" if surface.weight_area.min() > 1e-9 * surface.tributary_area.min() else "projected"
     volume_error = abs(weights @ depth / (punch.force * PATH) - 1)
     end_error = np.abs(read_by(best, surface) @ force / MEAN - 1).max()
     return Worn(punch, half, depth, R @ force, over, float(volume_error), float(end_error))

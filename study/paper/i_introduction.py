@@ -85,7 +85,7 @@ def dip(element: str, refined: int = 1) -> Result:
     held = [prescribe(body.space, 1, _lower_side), prescribe(body.space, 0, _left_side)]
     a = solve(body.K, f, body.supports(held))
     force = forces_along(body.space, reactions(body.K, a, f), _lower_side)
-    pressures = SurfaceNodes.of(body.body, _lower_side).pressure(force.force[:, 1])
+    pressures = SurfaceNodes.from_body(body.body, _lower_side).pressure(force.force[:, 1])
     scalars = {
         "smallest_force": force.force[:, 1].min() / force.force[:, 1].mean(),
         "smallest_pressure": pressures.min() / (ROW**2 / 12),

@@ -178,8 +178,8 @@ def _mode_scalars(modes: VibrationModes) -> dict[str, float]:
     scalars = {f"omega2_{i}": value for i, value in enumerate(modes.eigenvalues, start=1)}
     return scalars | {
         "mode_residual": float(modes.residuals.max()),
-        "imaginary": modes.imaginary,
-        "rigid": float(modes.rigid),
+        "imaginary": modes.imaginary_ratio,
+        "rigid": float(modes.n_rigid),
     }
 
 

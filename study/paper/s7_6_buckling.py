@@ -151,7 +151,7 @@ def beam(
         found = model.critical_stress(K, prestress, mode, form)
         scalars[f"sigma_cr_{mode}"] = found.factors[0]
         scalars[f"residual_{mode}"] = found.residuals[0]
-        scalars[f"imaginary_{mode}"] = found.imaginary
+        scalars[f"imaginary_{mode}"] = found.imaginary_ratio
         curves[f"shape_{mode}"] = found.shapes[0].array_r.reshape(-1, 2)
     kinds = {"sigma_cr_*": "Pa", "residual_*": "1", "imaginary_*": "1"}
     return Result(scalars, units_of(scalars, kinds), curves, dofs=K.getSize()[0])

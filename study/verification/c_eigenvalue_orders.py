@@ -163,7 +163,7 @@ def modes(
                 "h": cell_size(mesh),
                 "dofs": reduction.right.getSize()[1],
                 "error_eigenvalue": np.abs(near / exact - 1).max(),
-                "imaginary": found.imaginary,
+                "imaginary": found.imaginary_ratio,
             }
         )
     curves = {name: np.array([row[name] for row in rows]) for name in rows[0]}

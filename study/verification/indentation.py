@@ -142,7 +142,7 @@ def indented(
     nothing = body.K.createVecLeft()
     (solved,) = solve_contact(body.K, nothing, body.supports(conditions), [pair], body.space)
 
-    surface = SurfaceNodes.of(body.body, touching)
+    surface = SurfaceNodes.from_body(body.body, touching)
     curves = _along(solved, known, surface) | mesh_curves(body.space)
     if element == "galerkin-T6" and indenter.state is StressState.PLANE_STRAIN:
         T, r = force_transfer(body.space), reactions(body.K, solved.displacement, nothing)

@@ -128,7 +128,7 @@ class TwoBodies:
 
     def _of_library(self, states: list[ContactState]) -> "Solution":
         (pair,) = states[-1].pairs
-        surface = SurfaceNodes.of(self.body, self.slave)
+        surface = SurfaceNodes.from_body(self.body, self.slave)
         one, other = (gathered_trace(self.space, side) for side in (self.slave, self.master))
         overlap = Overlap.of(one, other, pair.node, revolved=False)
         covered = overlap.per_point(np.ones(len(overlap.measure)), len(pair.node))
@@ -248,7 +248,7 @@ def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.Dirichle
         active = new
     force = np.zeros_like(x)
     force[:, -1] = coupling.forces.T @ multiplier
-    surface = SurfaceNodes.of(two.body, two.slave)
+    surface = SurfaceNodes.from_body(two.body, two.slave)
     order = np.searchsorted(nodes, surface.node)
     if two.way == "node-to-segment":
         pressure = surface.pressure(multiplier[order])

@@ -264,12 +264,12 @@ class DualQuadraticProblem:
     ) -> None:
         problem = PetrovGalerkinProblem(residual, u, conditions, Direct())
         u.x.array[:] = 0.0
-        problem.system.assemble()
+        problem.system.assemble_tangent()
         reduction = Reduction.dirichlet(u.function_space, conditions)
         self._steps = FiniteStepping(problem, conditions, reduction, [pair], 25, told, Direct())
         interface = self._steps.interface
         interface.mortars = {0: DualQuadratic(*sides)}
-        self.undeformed = make_undeformed_state(interface, problem.system.matrix.createVecRight())
+        self.undeformed = make_undeformed_state(interface, problem.system.tangent.createVecRight())
 
     def step(self, state: ContactState, load: Callable[[float], None]) -> ContactState:
         """The state at the end of an increment."""

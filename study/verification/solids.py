@@ -29,7 +29,7 @@ from pw_elements import (
     reactions,
 )
 from pw_elements.contact.model import ContactState
-from pw_elements.elasticity import StressState, Vector, by_position
+from pw_elements.elasticity import StressState, Vector, order_by_position
 from pw_elements.spaces import Marker
 from study.core.store import Result
 from study.discretisation import displacement_space, held_nodes, spaces
@@ -71,7 +71,7 @@ class Solid:
             T = force_transfer(body.spaces.trial)
             return cls(element, body, stiffness, stiffness, T)
         if element == "sibling-T10":
-            sibling = Sibling.of(body.spaces.trial)
+            sibling = Sibling.from_space(body.spaces.trial)
             return cls(element, body, stiffness, sibling.matrix(stiffness), sibling=sibling)
         return cls(element, body, stiffness, stiffness)
 
@@ -122,16 +122,16 @@ class Solid:
             return np.asarray(pair.force_normal[:, None] * pair.normal + pair.force_tangential)
         forces = self.T * reactions(self.galerkin, state.displacement, load)
         nodes = fem.locate_dofs_geometrical(self.space, where)
-        order = by_position(self.space.tabulate_dof_coordinates()[nodes])
+        order = order_by_position(self.space.tabulate_dof_coordinates()[nodes])
         return np.asarray(forces.array_r.reshape(-1, 3)[nodes[order]])
 
     def faces(self, where: Marker) -> tuple[SurfaceNodes, SurfaceNodes]:
         """Nodes (m) of a part of the boundary, with own weights and with the standard element's."""
-        own = SurfaceNodes.of(self.body, where)
+        own = SurfaceNodes.from_body(self.body, where)
         spaces, T = self.body.spaces, self.T
         if spaces.test is not spaces.trial:
             galerkin = replace(self.body, spaces=Spaces.galerkin(spaces.mesh))
-            return own, SurfaceNodes.of(galerkin, where)
+            return own, SurfaceNodes.from_body(galerkin, where)
         if self.sibling is not None:
             T = force_transfer(self.space)
         return own if T is None else transferred(own, T), own

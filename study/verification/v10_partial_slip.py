@@ -89,8 +89,8 @@ def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
     further = errors_beside("shear_error", np.where(away, off, np.nan), standard)
     if solid.T is None:  # else the standard element's zone
         sticks = states[-1].pairs[0].status == STICK
-        inside = surface.own_area[r < known.stick].sum()
-        further["sticking_area_own"] = surface.own_area[sticks].sum() / inside
+        inside = surface.weight_area[r < known.stick].sum()
+        further["sticking_area_own"] = surface.weight_area[sticks].sum() / inside
         further["stick_radius"] = _vanishing(r, tractions, sticks) / known.stick
     return face_result(
         states,

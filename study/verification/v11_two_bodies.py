@@ -19,7 +19,7 @@ from pw_elements.contact import STICK, Motion
 from pw_elements.contact.interface import Trace, gathered_trace, sizes
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes
-from pw_elements.spaces import exterior_facets
+from pw_elements.spaces import locate_exterior_facets
 from study.core.cases import Case
 from study.core.store import Result
 from study.line_mesh import on_lines
@@ -324,7 +324,7 @@ def calculix(case: str, tracked: str) -> Result:
     u = two.K.createVecRight()
     u.setArray(moved[number].ravel())
     residual = (assemble_matrix(body.stiffness()) * u).array_r.reshape(x.shape)
-    surface = SurfaceNodes.of(two.body, two.slave)
+    surface = SurfaceNodes.from_body(two.body, two.slave)
     opposite = gathered_trace(two.space, two.master).nodes
     force = np.zeros_like(x)
     for nodes in (surface.node, opposite):
@@ -435,7 +435,7 @@ def _within(two: TwoBodies, near: Callable[[Array], Mask]) -> TwoBodies:
 
 def _sides(mesh: Mesh, low: Mask, near: Callable[[Array], Mask]) -> tuple[Facets, Facets]:
     """Facets of the lower and of the upper body."""
-    facets, dim = exterior_facets(mesh, near), mesh.topology.dim
+    facets, dim = locate_exterior_facets(mesh, near), mesh.topology.dim
     behind = mesh.topology.connectivity(dim - 1, dim)
     of_lower = low[behind.array[behind.offsets[facets]]]
     return facets[of_lower], facets[~of_lower]
@@ -546,7 +546,7 @@ def _result(
     }
     if dim == 3:
         galerkin = replace(two.body, spaces=Spaces.galerkin(two.space.mesh))
-        standard = SurfaceNodes.of(galerkin, two.slave).pressure(np.zeros(len(at)))
+        standard = SurfaceNodes.from_body(galerkin, two.slave).pressure(np.zeros(len(at)))
         errors = compared(np.where(near, error, np.nan) / scale, standard)
         scalars |= {f"pressure_error_{of}": size for of, size in errors.items()}
     if slowly.any():

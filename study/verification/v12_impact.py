@@ -36,7 +36,7 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements.contact import ContactPair, Plane, solve_impact
-from pw_elements.elasticity import StressState, by_position
+from pw_elements.elasticity import StressState, order_by_position
 from study.core.cases import Case
 from study.core.store import Result
 from study.reading import compared, transferred
@@ -96,7 +96,7 @@ class Scheme:
             return cls(standard, K, _hrz(space))
         if name == "standard-pwmass":
             return cls(standard, K, _lumped(new))
-        sibling = Sibling.of(space)
+        sibling = Sibling.from_space(space)
         if name == "sibling-pwmass":
             return cls(standard, sibling.matrix(K), _lumped(new), sibling)
         M = lumped_mass(sibling.matrix(assemble_matrix(standard.mass())), space)
@@ -150,7 +150,7 @@ def bar(scheme: str, dimension: int, cells: int, end: float = END) -> Result:
     held = found.walls([1.0] * (dimension - 1))
     motion = (_by_hand if scheme == "pw" else _by_library)(found, held, end)
     wall = _on(dimension - 1, 0.0)
-    face = SurfaceNodes.of(found.body, wall)
+    face = SurfaceNodes.from_body(found.body, wall)
     if found.sibling is not None:
         face = transferred(face, force_transfer(found.space))
     standard = Body(Spaces.galerkin(mesh), MATERIAL, STATES[dimension])
@@ -159,7 +159,7 @@ def bar(scheme: str, dimension: int, cells: int, end: float = END) -> Result:
     inner = motion.force[steady][:, ~face.rim]
     mean = inner.mean(axis=0)
     pressure = face.pressure(motion.force[steady].mean(axis=0))[~face.rim]
-    of_standard = SurfaceNodes.of(standard, wall).pressure(face.own_area)[~face.rim]
+    of_standard = SurfaceNodes.from_body(standard, wall).pressure(face.weight_area)[~face.rim]
     errors = compared(pressure - 1, of_standard)
     scalars = {
         "pressure_min": np.nanmin(pressure),
@@ -242,7 +242,7 @@ def _by_hand(found: Scheme, held: Reduction, end: float = END) -> Motion:
     K, mass, free = _free(found, held)
     dim = found.body.spaces.mesh.geometry.dim
     nodes = fem.locate_dofs_geometrical(found.space, _on(dim - 1, 0.0))
-    nodes = nodes[by_position(found.space.tabulate_dof_coordinates()[nodes, :dim])]
+    nodes = nodes[order_by_position(found.space.tabulate_dof_coordinates()[nodes, :dim])]
     rows = np.searchsorted(free, dim * nodes + dim - 1)
     critical = 2 / np.sqrt(abs(_highest(K, mass)))
     dt = COURANT * critical

@@ -56,13 +56,13 @@ class Way:
 
     element: str
     spaces: Callable[[Mesh, int], Spaces]
-    area: Literal["geometric", "own"] = "geometric"
+    area: Literal["geometric", "weight"] = "geometric"
     evened: bool = False
 
 
 WAYS = {
     "standard": Way("galerkin", Spaces.galerkin),
-    "own": Way("galerkin", Spaces.galerkin, "own"),
+    "own": Way("galerkin", Spaces.galerkin, "weight"),
     "transferred": Way("galerkin", Spaces.galerkin, evened=True),
     "pw": Way("pw", Spaces.petrov_galerkin),
 }
@@ -154,7 +154,7 @@ def _conduction(way: str, elements: int, problem: Conduction, cell: str) -> Resu
     (increment,) = stated.increments
     scalars = {
         "temperature_error": np.abs(u.x.array - given.x.array).max() / np.abs(given.x.array).max(),
-        "iterations": len(increment.corrections),
+        "iterations": len(increment.relative_corrections),
     }
     return _compared(way, spaces, stated.reactions(), 0, lambda x: problem.flux(x[:, 1]), scalars)
 
@@ -176,7 +176,7 @@ def _compared(
     x, flux = surface.position[inside], found.flux[inside]
     known = exact(x)
     off = np.abs(flux - known) / np.abs(known).max()
-    weightless = surface.own_area < 1e-9 * surface.tributary_area
+    weightless = surface.weight_area < 1e-9 * surface.tributary_area
     if way == "transferred":  # T gives each node its share
         weightless[:] = False
     scalars = {

@@ -130,5 +130,5 @@ def _coefficients(u: fem.Function) -> Array:
     """Places T^-T x, (n, dim), that give piecewise-linear weights the deformed body's averages."""
     space = u.function_space
     dim = space.mesh.geometry.dim
-    coefficients = Sibling.of(space).coefficients(u.x.petsc_vec).array_r.reshape(-1, dim)
+    coefficients = Sibling.from_space(space).coefficients(u.x.petsc_vec).array_r.reshape(-1, dim)
     return np.asarray(space.tabulate_dof_coordinates()[:, :dim] + coefficients)

@@ -56,7 +56,7 @@ def punch(element: str, elements: int) -> Result:
     problem = block.press()
     forces = problem.reactions()
     (increment,) = problem.increments
-    corrections = np.array(increment.corrections)
+    corrections = np.array(increment.relative_corrections)
     first, second, third = np.log(corrections[corrections > ROUND_OFF][-3:])
     pressed = block.above(block.x.T)
     scalars = {

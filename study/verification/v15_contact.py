@@ -82,7 +82,7 @@ def presses(element: str, n: int) -> Result:
     down = [Motion((0.0, None), (0.0, -step.force / 2)) for step in steps]
     pair = ContactPair(touching, Parabola((0.0, 0.0), RADIUS), FRICTION, down)
     states = solve_contact(block.K, loads, supports, pair, space)
-    surface = SurfaceNodes.of(block.body, touching)
+    surface = SurfaceNodes.from_body(block.body, touching)
     (contact,) = states[-1].pairs
     at = contact.position[:, 0]
     shear = surface.pressure(-contact.force_tangential[:, 0]) / (FRICTION * known.peak)

@@ -146,7 +146,7 @@ class _Ring:
         caught = np.zeros(len(self.x), dtype=int)
         for tried in range(1, _MOST + 1):
             self._solve(height)
-            iterations += sum(len(part.corrections) for part in self._problem.increments)
+            iterations += sum(len(part.relative_corrections) for part in self._problem.increments)
             force, y = self.force()[:, 1], self.x[:, 1] + self.displacement[:, 1]
             passed = self._outside & (np.abs(y) > height)
             may = passed & (caught < _CAUGHT)

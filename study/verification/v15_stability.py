@@ -65,7 +65,7 @@ def identity(element: str) -> Result:
     K, standard = (assemble_matrix(body.stiffness()) for body in bodies)
     W = bodies[1].spaces.trial
     moved = SubSpace.displacements(W)
-    u, p = moved.selection(), SubSpace.pressure(W).selection()
+    u, p = moved.selection_matrix(), SubSpace.pressure(W).selection_matrix()
     T = force_transfer(moved.space)
     equilibrium = T.matMult(u.matMult(standard))
     scalars = {}

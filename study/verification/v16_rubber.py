@@ -98,9 +98,11 @@ class Rubber:
         scalars = way(mesh, 0)
 
         def of(stretch: float | ufl.core.expr.Expr) -> Array:
-            surface = SurfaceNodes.scalar(scalars, lambda x: np.isclose(x[axis], top), stretch)
+            surface = SurfaceNodes.from_scalar_spaces(
+                scalars, lambda x: np.isclose(x[axis], top), stretch
+            )
             order = np.argsort(surface.node)
-            return surface.own_area[order[np.searchsorted(surface.node, nodes, sorter=order)]]
+            return surface.weight_area[order[np.searchsorted(surface.node, nodes, sorter=order)]]
 
         return of(1.0), of(SurfaceNodes.stretch(self.w))
 

@@ -435,8 +435,8 @@ def _weights(bodies: Rubber, sides: Sequence[Indices]) -> Array:
     way = Spaces.petrov_galerkin if bodies.element.startswith("pw") else Spaces.galerkin
     scalars, weights = way(bodies.w.function_space.mesh, 0), np.ones(len(bodies.x))
     for side in sides:
-        surface = SurfaceNodes.scalar(scalars, side.astype(np.int32))
-        weights[surface.node] = surface.own_area
+        surface = SurfaceNodes.from_scalar_spaces(scalars, side.astype(np.int32))
+        weights[surface.node] = surface.weight_area
     return weights
 
 

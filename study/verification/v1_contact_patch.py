@@ -49,13 +49,13 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
     (solved,) = solve_contact(body.K, load, body.supports([middle]), [foundation], space)
     (contact,) = solved.pairs
 
-    surface = SurfaceNodes.of(body.body, _lower_side)
+    surface = SurfaceNodes.from_body(body.body, _lower_side)
     force = contact.force_normal
     own, tributary = surface.pressure(force), surface.tributary_pressure(force)
     displacement = solved.displacement.array_r.reshape(-1, 2)
     exact = _displacement(space.tabulate_dof_coordinates(), StressState(state))
     scalars = {
-        "error_force": np.abs(force - PRESSURE * surface.own_area).max() / force.max(),
+        "error_force": np.abs(force - PRESSURE * surface.weight_area).max() / force.max(),
         "error_pressure_own": np.nanmax(np.abs(own / PRESSURE - 1)),
         "error_pressure_tributary": np.abs(tributary / PRESSURE - 1).max(),
         "error_displacement": np.abs(displacement - exact).max() / np.abs(exact).max(),

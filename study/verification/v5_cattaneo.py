@@ -127,7 +127,7 @@ class _Traction:
 
 def _result(body: Discretisation, states: list[ContactState]) -> Result:
     (contact,) = states[-1].pairs
-    surface = SurfaceNodes.of(body.body, _touching)
+    surface = SurfaceNodes.from_body(body.body, _touching)
     x, status = contact.position[:, 0], contact.status
     known = (KNOWN.pressure(x), KNOWN.shear(x))
     forces = (contact.force_normal, contact.force_tangential[:, 0])

@@ -64,7 +64,7 @@ def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result
 
     (contact,) = states[-1].pairs
     force_n, force_t = contact.force_normal, -contact.force_tangential @ _uphill()
-    surface = SurfaceNodes.of(wedge.body, _base)
+    surface = SurfaceNodes.from_body(wedge.body, _base)
     pressure, closed = surface.pressure(force_n), contact.status != OPEN
     ratio = wedge_ratio(WEDGE_SLOPE, friction)
     scalars = {

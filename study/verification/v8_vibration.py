@@ -114,7 +114,7 @@ def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
         )
         quality = _quality(vibration)
         quality["residual"] = max(quality["residual"], critical.residuals.max())
-        quality["imaginary"] = max(quality["imaginary"], critical.imaginary)
+        quality["imaginary"] = max(quality["imaginary"], critical.imaginary_ratio)
         return np.concatenate([stress, critical.factors]), quality, body
 
     theory = Strip(MATERIAL.youngs_modulus, MATERIAL.poissons_ratio, STRIP_LENGTH)
@@ -136,8 +136,8 @@ def free(element: str, state: str) -> Result:
     modes = _modes(body, axis, MODES + 1, "transposed")
     eigenvalues = np.abs(modes.eigenvalues)
     scalars = {
-        "zero": eigenvalues[: modes.rigid].max() / eigenvalues[modes.rigid],
-        "rigid_error": float(modes.rigid - RIGID[kind]),
+        "zero": eigenvalues[: modes.n_rigid].max() / eigenvalues[modes.n_rigid],
+        "rigid_error": float(modes.n_rigid - RIGID[kind]),
     }
     scalars |= _quality(modes)
     return Result(scalars, dimensionless(scalars), dofs=body.K.getSize()[0])
@@ -267,9 +267,9 @@ def _converging(
 
 def _quality(modes: VibrationModes) -> dict[str, float]:
     return {
-        "rigid": float(modes.rigid),
+        "rigid": float(modes.n_rigid),
         "residual": modes.residuals.max(),
-        "imaginary": modes.imaginary,
+        "imaginary": modes.imaginary_ratio,
     }
 
 

@@ -109,7 +109,7 @@ def _matrices(
     K_galerkin = assemble_matrix(galerkin.stiffness())
     K_pw = assemble_matrix(pw.stiffness())
     space = pw.spaces.trial
-    sibling = Sibling.of(galerkin.spaces.trial)
+    sibling = Sibling.from_space(galerkin.spaces.trial)
     K = {
         "unsymmetric": K_pw,
         "symmetric part": symmetric_part(K_pw),

@@ -1,4 +1,4 @@
-"""Bodies and contact problems that several tests solve."""
+"""Elastic bodies and contact problems that several tests solve."""
 
 from functools import cached_property
 
@@ -28,28 +28,34 @@ from study.elements import serendipity
 PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendipity
 
 
-def at(axis, value):
+def on_plane(axis, value):
+    """Return a marker of the points (dim, n) with x[axis] = value."""
     return lambda x: np.isclose(x[axis], value)
 
 
-def neo_hookean(F, shear=1.0, lame=1.5):
-    """First Piola stress."""
-    inverse = ufl.inv(F).T
-    return shear * (F - inverse) + lame * ufl.ln(ufl.det(F)) * inverse
+def neo_hookean_stress(F, shear=1.0, lame=1.5):
+    """Return the first Piola stress of a compressible neo-Hookean material."""
+    inverse_transpose = ufl.inv(F).T
+    return shear * (F - inverse_transpose) + lame * ufl.ln(ufl.det(F)) * inverse_transpose
 
 
-def at_large_strains(spaces, stress=neo_hookean, degree=4, give=0.0):
-    """Unknowns, and the residual of a body without loads; how much a hybrid one's volume gives."""
+def finite_strain_residual(spaces, stress=neo_hookean_stress, degree=4, compressibility=0.0):
+    """Return the unknown function and the residual form of a finite-strain body without loads.
+
+    A hybrid space has the unknowns u and p, with J - 1 + `compressibility` p = 0.
+    """
     w, weights, hybrid = fem.Function(spaces.trial), ufl.TestFunction(spaces.test), spaces.is_hybrid
     (u, p), (v, q) = (ufl.split(f) if hybrid else (f, 0.0) for f in (w, weights))
     F = ufl.Identity(len(u)) + ufl.grad(u)
-    J, inverse = ufl.det(F), ufl.inv(F).T
-    density = ufl.inner(F - (1 + p * J) * inverse if hybrid else stress(F), ufl.grad(v))
-    density -= q * (J - 1 + give * p) if hybrid else 0
+    J, inverse_transpose = ufl.det(F), ufl.inv(F).T
+    density = ufl.inner(F - (1 + p * J) * inverse_transpose if hybrid else stress(F), ufl.grad(v))
+    density -= q * (J - 1 + compressibility * p) if hybrid else 0
     return w, density * ufl.dx(metadata={"quadrature_degree": degree})
 
 
-class Elastic:
+class ElasticBody:
+    """A linear elastic body on a mesh: its stiffness, loads, supports and contact problems."""
+
     def __init__(
         self, mesh, method=PW, state="plane strain", E=1000.0, nu=0.3, thickness=1.0, material=None
     ):
@@ -64,7 +70,7 @@ class Elastic:
 
     @cached_property
     def x(self):
-        """Positions (n, dim) of nodes, ghosts' too."""
+        """Return the positions (n, dim) of the nodes, ghosts included."""
         return self.displacements.tabulate_dof_coordinates()[:, : self.dim]
 
     @cached_property
@@ -72,102 +78,116 @@ class Elastic:
         return assemble_matrix(self.body.mass())
 
     @property
-    def nothing(self):
+    def zero_load(self):
         return self.K.createVecLeft()
 
-    def weight(self, force):
+    def body_force_load(self, force):
         return assemble_vector(self.body.body_load(force))
 
-    def prestress(self, load, supports, form="G"):
-        """Initial stress matrix of the stress under a load."""
-        moved = as_function(self.space, solve(self.K, load, supports))
-        return assemble_matrix(self.body.initial_stress(self.body.stress(moved), form))
+    def initial_stress_matrix(self, load, supports, form="G"):
+        """Assemble the initial stress matrix of the stress under a load."""
+        displacement = as_function(self.space, solve(self.K, load, supports))
+        return assemble_matrix(self.body.initial_stress(self.body.stress(displacement), form))
 
-    def load(self, traction, where):
+    def traction_load(self, traction, where):
         surface = boundary_measure(self.mesh, where)
         return assemble_vector(self.body.surface_load(np.asarray(traction), surface))
 
-    def held(self, *conditions):
-        """Supports: component, marker and, where it is not zero, value of each."""
+    def make_supports(self, *conditions):
+        """Return the reduction by (component, marker[, value]) conditions; the value is 0 by
+        default.
+        """
         return Reduction.dirichlet(self.space, [prescribe(self.space, *c) for c in conditions])
 
-    def clamped(self, where, value=0.0):
-        return self.held(*((i, where, value) for i in range(self.dim)))
+    def clamp(self, where, value=0.0):
+        """Prescribe all displacement components where the marker holds."""
+        return self.make_supports(*((i, where, value) for i in range(self.dim)))
 
-    def contact(self, pairs, supports=None, loads=None, **options):
-        """States; without loads one for each motion of the (first) pair."""
-        supports = self.held() if supports is None else supports
+    def solve_contact(self, pairs, supports=None, loads=None, **options):
+        """Return the states of all increments.
+
+        Without loads there is one increment for each motion of the (first) pair.
+        """
+        supports = self.make_supports() if supports is None else supports
         if loads is None:
             motions = (pairs if isinstance(pairs, ContactPair) else pairs[0]).motions
-            loads = [self.nothing] * max(1, len(motions))
+            loads = [self.zero_load] * max(1, len(motions))
         return solve_contact(self.K, loads, supports, pairs, self.space, **options)
 
-    def problem(self, pairs, supports=None, **options):
-        supports = self.held() if supports is None else supports
+    def contact_problem(self, pairs, supports=None, **options):
+        supports = self.make_supports() if supports is None else supports
         return ContactProblem(self.K, supports, pairs, self.space, **options)
 
 
-class Block(Elastic):
-    """Block 4 x 2 on a rough plane, pressed by 200 and then pulled at its right side."""
+class BlockOnFloor(ElasticBody):
+    """Block 4 x 2 on a rough plane, pressed by a traction of 200, then pulled at its right side."""
 
     def __init__(self, n, method=PW, comm=MPI.COMM_SELF):
         mesh = triangles(comm, (0.0, 0.0), (4.0, 2.0), (n, n // 2))
         super().__init__(mesh, method, "plane stress")
-        self.free = self.held()
-        self.pressure = self.load((0.0, -200.0), at(1, 2.0))
+        self.no_supports = self.make_supports()
+        self.pressure_load = self.traction_load((0.0, -200.0), on_plane(1, 2.0))
 
-    def pulled(self, traction, increments=10):
-        """Load vectors: pressure, then traction in steps."""
-        pull = self.load((traction, 0.0), at(0, 4.0))
-        shares = [k / increments for k in range(1, increments + 1)]
-        return [self.pressure, *(self.pressure + share * pull for share in shares)]
+    def pull_loads(self, traction, increments=10):
+        """Return the load vectors: pressure alone, then with the traction in equal increments."""
+        pull = self.traction_load((traction, 0.0), on_plane(0, 4.0))
+        load_factors = [k / increments for k in range(1, increments + 1)]
+        return [
+            self.pressure_load,
+            *(self.pressure_load + load_factor * pull for load_factor in load_factors),
+        ]
 
-    def pair(self, mu, smooth=0.2):
-        edge = smooth - 1e-9
+    def floor_pair(self, mu, frictionless_end=0.2):
+        """Return the contact pair of the base; the ends of the base are frictionless."""
+        end = frictionless_end - 1e-9
         return ContactPair(
-            at(1, 0.0),
+            on_plane(1, 0.0),
             Plane((0, 0), (0, 1)),
-            lambda x: np.where((x[0] > edge) & (x[0] < 4 - edge), mu, 0.0),
+            lambda x: np.where((x[0] > end) & (x[0] < 4 - end), mu, 0.0),
         )
 
     def solve(self, mu, traction, increments=10, **pair):
-        loads = self.pulled(traction, increments)
-        return self.contact(self.pair(mu, **pair), self.free, loads)
+        loads = self.pull_loads(traction, increments)
+        return self.solve_contact(self.floor_pair(mu, **pair), self.no_supports, loads)
 
 
-class Punch(Elastic):
-    """Parabolic punch of radius 8 on a block 8 x 4 with a fixed base, section 7.3."""
+class PunchedBlock(ElasticBody):
+    """Block 8 x 4 with a fixed base under a parabolic punch of radius 8 (section 7.3)."""
 
     def __init__(
         self, divisions=(19, 4), method=PW, build=triangles, grade=1.5, comm=MPI.COMM_SELF
     ):
-        def graded(x):
+        def scale_and_grade(x):
             s = x[:, 0]
             return np.column_stack([4 * (s + (grade - 1) * s**3) / grade, 4 * x[:, 1], x[:, 2]])
 
-        mesh = move_nodes(build(comm, (-1.0, 0.0), (1.0, 1.0), divisions), graded)
+        mesh = move_nodes(build(comm, (-1.0, 0.0), (1.0, 1.0), divisions), scale_and_grade)
         super().__init__(mesh, method, "plane stress", nu=0.25)
-        self.foot = self.clamped(at(1, 0.0))
+        self.base_supports = self.clamp(on_plane(1, 0.0))
 
-    def pair(self, mu, motions=()):
-        return ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), mu, motions)
+    def punch_pair(self, mu, motions=()):
+        return ContactPair(on_plane(1, 4.0), Parabola((0, 4), 8.0), mu, motions)
 
     def solve(self, mu, motions):
-        return self.contact(self.pair(mu, motions), self.foot)
+        return self.solve_contact(self.punch_pair(mu, motions), self.base_supports)
 
 
-class Greco(Elastic):
-    """GRECO/Raous plate (code_aster SSNV128): friction 1, zones that are open, slip and stick."""
+class GrecoPlate(ElasticBody):
+    """GRECO/Raous plate (code_aster SSNV128): friction 1; nodes are open, stick and slip."""
 
     def __init__(self, n, method=PW):
         mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (0.04, 0.04), (n, n))
         super().__init__(mesh, method, E=1.3e11, nu=0.2)
-        self.push = self.load((0.0, -5e7), at(1, 0.04)) + self.load((15e7, 0.0), at(0, 0.0))
-        self.symmetry = self.held((0, at(0, 0.04)))
+        self.edge_load = self.traction_load((0.0, -5e7), on_plane(1, 0.04)) + self.traction_load(
+            (15e7, 0.0), on_plane(0, 0.0)
+        )
+        self.symmetry_supports = self.make_supports((0, on_plane(0, 0.04)))
 
-    def pair(self, mu):
-        return ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), mu)
+    def floor_pair(self, mu):
+        return ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)), mu)
 
     def solve(self, mu, **options):
-        (state,) = self.contact(self.pair(mu), self.symmetry, self.push, **options)
+        (state,) = self.solve_contact(
+            self.floor_pair(mu), self.symmetry_supports, self.edge_load, **options
+        )
         return state

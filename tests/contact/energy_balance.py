@@ -1,11 +1,11 @@
-"""Energy of a rubber block below a rough cylinder that is pressed, slid, taken back and unloaded.
+"""Energy balance of a rubber block under a rough cylinder that presses, slides, returns and lifts.
 
     ./run python3 -m tests.contact.energy_balance [--increments 4 8 16 32 64]
 
-prints, for the standard and the new element and several numbers of increments a leg, what the
-tool's work leaves after the stored energy and what friction has spent, over the sum of the sizes of
-work. Friction spends the shear times the slip at every node. Sums are trapezoidal, or take forces
-at the ends of increments.
+prints, for the standard and the new element and several numbers of increments per leg, the work of
+the tool less the stored energy and the friction work, over the sum of all absolute work. Friction
+work is the shear force times the slip at every node. Sums are trapezoidal, or take forces at the
+ends of increments.
 """
 
 import argparse
@@ -20,64 +20,73 @@ import ufl
 from pw_elements import Spaces, assemble_scalar, prescribe
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere
 from pw_elements.meshes import triangles
-from tests.contact.cases import at, at_large_strains, neo_hookean
+from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
 
-LAME, FRICTION = 1.5, 0.3  # over the shear modulus
-# places of the cylinder at the ends of the legs, over its radius
-LEGS = ((0.0, 0.0), (0.0, -0.25), (0.25, -0.25), (-0.1, -0.25), (-0.1, 0.05))
+LAME_RATIO, FRICTION = 1.5, 0.3  # over the shear modulus
+# Translations of the cylinder at the ends of the legs, over its radius
+CYLINDER_PATH = ((0.0, 0.0), (0.0, -0.25), (0.25, -0.25), (-0.1, -0.25), (-0.1, 0.05))
 ELEMENTS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
 
 
-class Balance(NamedTuple):
-    """Energies at the end, over the size of all work."""
+class EnergyBalance(NamedTuple):
+    """Energies at the end, over the sum of all absolute work."""
 
     remainder: float
-    of_end_forces: float  # the remainder by sums with forces at the ends of increments
-    stored: float
-    spent: float
+    end_force_remainder: float  # remainder with forces at the ends of increments
+    stored_energy: float
+    friction_work: float
 
 
-def energy_balance(element: str, increments: int, per_radius: int = 4) -> Balance:
-    """Follow the legs in equal increments on squares of the size 1 / per_radius, halved."""
-    divisions = (int(2.5 * per_radius), per_radius)
+def measure_energy_balance(
+    element: str, increments: int, cells_per_radius: int = 4
+) -> EnergyBalance:
+    """Follow the path on squares of size 1 / cells_per_radius, each halved into triangles.
+
+    `increments` is the number of equal increments per leg of the path.
+    """
+    divisions = (int(2.5 * cells_per_radius), cells_per_radius)
     mesh = triangles(MPI.COMM_SELF, (-1.25, -1.0), (1.25, 0.0), divisions, "right_left")
     spaces = ELEMENTS[element](mesh)
-    u, residual = at_large_strains(spaces, lambda F: neo_hookean(F, 1.0, LAME))
+    u, residual = finite_strain_residual(spaces, lambda F: neo_hookean_stress(F, 1.0, LAME_RATIO))
     F = ufl.Identity(2) + ufl.grad(u)
     log = ufl.ln(ufl.det(F))
-    density = (ufl.inner(F, F) - 2) / 2 - log + LAME / 2 * log**2
+    density = (ufl.inner(F, F) - 2) / 2 - log + LAME_RATIO / 2 * log**2
     energy = density * ufl.dx(metadata={"quadrature_degree": 4})
-    held = [prescribe(spaces.trial, k, at(1, -1.0)) for k in (0, 1)]
-    pair = ContactPair(at(1, 0.0), Sphere((0.0, 1.0), 1.0), FRICTION)
-    problem = ContactProblem.of_residual(residual, u, held, pair)
-    state, size = problem.undeformed, 0.0
-    # work, and what friction spends, by the share of the end's forces in sums
+    conditions = [prescribe(spaces.trial, k, on_plane(1, -1.0)) for k in (0, 1)]
+    pair = ContactPair(on_plane(1, 0.0), Sphere((0.0, 1.0), 1.0), FRICTION)
+    problem = ContactProblem.of_residual(residual, u, conditions, pair)
+    state, total_work = problem.undeformed, 0.0
+    # work of the tool and of friction, by the weight of the forces at the increment's end
     sums = {0.5: np.zeros(2), 1.0: np.zeros(2)}
-    for start, end in pairwise(LEGS):
+    for start, end in pairwise(CYLINDER_PATH):
         for k in range(increments):
-            share = (k + 1) / increments
-            place = (1 - share) * np.array(start) + share * np.array(end)
-            state, before = problem.step(state, motions=Motion(place)), state
-            parts = [part for _, part in state.substates]
-            slips = [part.pairs[0].slip for part in parts]
+            fraction = (k + 1) / increments
+            translation = (1 - fraction) * np.array(start) + fraction * np.array(end)
+            state, previous = problem.step(state, motions=Motion(translation)), state
+            substates = [inner_state for _, inner_state in state.substates]
+            slips = [inner_state.pairs[0].slip for inner_state in substates]
             slips.append(state.pairs[0].slip - sum(slips))
-            for after, slip in zip((*parts, state), slips, strict=True):
-                (old,), (new,) = before.pairs, after.pairs
-                way = new.translation - old.translation
-                size += abs(float((old.force + new.force) @ way)) / 2
-                for share, total in sums.items():
-                    force = (1 - share) * old.force + share * new.force
-                    shear = (1 - share) * old.force_tangential + share * new.force_tangential
-                    total += force @ way, -np.sum(shear * slip)
-                before = after
+            for substate, slip in zip((*substates, state), slips, strict=True):
+                (old_pair,), (new_pair,) = previous.pairs, substate.pairs
+                travel = new_pair.translation - old_pair.translation
+                total_work += abs(float((old_pair.force + new_pair.force) @ travel)) / 2
+                for end_weight, total in sums.items():
+                    force = (1 - end_weight) * old_pair.force + end_weight * new_pair.force
+                    shear = (
+                        1 - end_weight
+                    ) * old_pair.force_tangential + end_weight * new_pair.force_tangential
+                    total += force @ travel, -np.sum(shear * slip)
+                previous = substate
     u.x.array[: state.unknowns.getLocalSize()] = state.unknowns.array_r
     stored = assemble_scalar(energy)
-    remainders = [float(work - stored - spent) / size for work, spent in sums.values()]
-    return Balance(*remainders, stored / size, float(sums[0.5][1]) / size)
+    remainders = [
+        float(work - stored - friction_work) / total_work for work, friction_work in sums.values()
+    ]
+    return EnergyBalance(*remainders, stored / total_work, float(sums[0.5][1]) / total_work)
 
 
 def main() -> None:
-    """Print the balances."""
+    """Print the energy balances of all elements, meshes and numbers of increments."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--increments", type=int, nargs="+", default=[4, 8, 16, 32])
     parser.add_argument("--per-radius", type=int, nargs="+", default=[4])
@@ -85,7 +94,7 @@ def main() -> None:
     for element in ELEMENTS:
         for per_radius in options.per_radius:
             for n in options.increments:
-                balance = energy_balance(element, n, per_radius)
+                balance = measure_energy_balance(element, n, per_radius)
                 print(element, f"h = R/{per_radius}, {n} increments a leg:", balance, flush=True)
 
 

@@ -5,69 +5,77 @@ from mpi4py import MPI
 import numpy as np
 
 from pw_elements.contact import Motion
-from tests.contact.cases import Block, Punch, at
-from tests.contact.two_bodies import Stack
+from tests.contact.cases import BlockOnFloor, PunchedBlock, on_plane
+from tests.contact.two_bodies import StackedBlocks
 
-RESUMED = 4
-
-
-def block(comm=MPI.COMM_SELF):
-    """Pressed, then pulled to the right, and back to the left."""
-    case = Block(12, comm=comm)
-    pull = case.load((60.0, 0.0), at(0, 4.0))
-    shares = [0, 0.5, 1.0, 0.3, -0.5, -0.9, 0.0]
-    return case.problem(case.pair(0.3)), [(case.pressure + pull * share,) for share in shares]
+RESUME_INCREMENT = 4
 
 
-def punch(comm=MPI.COMM_SELF):
-    """A curved punch: pressed, pushed by forces, drawn by displacements, and released."""
-    case = Punch(comm=comm)
-    motions = [Motion((0, None), (0, -217.3 * share)) for share in (0.5, 1.0)]
-    motions += [Motion((None, None), (40 * share, -217.3)) for share in (1.0, -0.5, -0.8)]
+def block_history(comm=MPI.COMM_SELF):
+    """Return a block that is pressed, pulled to the right, and pulled back to the left."""
+    case = BlockOnFloor(12, comm=comm)
+    pull = case.traction_load((60.0, 0.0), on_plane(0, 4.0))
+    load_factors = [0, 0.5, 1.0, 0.3, -0.5, -0.9, 0.0]
+    return case.contact_problem(case.floor_pair(0.3)), [
+        (case.pressure_load + pull * load_factor,) for load_factor in load_factors
+    ]
+
+
+def punch_history(comm=MPI.COMM_SELF):
+    """Return a curved punch that is pressed, pushed by forces, moved along, and released."""
+    case = PunchedBlock(comm=comm)
+    motions = [Motion((0, None), (0, -217.3 * factor)) for factor in (0.5, 1.0)]
+    motions += [Motion((None, None), (40 * factor, -217.3)) for factor in (1.0, -0.5, -0.8)]
     motions += [Motion((-0.1, -0.15)), Motion((0.0, -0.1))]
-    return case.problem(case.pair(0.6), case.foot), [(case.nothing, [m]) for m in motions]
+    return case.contact_problem(case.punch_pair(0.6), case.base_supports), [
+        (case.zero_load, [m]) for m in motions
+    ]
 
 
-def rubber(comm=MPI.COMM_SELF):
-    """An incompressible body on another, held by it alone: pressed, then drawn to and fro."""
-    stack = Stack((4, 3), element="hybrid", nu=0.5, comm=comm)
-    problem = stack.problem(stack.pair("upper", 0.3), stack.clamped(at(1, 0.0)))
-    down, along = (stack.load(1e-3 * axis) for axis in np.eye(2)[::-1])
-    return problem, [(along * share - down,) for share in (0, 0.15, 0.25, 0.1, -0.1, -0.25, 0.1)]
+def rubber_history(comm=MPI.COMM_SELF):
+    """Return an incompressible block on another one, pressed, then pulled back and forth."""
+    stack = StackedBlocks((4, 3), element="hybrid", nu=0.5, comm=comm)
+    problem = stack.contact_problem(stack.make_pair("upper", 0.3), stack.clamp(on_plane(1, 0.0)))
+    down, sideways = (stack.traction_load(1e-3 * axis) for axis in np.eye(2)[::-1])
+    return problem, [
+        (sideways * load_factor - down,) for load_factor in (0, 0.15, 0.25, 0.1, -0.1, -0.25, 0.1)
+    ]
 
 
-histories = {"rubber": rubber, "block": block, "punch": punch}
+HISTORIES = {"rubber": rubber_history, "block": block_history, "punch": punch_history}
 
 
-def whole(problem, steps):
-    """All states from the undeformed body on."""
-    return resumed(problem, steps, problem.undeformed, 0)
+def solve_history(problem, steps):
+    """Return all states from the undeformed body on."""
+    return resume_history(problem, steps, problem.undeformed, 0)
 
 
-def resumed(problem, steps, state, after=RESUMED):
+def resume_history(problem, steps, state, n_done=RESUME_INCREMENT):
+    """Return the states of the increments that follow the first `n_done`, from a state."""
     states = []
-    for step in steps[after:]:
+    for step in steps[n_done:]:
         state = problem.step(state, *step)
         states.append(state)
     return states
 
 
-def fields(state):
+def state_fields(state):
+    """Return the displacement and the fields of all pairs by name, infinite values set to 0."""
     values = {"displacement": state.displacement.array_r}
-    # directions mean nothing but round-off where hardly a force is; others are numbered as nodes
-    left_out = ("direction", "turning", "node", "faced", "opposite")
+    # directions are round-off where forces vanish; numbers of nodes depend on the partition
+    excluded = ("direction", "turning", "node", "faced", "opposite")
     for k, pair in enumerate(state.pairs):
         for name, array in vars(pair).items():
-            if name not in left_out and array.size:
+            if name not in excluded and array.size:
                 values[f"{name} {k}"] = np.where(np.isfinite(array), array, 0.0)
     return values
 
 
-def scale_of(name, states):
-    """What differences of a field are compared with: the history's largest force or length."""
+def field_scale(name, states):
+    """Return the largest force or length of a history, the reference for a field's differences."""
     kind = name.split()[0]
     if "force" in kind:
-        return max(np.abs(fields(state)["force_normal 0"]).max() for state in states)
+        return max(np.abs(state_fields(state)["force_normal 0"]).max() for state in states)
     if kind in ("displacement", "gap", "slip", "translation"):
-        return max(np.abs(fields(state)["displacement"]).max() for state in states)
+        return max(np.abs(state_fields(state)["displacement"]).max() for state in states)
     return 1.0

@@ -1,24 +1,24 @@
 """Residuals of contact states, recomputed from K, a, f and the surfaces alone.
 
-The law is that of small displacements: with r = K a - f the nodal forces, U the translation of
-a surface, x undeformed positions and n the surface's normal at x - U,
+The law is that of small displacements: with r = K a - f the nodal forces, U the translation of a
+surface, x undeformed positions and n the surface's normal at x - U,
 
     gap = gap(x - U) + n·a,    slip = tangential part of (a - U) less the same one increment ago.
 
-Nothing of the library's contact is asked but for displacements and translations. In particular
-no node has a status here: stick is "no slip, or friction used up", and so on. What friction does
-where supports hold a node along the surface is no part of K a - f: it follows from the slip, and
-may be anything that is left of its limit where there is none.
+Only displacements and translations are taken from the library's contact states. Nodes have no
+status here: stick means that there is no slip or that friction is at its limit, and so on. Friction
+at a node that a support holds along the surface is not contained in K a - f: it follows from the
+slip, and may have any value within its limit where the slip is zero.
 
-Forces are compared with the largest nodal force (supports included) of the history so far,
-lengths with the largest displacement of a node or surface in it. Round-off is taken off first:
-of forces 50 eps (|K| max|a| + |f|), what a direct solver leaves; of lengths 64 eps times the
-largest coordinate and displacement (centres lie farther off than nodes). Where friction is
-large, an error of the tangential force counts for as much as the error of the normal force that
-explains it: it is divided by max(1, mu). A history without displacement or force but round-off
-(ten times that of lengths, times |K|) has nothing to compare with, and nothing is asked of
-lengths or forces then.
-In axisymmetry all forces are those of the whole circumference, as K's are. All is in serial.
+Forces are compared with the largest nodal force (supports included) of the history so far, lengths
+with the largest displacement of a node or surface in it. Round-off is subtracted first: for forces
+50 eps (|K| max|a| + |f|), the error of a direct solver; for lengths 64 eps times the largest
+coordinate and displacement (centres may be farther away than nodes). Where friction is large, an
+error of the tangential force is divided by max(1, mu), so that it counts as much as the error of
+the normal force that explains it. If a history has no displacement or force above round-off (ten
+times that of lengths, times |K|), lengths or forces are not checked.
+
+In axisymmetry all forces are those of the whole circumference, as in K. Everything runs in serial.
 """
 
 from collections.abc import Sequence
@@ -32,211 +32,261 @@ from dolfinx import fem
 
 from pw_elements.contact import ContactPair, Motion
 from pw_elements.contact.model import ContactState
-from pw_elements.spaces import Assembled
+from pw_elements.spaces import AssemblyRecord
 
 Array = npt.NDArray[np.float64]
 
 _EPS = float(np.finfo(float).eps)
-# Slip over the largest length that is none: friction may have either sign then
-_NO_SLIP = 1e-8
+# Slip over the largest length that counts as zero, so that friction may have any direction
+_ZERO_SLIP_TOLERANCE = 1e-8
 
 
-Stated = make_dataclass("Stated", ("K", "space", "loads", "conditions", "pairs"))  # a problem
+# The data of a linear contact problem
+ProblemData = make_dataclass("ProblemData", ("K", "space", "loads", "conditions", "pairs"))
 
 
 @dataclass(frozen=True)
-class Step:
-    """What is taken of a state: displacements (nodes, dim), translations (pairs, dim)."""
+class StepMotion:
+    """Displacements (nodes, dim) and surface translations (pairs, dim) of a state."""
 
     displacement: Array
     translations: Array
 
     @classmethod
-    def of(cls, state: ContactState) -> "Step":
-        moved = np.array([pair.translation for pair in state.pairs])
-        return cls(state.displacement.array_r.reshape(-1, moved.shape[1]).copy(), moved)
+    def from_state(cls, state: ContactState) -> "StepMotion":
+        translations = np.array([pair.translation for pair in state.pairs])
+        return cls(
+            state.displacement.array_r.reshape(-1, translations.shape[1]).copy(), translations
+        )
 
 
-def walked(problem, states: Sequence[ContactState]):
-    """The problem in the parts into which its increments were cut, their steps, and shares.
+def split_into_substeps(problem, states: Sequence[ContactState]):
+    """Return the problem with each substep as an increment, their motions, and their load factors.
 
-    Loads and motions are on the straight way from one increment to the next; the shares are of
-    what supports and interference prescribe, which is there from the first increment on.
+    Loads and motions vary linearly within an increment. The load factors scale prescribed
+    displacements and interference, which act in full from the end of the first increment on.
     """
-    loads, steps, shares = [], [], []
+    loads, steps, load_factors = [], [], []
     motions: list[list[Motion]] = [[] for _ in problem.pairs]
     load = problem.K.createVecLeft()
-    was = [(np.zeros(problem.space.mesh.geometry.dim),) * 2 for _ in problem.pairs]
+    start_motions = [(np.zeros(problem.space.mesh.geometry.dim),) * 2 for _ in problem.pairs]
     for k, state in enumerate(states):
-        for share, part in [*state.substates, (1.0, state)]:
+        for fraction, substate in [*state.substates, (1.0, state)]:
             f = load.copy()
-            f.scale(1 - share)
-            f.axpy(share, problem.loads[k])
+            f.scale(1 - fraction)
+            f.axpy(fraction, problem.loads[k])
             loads.append(f)
-            steps.append(Step.of(part))
-            shares.append(share if k == 0 else 1.0)
-            for number, pair in enumerate(problem.pairs):
-                end = pair.motions[k] if pair.motions else Motion([0.0] * len(was[number][0]))
-                motions[number].append(_part(end, *was[number], share))
+            steps.append(StepMotion.from_state(substate))
+            load_factors.append(fraction if k == 0 else 1.0)
+            for i_pair, pair in enumerate(problem.pairs):
+                end = (
+                    pair.motions[k]
+                    if pair.motions
+                    else Motion([0.0] * len(start_motions[i_pair][0]))
+                )
+                motions[i_pair].append(_motion_at_fraction(end, *start_motions[i_pair], fraction))
         load = problem.loads[k]
-        was = [(pair.translation, pair.force) for pair in state.pairs]
+        start_motions = [(pair.translation, pair.force) for pair in state.pairs]
     pairs = [replace(p, motions=m) for p, m in zip(problem.pairs, motions, strict=True)]
-    return replace(problem, loads=loads, pairs=pairs), steps, shares
+    return replace(problem, loads=loads, pairs=pairs), steps, load_factors
 
 
-def _part(end: Motion, moved: Array, pushed: Array, share: float) -> Motion:
+def _motion_at_fraction(
+    end: Motion, start_translation: Array, start_force: Array, fraction: float
+) -> Motion:
     translation = [
-        None if u is None else (1 - share) * was + share * u
-        for u, was in zip(end.translation, moved, strict=True)
+        None if prescribed is None else (1 - fraction) * start + fraction * prescribed
+        for prescribed, start in zip(end.translation, start_translation, strict=True)
     ]
-    force = (1 - share) * pushed + share * end.forces()[:-1]
+    force = (1 - fraction) * start_force + fraction * end.forces()[:-1]
     return Motion(translation, np.where(np.isnan(end.prescribed()[:-1]), force, 0.0).tolist())
 
 
-def residuals(
-    problem, steps: Sequence[Step], shares: Sequence[float] | None = None
+def measure_residuals(
+    problem, steps: Sequence[StepMotion], load_factors: Sequence[float] | None = None
 ) -> list[dict[str, float]]:
-    """Each condition's largest violation, for every step of a history from its beginning.
+    """Return the largest violation of each condition, for every step of a history from its start.
 
-    Shares are of what supports and interference prescribe, in each step; all unless given.
+    `load_factors` (steps,) scale prescribed displacements and interference; they are 1 by default.
     """
     space, dim = problem.space, problem.space.mesh.geometry.dim
     x = space.tabulate_dof_coordinates()[:, :dim]
-    held, prescribed = _supports(problem.conditions, *x.shape)
-    contacts = [_contact_nodes(pair, space) for pair in problem.pairs]
-    # on an axis of revolution the radius is no direction of friction
-    axis = np.array(["axisymmetric" in Assembled.of(problem.K).states, *[False] * (dim - 1)])
+    prescribed_mask, prescribed = prescribed_displacements(problem.conditions, *x.shape)
+    contacts = [contact_nodes_and_friction(pair, space) for pair in problem.pairs]
+    # friction has no radial component on an axis of revolution
+    on_axis_component = np.array(
+        ["axisymmetric" in AssemblyRecord.read(problem.K).stress_states, *[False] * (dim - 1)]
+    )
     force, length = 0.0, 0.0
-    before = Step(np.zeros_like(x), np.zeros((len(contacts), dim)))
+    previous = StepMotion(np.zeros_like(x), np.zeros((len(contacts), dim)))
     results = []
     for k, step in enumerate(steps):
         a = step.displacement
-        r, lost, stiffness = _forces(problem.K, a, problem.loads[k])
+        r, force_round_off, stiffness = _nodal_forces(problem.K, a, problem.loads[k])
         force = max(force, np.linalg.norm(r, axis=1).max())
         length = max(length, *(np.linalg.norm(u, axis=1).max() for u in (a, step.translations)))
-        lost_length = 64 * _EPS * (np.abs(x).max() + length)
-        nothing = 10 * stiffness * lost_length
-        scale = _Scale(
-            force if force > nothing else np.inf,
-            length if length > lost_length else np.inf,
-            lost,
-            lost_length,
+        length_round_off = 64 * _EPS * (np.abs(x).max() + length)
+        zero_force = 10 * stiffness * length_round_off
+        scale = _Scales(
+            force if force > zero_force else np.inf,
+            length if length > length_round_off else np.inf,
+            force_round_off,
+            length_round_off,
         )
-        share = 1.0 if shares is None else shares[k]
-        found = {"supports": scale.length_of(np.where(held, np.abs(a - share * prescribed), 0.0))}
+        load_factor = 1.0 if load_factors is None else load_factors[k]
+        violations = {
+            "supports": scale.relative_length(
+                np.where(prescribed_mask, np.abs(a - load_factor * prescribed), 0.0)
+            )
+        }
         balanced = np.ones(len(x), dtype=bool)
-        for number, (pair, (nodes, mu)) in enumerate(zip(problem.pairs, contacts, strict=True)):
-            moved, was = step.translations[number], before.translations[number]
-            slipped = (a[nodes] - moved) - (before.displacement[nodes] - was)
-            place, still_inside = x[nodes] - moved, np.zeros(len(nodes))
+        for i_pair, (pair, (nodes, mu)) in enumerate(zip(problem.pairs, contacts, strict=True)):
+            translation, previous_translation = (
+                step.translations[i_pair],
+                previous.translations[i_pair],
+            )
+            relative_motion = (a[nodes] - translation) - (
+                previous.displacement[nodes] - previous_translation
+            )
+            shifted_x, still_inside = x[nodes] - translation, np.zeros(len(nodes))
             if pair.interference:
-                still_inside = (1 - share) * np.maximum(0.0, -pair.surface.gap(x[nodes]))
-            acts = held[nodes] & ~(axis & (np.abs(x[nodes]) < 1e-9 * np.abs(x).max()))
-            free = ~held[nodes]
-            known = (place, a[nodes], slipped, r[nodes], free, acts, mu, nodes, still_inside)
-            faced, values, on_supports, slack = _law(pair.surface, scale, *known)
+                still_inside = (1 - load_factor) * np.maximum(0.0, -pair.surface.gap(x[nodes]))
+            acts = prescribed_mask[nodes] & ~(
+                on_axis_component & (np.abs(x[nodes]) < 1e-9 * np.abs(x).max())
+            )
+            free = ~prescribed_mask[nodes]
+            node_data = (
+                shifted_x,
+                a[nodes],
+                relative_motion,
+                r[nodes],
+                free,
+                acts,
+                mu,
+                nodes,
+                still_inside,
+            )
+            faced, values, on_supports, slack = _contact_law_residuals(
+                pair.surface, scale, *node_data
+            )
             balanced[nodes[faced]] = False
             motion = pair.motions[k] if pair.motions else None
-            # what else a support holds is its own reaction
-            total = np.where(held[nodes], 0.0, r[nodes]).sum(axis=0) + on_supports
-            values |= _motion(motion, moved, total, slack, scale)
+            # the other components at supports are their reactions
+            total = np.where(prescribed_mask[nodes], 0.0, r[nodes]).sum(axis=0) + on_supports
+            values |= _surface_motion_residuals(motion, translation, total, slack, scale)
             for name, value in values.items():
-                found[name] = max(found.get(name, 0.0), value)
-        alone = np.where(~held & balanced[:, None], np.abs(r), 0.0)
-        found["equilibrium"] = scale.force_of(alone, np.arange(len(x)))
-        results.append(found)
-        before = step
+                violations[name] = max(violations.get(name, 0.0), value)
+        unbalanced = np.where(~prescribed_mask & balanced[:, None], np.abs(r), 0.0)
+        violations["equilibrium"] = scale.relative_force(unbalanced, np.arange(len(x)))
+        results.append(violations)
+        previous = step
     return results
 
 
-def worst(results: Sequence[dict[str, float]]) -> float:
-    """The largest of all conditions and steps; infinite where one is not a number."""
-    values = np.array([list(found.values()) for found in results])
+def largest_residual(results: Sequence[dict[str, float]]) -> float:
+    """Return the largest violation of all conditions and steps; infinity if one is not a number."""
+    values = np.array([list(violations.values()) for violations in results])
     return float(np.nan_to_num(values, nan=np.inf).max(initial=0.0))
 
 
 @dataclass(frozen=True)
-class _Scale:
+class _Scales:
+    """Reference force and length, and the round-off of both."""
+
     force: float
     length: float
-    lost_force: Array  # (nodes,)
-    lost_length: float
+    force_round_off: Array  # (nodes,)
+    length_round_off: float
 
-    def force_of(self, values: Array, nodes: npt.NDArray, mu: Array | float = 0.0) -> float:
-        """Largest force of nodes over the scale, without round-off."""
-        share = np.maximum(1.0, mu)
-        lost = self.lost_force[nodes].reshape((-1,) + (1,) * (values.ndim - 1))
-        return float(((values - lost) / share / self.force).max(initial=0.0))
+    def relative_force(self, values: Array, nodes: npt.NDArray, mu: Array | float = 0.0) -> float:
+        """Return the largest nodal force over the reference, after subtracting round-off."""
+        friction_factor = np.maximum(1.0, mu)
+        round_off = self.force_round_off[nodes].reshape((-1,) + (1,) * (values.ndim - 1))
+        return float(((values - round_off) / friction_factor / self.force).max(initial=0.0))
 
-    def length_of(self, values: Array) -> float:
-        return float(((values - self.lost_length) / self.length).max(initial=0.0))
+    def relative_length(self, values: Array) -> float:
+        """Return the largest length over the reference, after subtracting round-off."""
+        return float(((values - self.length_round_off) / self.length).max(initial=0.0))
 
 
-def _law(surface, scale: _Scale, place, a, slipped, r, free, acts, mu, nodes, still_inside):
-    """Which nodes a surface faces, and how well its law holds there; friction on supports.
+def _contact_law_residuals(
+    surface, scale: _Scales, shifted_x, a, relative_motion, r, free, acts, mu, nodes, still_inside
+):
+    """Return the mask of faced nodes, the law's violations there, and the friction on supports.
 
-    That acts on some components (n, dim): its sum (dim,), and what may be added to it. Nodes may
-    still be inside of it by some depth (n,), where interference is resolved in parts.
+    Friction on supports acts in the components (n, dim) marked by `acts`. It is returned as its sum
+    (dim,) and, for nodes without slip, the amount (dim,) by which the sum may differ.
+    `still_inside` (n,) is the depth by which nodes may be inside the surface while interference is
+    resolved in substeps.
     """
-    gap, normal = surface.gap(place) + still_inside, surface.normal(place)
+    gap, normal = surface.gap(shifted_x) + still_inside, surface.normal(shifted_x)
     faced = np.isfinite(gap)
-    gap, normal, a, slipped, r, free, acts, mu, nodes = (
-        values[faced] for values in (gap, normal, a, slipped, r, free, acts, mu, nodes)
+    gap, normal, a, relative_motion, r, free, acts, mu, nodes = (
+        values[faced] for values in (gap, normal, a, relative_motion, r, free, acts, mu, nodes)
     )
     gap = gap + np.sum(normal * a, axis=1)
-    r_n, r_t = _parts(np.where(free, r, 0.0), normal)
-    _, slip = _parts(np.where(free | acts, slipped, 0.0), normal)
+    r_n, r_t = _normal_and_tangential(np.where(free, r, 0.0), normal)
+    _, slip = _normal_and_tangential(np.where(free | acts, relative_motion, 0.0), normal)
     slip = np.where(free | acts, slip, 0.0)
-    slid, limit = np.linalg.norm(slip, axis=1), mu * np.maximum(0.0, r_n)
-    rests = slid <= _NO_SLIP * scale.length + scale.lost_length
-    against = -(limit / np.where(rests, 1.0, slid))[:, None] * slip
-    on_supports = np.where(acts & ~rests[:, None], against, 0.0)
-    left = np.sqrt(np.maximum(0.0, limit**2 - np.sum(r_t**2, axis=1)))
-    slack = np.where(acts & rests[:, None], left[:, None], 0.0)
+    slip_length, limit = np.linalg.norm(slip, axis=1), mu * np.maximum(0.0, r_n)
+    has_no_slip = slip_length <= _ZERO_SLIP_TOLERANCE * scale.length + scale.length_round_off
+    opposing_friction = -(limit / np.where(has_no_slip, 1.0, slip_length))[:, None] * slip
+    on_supports = np.where(acts & ~has_no_slip[:, None], opposing_friction, 0.0)
+    available_friction = np.sqrt(np.maximum(0.0, limit**2 - np.sum(r_t**2, axis=1)))
+    slack = np.where(acts & has_no_slip[:, None], available_friction[:, None], 0.0)
     r_t = r_t + on_supports
-    friction, slid = np.linalg.norm(r_t, axis=1), np.linalg.norm(slip, axis=1)
+    friction, slip_length = np.linalg.norm(r_t, axis=1), np.linalg.norm(slip, axis=1)
 
-    def both(force: Array, length: Array, share: Array | float = 0.0) -> float:
-        """Smaller one of two that may not both be there."""
-        force = np.maximum(0.0, force - scale.lost_force[nodes] * np.maximum(1.0, share))
-        length = np.maximum(0.0, length - scale.lost_length)
-        relative = force / np.maximum(1.0, share) / scale.force
+    def both_nonzero(force: Array, length: Array, factor: Array | float = 0.0) -> float:
+        """Return the largest min(force, length), relative; one of them has to be zero."""
+        force = np.maximum(0.0, force - scale.force_round_off[nodes] * np.maximum(1.0, factor))
+        length = np.maximum(0.0, length - scale.length_round_off)
+        relative = force / np.maximum(1.0, factor) / scale.force
         return float(np.minimum(relative, length / scale.length).max(initial=0.0))
 
-    # a product of force and slip, over the largest of both
-    against = np.linalg.norm(slid[:, None] * r_t + (mu * r_n)[:, None] * slip, axis=1)
+    # force times slip, over the product of both references
+    direction_error = np.linalg.norm(
+        slip_length[:, None] * r_t + (mu * r_n)[:, None] * slip, axis=1
+    )
     values = {
-        "penetration": scale.length_of(-gap),
-        "tension": scale.force_of(-r_n, nodes),
-        "complementarity": both(r_n, gap),
-        "cone": scale.force_of(friction - mu * r_n, nodes, mu),
-        "stick": both(mu * r_n - friction, slid, mu),
-        "direction": scale.force_of(against / scale.length, nodes, mu),
+        "penetration": scale.relative_length(-gap),
+        "tension": scale.relative_force(-r_n, nodes),
+        "complementarity": both_nonzero(r_n, gap),
+        "cone": scale.relative_force(friction - mu * r_n, nodes, mu),
+        "stick": both_nonzero(mu * r_n - friction, slip_length, mu),
+        "direction": scale.relative_force(direction_error / scale.length, nodes, mu),
     }
     return faced, values, on_supports.sum(axis=0), slack.sum(axis=0)
 
 
-def _parts(vectors: Array, normal: Array) -> tuple[Array, Array]:
-    along = np.sum(vectors * normal, axis=1)
-    return along, vectors - along[:, None] * normal
+def _normal_and_tangential(vectors: Array, normal: Array) -> tuple[Array, Array]:
+    normal_component = np.sum(vectors * normal, axis=1)
+    return normal_component, vectors - normal_component[:, None] * normal
 
 
-def _motion(motion, moved: Array, total: Array, slack: Array, scale: _Scale) -> dict[str, float]:
-    """Prescribed components of a translation, and total forces in the others."""
+def _surface_motion_residuals(
+    motion, translation: Array, total_force: Array, slack: Array, scale: _Scales
+) -> dict[str, float]:
+    """Return the errors of prescribed translations and of force balance in the free directions."""
     if motion is None:
-        return {"motion": scale.length_of(np.abs(moved)), "balance": 0.0}
+        return {"motion": scale.relative_length(np.abs(translation)), "balance": 0.0}
     free = np.array([u is None for u in motion.translation])
-    stated = np.array([0.0 if u is None else u for u in motion.translation])
-    asked = np.zeros(len(moved)) if motion.force is None else np.asarray(motion.force)
-    balance = np.where(free, np.abs(total - asked) - slack - scale.lost_force.max(), 0.0)
+    prescribed = np.array([0.0 if u is None else u for u in motion.translation])
+    prescribed_force = (
+        np.zeros(len(translation)) if motion.force is None else np.asarray(motion.force)
+    )
+    balance = np.where(
+        free, np.abs(total_force - prescribed_force) - slack - scale.force_round_off.max(), 0.0
+    )
     return {
-        "motion": scale.length_of(np.where(free, 0.0, np.abs(moved - stated))),
-        "balance": max(0.0, float(balance.max())) / max(scale.force, np.linalg.norm(asked)),
+        "motion": scale.relative_length(np.where(free, 0.0, np.abs(translation - prescribed))),
+        "balance": max(0.0, float(balance.max()))
+        / max(scale.force, np.linalg.norm(prescribed_force)),
     }
 
 
-def _forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, float]:
-    """Nodal forces r = K a - f (nodes, dim), what of them is round-off, and max|K|."""
+def _nodal_forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, float]:
+    """Return nodal forces r = K a - f (nodes, dim), their round-off (nodes,), and max|K|."""
     u, image = K.createVecRight(), K.createVecLeft()
     u.setArray(a.ravel())
     K.mult(u, image)
@@ -246,20 +296,21 @@ def _forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, floa
     return image.array_r.reshape(a.shape) - f, 50 * _EPS * size.max(axis=1), np.abs(data).max()
 
 
-def _supports(
+def prescribed_displacements(
     conditions: Sequence[fem.DirichletBC], nodes: int, dim: int
 ) -> tuple[npt.NDArray[np.bool_], Array]:
-    """Which displacements (nodes, dim) are prescribed, and their values."""
-    held, values = np.zeros(nodes * dim, dtype=bool), np.zeros(nodes * dim)
+    """Return the mask (nodes, dim) of prescribed displacements and their values."""
+    mask, values = np.zeros(nodes * dim, dtype=bool), np.zeros(nodes * dim)
     for condition in conditions:
         dofs = condition.dof_indices()[0]
-        held[dofs], values[dofs] = True, float(condition.g.value)
-    return held.reshape(-1, dim), values.reshape(-1, dim)
+        mask[dofs], values[dofs] = True, float(condition.g.value)
+    return mask.reshape(-1, dim), values.reshape(-1, dim)
 
 
-def _contact_nodes(
+def contact_nodes_and_friction(
     pair: ContactPair, space: fem.FunctionSpace
 ) -> tuple[npt.NDArray[np.int64], Array]:
+    """Return the sorted contact nodes of a pair and the friction coefficient at each."""
     if callable(pair.nodes):
         nodes = fem.locate_dofs_geometrical(space, pair.nodes)
     else:

@@ -1,4 +1,4 @@
-"""Blocks and a ring on rigid surfaces: patch tests, tables, histories."""
+"""Blocks and a ring on rigid surfaces: patch tests, comparisons, friction."""
 
 from mpi4py import MPI
 
@@ -8,23 +8,23 @@ from dolfinx.mesh import CellType, create_box
 
 from pw_elements.contact import SLIP, STICK, ContactPair, Motion, Plane, SignedDistance, Sphere
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
-from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
+from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
 
 PRESSURE = 3.0
 FLOOR = Plane((0, 0), (0, 1))
 
 
-def skewed(x):
-    """Moves all nodes of the unit square but in y those below and above, in x those aside."""
-    moved = x.copy()
+def distort_unit_square(x):
+    """Move the nodes of the unit square, those of the boundary along their sides only."""
+    distorted = x.copy()
     bubble = np.sin(np.pi * x[:, 0])
-    moved[:, 0] += 0.07 * bubble + 0.05 * bubble * np.sin(5 * x[:, 1])
-    moved[:, 1] += 0.06 * np.sin(np.pi * x[:, 1]) * np.cos(4 * x[:, 0])
-    return moved
+    distorted[:, 0] += 0.07 * bubble + 0.05 * bubble * np.sin(5 * x[:, 1])
+    distorted[:, 1] += 0.06 * np.sin(np.pi * x[:, 1]) * np.cos(4 * x[:, 0])
+    return distorted
 
 
 @pytest.mark.parametrize(
-    ("build", "method", "state", "shares"),
+    ("build", "method", "state", "force_shares"),
     [
         (triangles, GALERKIN, "plane stress", (1 / 6, 2 / 3)),
         (triangles, PW, "plane strain", (1 / 4, 1 / 2)),
@@ -33,13 +33,13 @@ def skewed(x):
         (quadrilaterals, PW, "plane stress", (1 / 4, 1 / 2)),
     ],
 )
-def test_contact_patch(build, method, state, shares):
-    mesh = move_nodes(build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), skewed)
-    body = Elastic(mesh, method, state, 10.0)
-    load, (end, middle) = body.load((0.0, -PRESSURE), at(1, 1.0)), shares
-    pair = ContactPair(at(1, 0.0), FLOOR)
-    (found,) = body.contact(pair, body.held((0, at(0, 0.0))), load)
-    (contact,) = found.pairs
+def test_contact_patch_has_the_exact_nodal_forces(build, method, state, force_shares):
+    mesh = move_nodes(build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), distort_unit_square)
+    body = ElasticBody(mesh, method, state, 10.0)
+    load, (end, middle) = body.traction_load((0.0, -PRESSURE), on_plane(1, 1.0)), force_shares
+    pair = ContactPair(on_plane(1, 0.0), FLOOR)
+    (solution,) = body.solve_contact(pair, body.make_supports((0, on_plane(0, 0.0))), load)
+    (contact,) = solution.pairs
     length = np.diff(contact.position[::2, 0])
     expected = np.zeros(len(contact.position))
     np.add.at(expected, np.arange(0, len(expected) - 2, 2), end * length)
@@ -47,74 +47,82 @@ def test_contact_patch(build, method, state, shares):
     np.add.at(expected, np.arange(2, len(expected), 2), end * length)
     assert contact.force_normal / expected == pytest.approx(PRESSURE, rel=1e-10)
     assert np.abs(contact.force_tangential).max() < 1e-10
-    assert found.iterations == 1
-    assert found.residuals.largest() < 1e-12
+    assert solution.iterations == 1
+    assert solution.residuals.largest() < 1e-12
 
 
 @pytest.mark.parametrize("method", [GALERKIN, PW])
 @pytest.mark.parametrize("state", ["solid", "axisymmetric"])
-def test_contact_patch_in_space_and_round_an_axis(state, method):
-    """Corners of a face carry nothing on T10; in axisymmetry forces are of whole circles."""
+def test_contact_patch_is_exact_in_space_and_in_axisymmetry(state, method):
+    """Vertices carry no force on T10; in axisymmetry forces are those of whole circles."""
     if state == "solid":
         box = [(0, 0, 0), (1, 1, 1)]
         mesh, area = create_box(MPI.COMM_SELF, box, [2, 2, 2], CellType.tetrahedron), 1.0
     else:
         mesh, area = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 3)), np.pi * 2**2
-    body = Elastic(mesh, method, state, 10.0)
-    up, axis = np.eye(body.dim)[-1], body.dim - 1
-    sides = body.held(*((i, at(i, 0.0)) for i in range(axis)))
-    pair = ContactPair(at(axis, 0.0), Plane(0 * up, up))
-    (found,) = body.contact(pair, sides, body.load(-PRESSURE * up, at(axis, 1.0)))
-    (contact,) = found.pairs
-    even = body.load(PRESSURE * up, at(axis, 0.0)).array_r.reshape(-1, body.dim)
-    assert contact.force_normal == pytest.approx(even[contact.node, -1], abs=1e-10)
-    assert contact.force == pytest.approx(PRESSURE * area * up, abs=1e-10)
-    assert found.residuals.largest() < 1e-12
-    assert found.iterations == 1
+    body = ElasticBody(mesh, method, state, 10.0)
+    normal, axis = np.eye(body.dim)[-1], body.dim - 1
+    sides = body.make_supports(*((i, on_plane(i, 0.0)) for i in range(axis)))
+    pair = ContactPair(on_plane(axis, 0.0), Plane(0 * normal, normal))
+    (solution,) = body.solve_contact(
+        pair, sides, body.traction_load(-PRESSURE * normal, on_plane(axis, 1.0))
+    )
+    (contact,) = solution.pairs
+    expected = body.traction_load(PRESSURE * normal, on_plane(axis, 0.0)).array_r.reshape(
+        -1, body.dim
+    )
+    assert contact.force_normal == pytest.approx(expected[contact.node, -1], abs=1e-10)
+    assert contact.force == pytest.approx(PRESSURE * area * normal, abs=1e-10)
+    assert solution.residuals.largest() < 1e-12
+    assert solution.iterations == 1
 
 
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
-def test_a_tip_under_force_is_found_where_differences_are_its_normals(unit):
-    """Their round-off changes with each place of the tip: it is found as the circle is."""
+def test_a_tip_under_force_with_normals_by_differences_has_the_state_of_a_circle(unit):
+    """The round-off of the normals changes with the tip's position."""
     block = quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (4 * unit, 2 * unit), (16, 8))
-    body, states = Elastic(block), []
+    body, states = ElasticBody(block), []
     tip = SignedDistance(lambda x: np.hypot(x[:, 0] - 2 * unit, x[:, 1] - 10 * unit) - 8 * unit)
-    press = Motion((0, None), (0, -10 * unit))
+    motion = Motion((0, None), (0, -10 * unit))
     for surface in (tip, Sphere((2 * unit, 10 * unit), 8 * unit)):
-        pair = ContactPair(at(1, 2 * unit), surface, 0.3, press)
-        states += body.contact(pair, body.clamped(at(1, 0.0)))
+        pair = ContactPair(on_plane(1, 2 * unit), surface, 0.3, motion)
+        states += body.solve_contact(pair, body.clamp(on_plane(1, 0.0)))
         assert states[-1].iterations < 10
         assert not states[-1].substates
-    (found,), (known,) = (state.pairs for state in states)
-    assert {STICK, SLIP} < set(known.status)
-    assert np.array_equal(found.status, known.status)
-    assert found.force_vector == pytest.approx(known.force_vector, abs=1e-7 * unit)
+    (tip_pair,), (circle_pair,) = (state.pairs for state in states)
+    assert {STICK, SLIP} < set(circle_pair.status)
+    assert np.array_equal(tip_pair.status, circle_pair.status)
+    assert tip_pair.force_vector == pytest.approx(circle_pair.force_vector, abs=1e-7 * unit)
 
 
 @pytest.mark.parametrize(("method", "angle"), [(PW, 0.7), (GALERKIN, 2.5)])
-def test_sliding_block_in_space(method, angle):
-    """Shear of uniform size mu p against the slip, whatever its direction: exact."""
+def test_a_sliding_block_in_space_has_uniform_shear_against_its_slip(method, angle):
+    """The shear is mu p, exactly, in any direction."""
     mu, p, E = 0.3, 3.0, 10.0
-    along = np.array([np.cos(angle), np.sin(angle)])
+    direction = np.array([np.cos(angle), np.sin(angle)])
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], CellType.tetrahedron)
-    body = Elastic(mesh, method, "solid", E, 0.0)  # without Poisson's effect slip is uniform, too
-    shear, stress, f = mu * p * along, np.zeros((3, 3)), body.nothing
+    body = ElasticBody(
+        mesh, method, "solid", E, 0.0
+    )  # without Poisson's effect slip is uniform as well
+    shear, stress, f = mu * p * direction, np.zeros((3, 3)), body.zero_load
     stress[2, :2] = stress[:2, 2] = -shear
     stress[2, 2] = -p
     for axis, side in ((0, 0.0), (0, 1.0), (1, 0.0), (1, 1.0)):
-        f += body.load(stress @ ((2 * side - 1) * np.eye(3)[axis]), at(axis, side))
-    held = body.held(*((i, at(2, 1.0), u) for i, u in enumerate([*(-shear * 2 / E), -p / E])))
-    dragged = [Motion((0.1 * along[0], 0.1 * along[1], 0.0))]
-    (state,) = body.contact(
-        ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), mu, dragged), held, f
+        f += body.traction_load(stress @ ((2 * side - 1) * np.eye(3)[axis]), on_plane(axis, side))
+    supports = body.make_supports(
+        *((i, on_plane(2, 1.0), u) for i, u in enumerate([*(-shear * 2 / E), -p / E]))
+    )
+    motions = [Motion((0.1 * direction[0], 0.1 * direction[1], 0.0))]
+    (state,) = body.solve_contact(
+        ContactPair(on_plane(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), mu, motions), supports, f
     )
     (contact,) = state.pairs
     assert contact.force == pytest.approx([*shear, p], abs=1e-9)
     friction = contact.force_tangential[:, :2]
-    assert friction == pytest.approx(mu * contact.force_normal[:, None] * along, abs=1e-9)
-    loaded = contact.force_normal > 1e-9
-    assert np.all(contact.status[loaded] == SLIP)
-    slip = -0.1 * np.tile(along, (loaded.sum(), 1))
-    assert contact.slip[loaded, :2] == pytest.approx(slip, abs=1e-9)
+    assert friction == pytest.approx(mu * contact.force_normal[:, None] * direction, abs=1e-9)
+    is_loaded = contact.force_normal > 1e-9
+    assert np.all(contact.status[is_loaded] == SLIP)
+    slip = -0.1 * np.tile(direction, (is_loaded.sum(), 1))
+    assert contact.slip[is_loaded, :2] == pytest.approx(slip, abs=1e-9)
     assert state.iterations <= 8
     assert state.residuals.largest() < 1e-9

@@ -39,59 +39,60 @@ from pw_elements.meshes import move_nodes, triangles
 from study.elements import composite
 from study.verification.half_space import Elastic as HalfPlane
 from study.verification.half_space import HertzLine, HertzSphere
-from tests.contact.cases import GALERKIN, PW, Block, Elastic, at
+from tests.contact.cases import GALERKIN, PW, BlockOnFloor, ElasticBody, on_plane
 from tests.library import vtx
 
 FIELDS = ["displacement", "contact_force", "gap", "slip", "status"]
 PRESSURES = ["pressure", "tributary_pressure", "traction"]
 
 
-def uneven(x):
+def skew_columns(x):
+    """Return points (n, 3) with unequal spacing along x."""
     return np.column_stack([x[:, 0] + 0.1 * np.sin(3 * x[:, 0]), x[:, 1:]])
 
 
-def on(space, where):
+def nodes_where(space, where):
     return fem.locate_dofs_geometrical(space, where)
 
 
-def ball(comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PW, nu=0.3, n=4):
-    """A sphere pressed on the top of a block and pushed sideways: body and states."""
+def solve_ball_on_block(comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PW, nu=0.3, n=4):
+    """Return a block and its states under a sphere that presses, then is pushed sideways."""
     mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (n, n, 2), cell)
-    body = Elastic(mesh, method, "solid", nu=nu)
+    body = ElasticBody(mesh, method, "solid", nu=nu)
     motions = [Motion((0, 0, -0.1)), Motion((0.01, 0.02, None), (0, 0, -80.0))]
-    pair = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
-    return body, body.contact(pair, body.clamped(at(2, 0.0)))
+    pair = ContactPair(on_plane(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
+    return body, body.solve_contact(pair, body.clamp(on_plane(2, 0.0)))
 
 
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
 def test_fields_and_pictures_in_space(cell, tmp_path):
-    body, (*_, state) = ball(cell=cell, n=6)
+    body, (*_, state) = solve_ball_on_block(cell=cell, n=6)
     (pair,), fields = state.pairs, ContactFields.of(state, body.body)
     force = fields.force.x.array.reshape(-1, 3)
     assert force.sum(axis=0) == pytest.approx(pair.force, rel=1e-9)
     assert force[:, 2].sum() == pytest.approx(-80.0, rel=1e-9)
-    # sub-cells of the face are 1/6 wide, and there is no contact on its rim: each node has 1/36
-    top = on(body.space, at(2, 1.0))
+    # sub-cells of the face are 1/6 wide, its rim is not in contact: each node has the area 1/36
+    top = nodes_where(body.space, on_plane(2, 1.0))
     outwards = body.x[top] - (np.array([0.0, 0.0, 3.0]) + pair.translation)
     normal = outwards / np.linalg.norm(outwards, axis=1)[:, None]
     traction = fields.traction.x.array.reshape(-1, 3)[top]
     traction += fields.pressure.x.array[top, None] * normal
     assert np.abs(traction / 36 - force[top]).max() < 1e-9 * np.abs(force).max()
     assert (fields.pressure.x.array[top] > 0).sum() > 20
-    left = reactions(body.K, state.displacement, body.nothing).array_r.reshape(-1, 3)
-    assert np.abs(left - force)[body.x[:, 2] > 1e-9].max() < 1e-9 * np.abs(force).max()
+    reaction = reactions(body.K, state.displacement, body.zero_load).array_r.reshape(-1, 3)
+    assert np.abs(reaction - force)[body.x[:, 2] > 1e-9].max() < 1e-9 * np.abs(force).max()
 
     axes = plot(state, body.body)
-    (coloured,) = (c for c in axes.collections if hasattr(c, "_triangulation"))
-    corners, values = coloured._triangulation.triangles, coloured.get_array()
+    (coloured_faces,) = (c for c in axes.collections if hasattr(c, "_triangulation"))
+    corners, values = coloured_faces._triangulation.triangles, coloured_faces.get_array()
     x, y = pair.position[:, :2][corners].transpose(2, 0, 1)
     signed = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
-    assert np.abs(signed).sum() / 2 == pytest.approx(4.0)  # each place of the face is covered once
+    assert np.abs(signed).sum() / 2 == pytest.approx(4.0)  # each point of the face is covered once
     assert np.abs(signed).min() > 0.1 * np.abs(signed).max()
-    # the linear interpolation over the triangles is the weights': its integral is the force
+    # the triangles interpolate as the weights do: the integral is the force
     total = (np.abs(signed) / 2 * values[corners].mean(axis=1)).sum()
-    near = 1e-9 if cell is CellType.tetrahedron else 0.02
-    assert total == pytest.approx(pair.force_normal.sum(), rel=near)
+    tolerance = 1e-9 if cell is CellType.tetrahedron else 0.02
+    assert total == pytest.approx(pair.force_normal.sum(), rel=tolerance)
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert labels[0] == "edge of contact"
     assert labels[-1].startswith("shear, at most")
@@ -100,8 +101,8 @@ def test_fields_and_pictures_in_space(cell, tmp_path):
     assert (tmp_path / "face.png").stat().st_size > 10_000
 
 
-def test_a_space_alone_gives_all_but_the_pressures():
-    block = Block(4)
+def test_a_space_alone_gives_all_fields_but_pressures():
+    block = BlockOnFloor(4)
     (state,) = block.solve(0.3, 60.0, increments=0)
     fields = ContactFields.of(state, block.space)
     assert [f.name for f in fields.functions()] == FIELDS
@@ -110,132 +111,140 @@ def test_a_space_alone_gives_all_but_the_pressures():
     assert [f.name for f in fields.functions()] == FIELDS + PRESSURES
 
 
-def test_a_given_function_is_filled():
-    block = Block(4)
-    u = as_function(block.space, block.pressure, "load")
-    twice = 2.0 * block.pressure
-    half = fem.Constant(block.mesh, 0.5)
-    form = fem.form(half * ufl.inner(u, u) * ufl.dx)
-    before = fem.assemble_scalar(form)
-    assert as_function(block.space, twice, out=u) is u
+def test_as_function_overwrites_the_values_of_a_function():
+    block = BlockOnFloor(4)
+    u = as_function(block.space, block.pressure_load, "load")
+    doubled_load = 2.0 * block.pressure_load
+    constant = fem.Constant(block.mesh, 0.5)
+    form = fem.form(constant * ufl.inner(u, u) * ufl.dx)
+    integral = fem.assemble_scalar(form)
+    assert as_function(block.space, doubled_load, out=u) is u
     assert u.name == "load"
-    assert fem.assemble_scalar(form) == pytest.approx(4 * before)
+    assert fem.assemble_scalar(form) == pytest.approx(4 * integral)
     with pytest.raises(ValueError, match="belongs to another space"):
-        as_function(block.space, twice, out=fem.Function(Block(4).space))
+        as_function(block.space, doubled_load, out=fem.Function(BlockOnFloor(4).space))
     with pytest.raises(ValueError, match="the vector has 90 degrees of freedom, the space has 182"):
-        as_function(Block(6).space, twice)
+        as_function(BlockOnFloor(6).space, doubled_load)
 
 
-def indented(edges, cell=None):
-    """Hertz' contact: true error of the stress, indicator, edge and half width, of which it has.
+def solve_hertz(edges, cell=None):
+    """Solve Hertz' contact; return the true error of the pressure, the indicator, h and the half
+    width.
 
-    It is that of a line on triangles, of a sphere and a quarter of the body on other cells.
+    Without a cell type it is a line contact on triangles, else a quarter of a sphere's contact.
     """
     elastic, radius = HalfPlane(1.0, 0.3), 1000.0
-    known = HertzSphere(elastic, radius, 1.0) if cell else HertzLine(elastic, radius, 5e-4)
-    a, dim = known.half_width, 3 if cell else 2
+    exact_solution = HertzSphere(elastic, radius, 1.0) if cell else HertzLine(elastic, radius, 5e-4)
+    a, dim = exact_solution.half_width, 3 if cell else 2
     h = a / (edges + 0.4)
-    end = (np.floor(2 * a / h) + 0.1) * h
-    count = 2 * (edges + 1) if cell else 3 * edges
-    side = count * h
+    contact_end = (np.floor(2 * a / h) + 0.1) * h
+    n_cells = 2 * (edges + 1) if cell else 3 * edges
+    side = n_cells * h
     if cell:
         corners = [(0, 0, -side), (side, side, 0)]
-        mesh = create_box(MPI.COMM_SELF, corners, [count] * 3, cell)
+        mesh = create_box(MPI.COMM_SELF, corners, [n_cells] * 3, cell)
     else:
-        mesh = triangles(MPI.COMM_SELF, (0.0, -side), (side, 0.0), (count, count), "left")
-    elastic = Elastic(mesh, state="solid" if cell else "plane strain", E=1.0)
+        mesh = triangles(MPI.COMM_SELF, (0.0, -side), (side, 0.0), (n_cells, n_cells), "left")
+    elastic = ElasticBody(mesh, state="solid" if cell else "plane strain", E=1.0)
     body, space = elastic.body, elastic.space
 
-    def displaced(x):
+    def exact_displacement(x):
         r = np.linalg.norm(x[: dim - 1], axis=0)
-        out, down = known.displacement(np.column_stack([r, x[dim - 1]])).T
-        return np.vstack([out * x[: dim - 1] / np.maximum(r, h / 4), down])
+        radial, vertical = exact_solution.displacement(np.column_stack([r, x[dim - 1]])).T
+        return np.vstack([radial * x[: dim - 1] / np.maximum(r, h / 4), vertical])
 
-    def outside(x):
+    def on_outer_sides(x):
         return np.isclose(x[:dim], side).any(axis=0) | np.isclose(x[dim - 1], -side)
 
-    def below(x):
-        return np.isclose(x[dim - 1], 0) & (x[: dim - 1] < end).all(axis=0)
+    def near_contact(x):
+        return np.isclose(x[dim - 1], 0) & (x[: dim - 1] < contact_end).all(axis=0)
 
-    far = fem.Function(space)
-    far.interpolate(displaced)
-    middle = [
-        prescribe(space, i, lambda x, i=i: np.isclose(x[i], 0) & ~outside(x))
+    exact_function = fem.Function(space)
+    exact_function.interpolate(exact_displacement)
+    symmetry_conditions = [
+        prescribe(space, i, lambda x, i=i: np.isclose(x[i], 0) & ~on_outer_sides(x))
         for i in range(dim - 1)
     ]
-    supports = Reduction.dirichlet(space, [fem.dirichletbc(far, on(space, outside)), *middle])
+    supports = Reduction.dirichlet(
+        space,
+        [fem.dirichletbc(exact_function, nodes_where(space, on_outer_sides)), *symmetry_conditions],
+    )
     punch = Parabola((0,) * dim, radius)
-    motion = Motion([0.0] * (dim - 1) + [-known.approach])
-    (state,) = elastic.contact(ContactPair(below, punch, 0.0, [motion]), supports)
+    motion = Motion([0.0] * (dim - 1) + [-exact_solution.approach])
+    (state,) = elastic.solve_contact(ContactPair(near_contact, punch, 0.0, [motion]), supports)
     fields, x = ContactFields.of(state, body), ufl.SpatialCoordinate(mesh)
-    away = sum(x[i] ** 2 for i in range(dim - 1))
-    exact = known.peak * ufl.sqrt(ufl.max_value(0.0, 1 - away / a**2))
-    wrong = (body.stress(fields.displacement)[dim - 1, dim - 1] + exact) ** 2
-    error = np.sqrt(assemble_scalar(wrong * boundary_measure(mesh, below, 12)))
+    squared_radius = sum(x[i] ** 2 for i in range(dim - 1))
+    exact = exact_solution.peak * ufl.sqrt(ufl.max_value(0.0, 1 - squared_radius / a**2))
+    squared_error = (body.stress(fields.displacement)[dim - 1, dim - 1] + exact) ** 2
+    error = np.sqrt(assemble_scalar(squared_error * boundary_measure(mesh, near_contact, 12)))
     return error, fields.indicator(), h, a
 
 
-def test_the_indicator_is_the_error_of_stresses():
-    """Hertz' exact pressure tells that error: halved with the mesh, and largest at the edge."""
-    sums = []
+def test_the_indicator_is_the_error_of_the_stresses():
+    """The true error follows from Hertz' pressure; it halves with h and is largest at the edge."""
+    norms = []
     for edges in (6, 12):
-        error, found, h, a = indented(edges)
-        sums.append(np.linalg.norm(found.x.array))
-        assert 0.85 < sums[-1] / error < 1.05
-        mesh = found.function_space.mesh
-        worst = mesh.geometry.x[cell_nodes(mesh)[found.x.array.argmax()]].mean(axis=0)
-        assert abs(worst[0] - a) < 2 * h
-        assert -h < worst[1] < 0
-    assert 1.7 < sums[0] / sums[1] < 2.3
+        error, indicator, h, a = solve_hertz(edges)
+        norms.append(np.linalg.norm(indicator.x.array))
+        assert 0.85 < norms[-1] / error < 1.05
+        mesh = indicator.function_space.mesh
+        worst_cell = mesh.geometry.x[cell_nodes(mesh)[indicator.x.array.argmax()]].mean(axis=0)
+        assert abs(worst_cell[0] - a) < 2 * h
+        assert -h < worst_cell[1] < 0
+    assert 1.7 < norms[0] / norms[1] < 2.3
 
 
 @pytest.mark.parametrize(
     ("cell", "bounds"), [(CellType.tetrahedron, (0.85, 1.05)), (CellType.hexahedron, (1.1, 1.4))]
 )
-def test_the_indicator_in_space(cell, bounds):
-    error, found, _, _ = indented(3, cell)
-    assert bounds[0] < np.linalg.norm(found.x.array) / error < bounds[1]
+def test_the_indicator_is_near_the_error_in_space(cell, bounds):
+    error, indicator, _, _ = solve_hertz(3, cell)
+    assert bounds[0] < np.linalg.norm(indicator.x.array) / error < bounds[1]
 
 
-def test_no_indicator_without_a_stress():
-    body, (*_, state) = ball()
+def test_an_indicator_needs_a_stress():
+    body, (*_, state) = solve_ball_on_block()
     with pytest.raises(ValueError, match="one that is not hybrid"):
         ContactFields.of(state, body.space).indicator()
-    body, (*_, state) = ball(method=GALERKIN)
+    body, (*_, state) = solve_ball_on_block(method=GALERKIN)
     with pytest.raises(ValueError, match="nodes of this element have no weight"):
         ContactFields.of(state, body.body).indicator()
 
 
-def test_what_is_no_state_of_the_body():
-    block, other = Block(4), Block(6)
+def test_states_of_another_body_or_of_other_nodes_are_refused():
+    block, finer_block = BlockOnFloor(4), BlockOnFloor(6)
     (state,) = block.solve(0.3, 60.0, increments=0)
-    moved = PW(move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), uneven))
-    pair = ContactPair(lambda x: at(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
-    (half,) = block.contact(pair, block.held((0, at(0, 0.0))), block.pressure)
+    skewed_spaces = PW(
+        move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), skew_columns)
+    )
+    half_pair = ContactPair(lambda x: on_plane(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
+    (half_state,) = block.solve_contact(
+        half_pair, block.make_supports((0, on_plane(0, 0.0))), block.pressure_load
+    )
     fields = ContactFields.of(state, block.body)
-    ContactFields.of(half, block.space)
-    for attempt, words in (
-        (lambda: ContactFields.of(state, other.body), "belongs to another space"),
-        (lambda: ContactFields.of(state, moved.trial), "belongs to another space"),
-        (lambda: fields.fill(half), "other contact nodes than the fields"),
+    ContactFields.of(half_state, block.space)
+    for attempt, message in (
+        (lambda: ContactFields.of(state, finer_block.body), "belongs to another space"),
+        (lambda: ContactFields.of(state, skewed_spaces.trial), "belongs to another space"),
+        (lambda: fields.fill(half_state), "other contact nodes than the fields"),
     ):
-        with pytest.raises(ValueError, match=words):
+        with pytest.raises(ValueError, match=message):
             attempt()
-    for ask in (ContactFields.of, plot):
+    for function in (ContactFields.of, plot):
         with pytest.raises(TypeError, match="solve_contact gives a list of states"):
-            ask([state], block.body)
-        with pytest.raises(TypeError, match=r"body is of the type Block: "):
-            ask(state, block)
+            function([state], block.body)
+        with pytest.raises(TypeError, match=r"body is of the type BlockOnFloor: "):
+            function(state, block)
         with pytest.raises(ValueError, match=r"contact pair 0: its nodes at \(2\.5, 0\) belong"):
-            ask(half, block.body)
+            function(half_state, block.body)
 
 
 @pytest.mark.skipif(vtx.library() is None, reason="no C library of ADIOS2")
 def test_files_hold_the_states(tmp_path):
-    block = Block(12)
+    block = BlockOnFloor(12)
     states = block.solve(0.3, 60.0, increments=2)
     write(tmp_path / "block.bp", states[:1], block.body)
-    write(tmp_path / "block.bp", states, block.body)  # in place of the first
+    write(tmp_path / "block.bp", states, block.body)  # replaces the first file
     assert [path.name for path in tmp_path.iterdir()] == ["block.bp"]
     steps = vtx.read(tmp_path / "block.bp")
     assert [time for time, _ in steps] == [1.0, 2.0, 3.0]
@@ -248,22 +257,22 @@ def test_files_hold_the_states(tmp_path):
         assert np.array_equal(values["displacement"][:, :2].ravel(), state.displacement.array_r)
         (pair,) = state.pairs
         x = values["geometry"]
-        below = np.flatnonzero(np.isclose(x[:, 1], 0.0))
-        below = below[np.argsort(x[below, 0])]
+        base_nodes = np.flatnonzero(np.isclose(x[:, 1], 0.0))
+        base_nodes = base_nodes[np.argsort(x[base_nodes, 0])]
         area = np.full(25, 4 / 24)
         area[[0, -1]] /= 2
-        pressure = values["pressure"][below, 0]
+        pressure = values["pressure"][base_nodes, 0]
         assert pressure == pytest.approx(pair.force_normal / area, rel=1e-9)
-        shear = values["traction"][below, 0]
+        shear = values["traction"][base_nodes, 0]
         assert shear == pytest.approx(pair.force_tangential[:, 0] / area, rel=1e-9, abs=1e-6)
-        assert np.array_equal(values["status"][below, 0], pair.status)
-        assert np.array_equal(values["gap"][below, 0], pair.gap)
-        assert np.isnan(np.delete(values["gap"], below, axis=0)).all()
-        assert values["contact_force"][below, 1] == pytest.approx(pair.force_normal)
+        assert np.array_equal(values["status"][base_nodes, 0], pair.status)
+        assert np.array_equal(values["gap"][base_nodes, 0], pair.gap)
+        assert np.isnan(np.delete(values["gap"], base_nodes, axis=0)).all()
+        assert values["contact_force"][base_nodes, 1] == pytest.approx(pair.force_normal)
 
 
-def test_files_that_cannot_be_written(tmp_path):
-    block = Block(4)
+def test_files_that_cannot_be_written_are_refused(tmp_path):
+    block = BlockOnFloor(4)
     states = block.solve(0.3, 60.0, increments=1)
     path = tmp_path / "block.bp"
     for arguments, message in (
@@ -282,33 +291,35 @@ def test_files_that_cannot_be_written(tmp_path):
         write(path, states, block.body)
     assert path.read_text() == "mine"
     path.unlink()
-    full = patch.object(os, "posix_fallocate", side_effect=OSError(28, "No space left on device"))
-    with full, pytest.raises(OSError, match=r"it takes about 0\.\d+ MB: .*block\.bp"):
+    full_disk = patch.object(
+        os, "posix_fallocate", side_effect=OSError(28, "No space left on device")
+    )
+    with full_disk, pytest.raises(OSError, match=r"it takes about 0\.\d+ MB: .*block\.bp"):
         write(path, states, block.body)
     assert list(tmp_path.iterdir()) == []
-    other = Block(4, composite)
-    (state,) = other.solve(0.3, 60.0, increments=0)
+    composite_block = BlockOnFloor(4, composite)
+    (state,) = composite_block.solve(0.3, 60.0, increments=0)
     with pytest.raises(ValueError, match="not Lagrange's of degree 2"):
-        write(path, state, other.body)
+        write(path, state, composite_block.body)
     write(path, states[0], block.space)
-    (state,) = Block(6).solve(0.3, 60.0, increments=0)
+    (state,) = BlockOnFloor(6).solve(0.3, 60.0, increments=0)
     with pytest.raises(ValueError, match="belongs to another space"):
         write(path, [states[0], state], block.space, [0.0, 1.0])
     assert [file.name for file in tmp_path.iterdir()] == ["block.bp"]
 
 
-def test_a_folder_of_the_users_that_looks_like_a_series_loses_nothing(tmp_path):
-    """Nor does a series to which files of the user's have been added."""
-    block = Block(4)
+def test_a_users_folder_that_resembles_a_series_is_not_overwritten(tmp_path):
+    """Neither is a series to which a user has added files."""
+    block = BlockOnFloor(4)
     states = block.solve(0.3, 60.0, increments=1)
     copy, path = tmp_path / "copy.bp", tmp_path / "block.bp"
     write(path, states[:1], block.body)
     shutil.copytree(path, copy)
-    (copy / MARK_NAME).unlink()  # as one that another program has written
-    kept = {file: file.read_bytes() for file in copy.iterdir()}
+    (copy / MARK_NAME).unlink()  # as if another program had written it
+    contents = {file: file.read_bytes() for file in copy.iterdir()}
     with pytest.raises(FileExistsError, match="does not say that it is a time series"):
         write(copy, states, block.body)
-    assert {file: file.read_bytes() for file in copy.iterdir()} == kept
+    assert {file: file.read_bytes() for file in copy.iterdir()} == contents
     (path / "data.1").write_text("mine")
     with pytest.raises(FileExistsError, match=r"it holds data\.1, not written with it"):
         write(path, states, block.body)
@@ -316,35 +327,35 @@ def test_a_folder_of_the_users_that_looks_like_a_series_loses_nothing(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["block.bp", "copy.bp"]
 
 
-def test_an_error_of_the_writer_leaves_the_old_series(tmp_path, monkeypatch):
-    block = Block(4)
+def test_an_error_while_writing_leaves_the_old_series(tmp_path, monkeypatch):
+    block = BlockOnFloor(4)
     states = block.solve(0.3, 60.0, increments=1)
     path = tmp_path / "block.bp"
     write(path, states[:1], block.body)
-    before = {file: file.read_bytes() for file in path.iterdir()}
+    old_contents = {file: file.read_bytes() for file in path.iterdir()}
     fill = ContactFields.fill
 
-    def failing(self, state):
+    def fail_at_second_state(self, state):
         if state is states[1]:
             raise RuntimeError("no more")
         fill(self, state)
 
-    monkeypatch.setattr(ContactFields, "fill", failing)
+    monkeypatch.setattr(ContactFields, "fill", fail_at_second_state)
     with pytest.raises(RuntimeError, match="no more"):
         write(path, states, block.body)
-    assert {file: file.read_bytes() for file in path.iterdir()} == before
+    assert {file: file.read_bytes() for file in path.iterdir()} == old_contents
     assert os.listdir(tmp_path) == ["block.bp"]
 
 
-def curves(axes):
+def plotted_points(axes):
     return [line.get_xydata() for line in axes.lines]
 
 
-def test_picture_of_a_line():
+def test_the_picture_of_a_contact_line_shows_pressure_shear_and_status():
     from matplotlib import pyplot
 
     mpl.use("Agg")
-    block = Block(12)
+    block = BlockOnFloor(12)
     state = block.solve(0.3, 60.0, increments=2)[-1]
     axes = plot(state, block.body)
     (pair,) = state.pairs
@@ -353,19 +364,21 @@ def test_picture_of_a_line():
     expected = {"pressure": pair.force_normal / area, "shear": pair.force_tangential[:, 0] / area}
     for values in expected.values():
         curve = np.column_stack([pair.position[:, 0], values])
-        assert any(c.shape == curve.shape and np.allclose(c, curve) for c in curves(axes))
+        assert any(c.shape == curve.shape and np.allclose(c, curve) for c in plotted_points(axes))
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert len(labels) == len(set(labels)) == 4
-    marked = {line.get_label(): len(line.get_xdata()) for line in axes.lines}
-    assert marked["shear, stick"] == np.count_nonzero(pair.status == STICK)
-    assert marked["shear, slip"] == np.count_nonzero(pair.status == SLIP)
+    n_points_by_label = {line.get_label(): len(line.get_xdata()) for line in axes.lines}
+    assert n_points_by_label["shear, stick"] == np.count_nonzero(pair.status == STICK)
+    assert n_points_by_label["shear, slip"] == np.count_nonzero(pair.status == SLIP)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("arc length", "traction")
-    again = pyplot.subplots()[1]
-    assert plot(state, block.body, axes=again, along=0) is again
-    assert again.get_xlabel() == "x"
-    for old, new in zip(curves(axes), curves(again), strict=True):
-        if len(old) == 25:  # nodes from the left to the right; arc length begins at x = 0
-            assert old == pytest.approx(new)
+    second_axes = pyplot.subplots()[1]
+    assert plot(state, block.body, axes=second_axes, along=0) is second_axes
+    assert second_axes.get_xlabel() == "x"
+    for points, points_along_x in zip(
+        plotted_points(axes), plotted_points(second_axes), strict=True
+    ):
+        if len(points) == 25:  # nodes from the left to the right; arc length begins at x = 0
+            assert points == pytest.approx(points_along_x)
     with pytest.raises(ValueError, match="pair 1: the state has 1"):
         plot(state, block.body, pair=1)
     with pytest.raises(ValueError, match="along = 2"):

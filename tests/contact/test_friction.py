@@ -1,4 +1,4 @@
-"""Laws of friction other than Coulomb's, stated as a user would."""
+"""Friction laws other than Coulomb's, written as a user would write them."""
 
 from mpi4py import MPI
 
@@ -8,54 +8,54 @@ import pytest
 from pw_elements import Direct, Iterative
 from pw_elements.contact import SLIP, ContactPair, Coulomb, Motion, NoEquilibrium, Plane
 from pw_elements.meshes import triangles
-from tests.contact.cases import GALERKIN, Block, Elastic, at
-from tests.contact.iterative import FLOOR, Solid
+from tests.contact.cases import GALERKIN, BlockOnFloor, ElasticBody, on_plane
+from tests.contact.iterative import FLOOR, SolidBlock
 
-BLOCK = Block(8)
+BLOCK = BlockOnFloor(8)
 SOLVERS = pytest.mark.parametrize("solver", [Direct(), Iterative()], ids=["factors", "krylov"])
 
 
-def on_floor(law, *options):
-    return ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), law, *options)
+def floor_pair(law, *options):
+    return ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)), law, *options)
 
 
-class Falling:
-    """mu r_n / (1 + r_n / h), with h a force at each node."""
+class SaturatingFriction:
+    """Friction limit mu r_n / (1 + r_n / h), with h a force at each node."""
 
     def __init__(self, mu, half):
-        self.mu, self.half = mu, half
+        self.mu, self.half_force = mu, half
 
     def at(self, x):
-        return self.half(x) if callable(self.half) else self.half
+        return self.half_force(x) if callable(self.half_force) else self.half_force
 
     def limit(self, half, force):
-        share = half / (half + force)
-        return self.mu * share * force, self.mu * share**2
+        reduction = half / (half + force)
+        return self.mu * reduction * force, self.mu * reduction**2
 
 
-class Capped:
-    """The smaller one of mu r_n and a force: its limit has a corner."""
+class CappedFriction:
+    """Friction limit min(mu r_n, cap), which has a corner."""
 
-    def __init__(self, mu, most):
-        self.mu, self.most = mu, most
+    def __init__(self, mu, cap):
+        self.mu, self.cap = mu, cap
 
     def at(self, x):
-        return self.most + 0 * x[0]
+        return self.cap + 0 * x[0]
 
-    def limit(self, most, force):
-        return np.minimum(self.mu * force, most), np.where(self.mu * force < most, self.mu, 0.0)
+    def limit(self, cap, force):
+        return np.minimum(self.mu * force, cap), np.where(self.mu * force < cap, self.mu, 0.0)
 
 
-class Adhesive(Falling):
-    """It holds without any pressure, which no law here may."""
+class AdhesiveFriction(SaturatingFriction):
+    """A law that holds without pressure, which is not allowed."""
 
     def limit(self, half, force):
         limit, slope = super().limit(half, force)
         return limit + 1.0, slope
 
 
-class Stiffening(Falling):
-    """Its coefficient is 0.1 without pressure and four times that under much of it."""
+class StiffeningFriction(SaturatingFriction):
+    """A law whose coefficient is 0.1 without pressure and four times that under large pressure."""
 
     def limit(self, half, force):
         limit, slope = super().limit(half, force)
@@ -64,20 +64,25 @@ class Stiffening(Falling):
 
 @SOLVERS
 @pytest.mark.parametrize("p", [5.0, 60.0])
-def test_an_even_stress_has_the_friction_of_its_pressure(solver, p):
-    """The exact solution is a uniform stress, so that each node has that of its own area."""
-    mu, p_0, h = 0.6, 20.0, 0.5  # piecewise-linear weights: h at inner nodes, half of it at ends
+def test_a_uniform_stress_has_the_friction_of_its_pressure(solver, p):
+    """The exact solution is a uniform stress: each node has the friction of its tributary area."""
+    mu, p_0, h = 0.6, 20.0, 0.5  # tributary length h of inner nodes, h/2 at ends
     tau = mu * p / (1 + p / p_0)
 
-    def half(x):
+    def half_force_at(x):
         return p_0 * h * np.where(np.isclose(x[0] % 4.0, 0.0), 0.5, 1.0)
 
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2))
-    body = Elastic(mesh, state="plane stress", E=1e4, nu=0.0)
-    sides = body.load((0.0, tau), at(0, 0.0)) + body.load((0.0, -tau), at(0, 4.0))
-    load, held = body.load((0.0, -p), at(1, 2.0)) + sides, body.held((0, at(1, 2.0)))
-    floor = on_floor(Falling(mu, half), Motion((0.1, 0.0)))
-    (state,) = body.contact(floor, held, load, solver=solver)
+    body = ElasticBody(mesh, state="plane stress", E=1e4, nu=0.0)
+    side_load = body.traction_load((0.0, tau), on_plane(0, 0.0)) + body.traction_load(
+        (0.0, -tau), on_plane(0, 4.0)
+    )
+    load, supports = (
+        body.traction_load((0.0, -p), on_plane(1, 2.0)) + side_load,
+        body.make_supports((0, on_plane(1, 2.0))),
+    )
+    floor = floor_pair(SaturatingFriction(mu, half_force_at), Motion((0.1, 0.0)))
+    (state,) = body.solve_contact(floor, supports, load, solver=solver)
     (pair,) = state.pairs
     assert (pair.status == SLIP).all()
     area = np.where(np.isclose(pair.position[:, 0] % 4.0, 0.0), h / 2, h)
@@ -86,175 +91,197 @@ def test_an_even_stress_has_the_friction_of_its_pressure(solver, p):
     assert pair.friction == pytest.approx(tau / p, rel=1e-8)
 
 
-def assert_law(pair, law, half):
-    """Each node's force and slip, by arithmetic of their own."""
-    most = pair.force_normal.max()
-    assert pair.force_normal.min() > -1e-9 * most
-    assert np.abs(pair.force_normal * np.minimum(pair.gap, 1.0)).max() < 1e-9 * most
-    for force, pressed, slip in zip(
+def assert_friction_law(pair, limit_of, half_force):
+    """Check force and slip of each node by independent arithmetic."""
+    largest = pair.force_normal.max()
+    assert pair.force_normal.min() > -1e-9 * largest
+    assert np.abs(pair.force_normal * np.minimum(pair.gap, 1.0)).max() < 1e-9 * largest
+    for force, normal_force, slip in zip(
         pair.force_tangential, pair.force_normal, pair.slip, strict=True
     ):
-        limit = law(max(pressed, 0.0), half)
+        limit = limit_of(max(normal_force, 0.0), half_force)
         size, length = np.linalg.norm(force), np.linalg.norm(slip)
-        assert size < limit + 1e-8 * most
-        assert np.linalg.norm(force * length + limit * slip) < 1e-8 * most * max(length, 1e-6)
+        assert size < limit + 1e-8 * largest
+        assert np.linalg.norm(force * length + limit * slip) < 1e-8 * largest * max(length, 1e-6)
 
 
 LAWS = {
-    "falling": (Falling(0.8, 4.0), 4.0, lambda r, h: 0.8 * r / (1 + r / h)),
-    "capped": (Capped(0.6, 3.0), 3.0, lambda r, h: min(0.6 * r, h)),
+    "falling": (SaturatingFriction(0.8, 4.0), 4.0, lambda r, h: 0.8 * r / (1 + r / h)),
+    "capped": (CappedFriction(0.6, 3.0), 3.0, lambda r, h: min(0.6 * r, h)),
 }
 
 
 @SOLVERS
 @pytest.mark.parametrize(
-    ("name", "block"), [("falling", BLOCK), ("capped", BLOCK), ("falling", Block(8, GALERKIN))]
+    ("name", "block"),
+    [("falling", BLOCK), ("capped", BLOCK), ("falling", BlockOnFloor(8, GALERKIN))],
 )
 def test_a_law_holds_at_each_node_of_a_block_that_is_pulled(name, block, solver):
-    law, half, exact = LAWS[name]
-    problem = block.problem(on_floor(law), solver=solver)
-    state, slipping = problem.undeformed, 0
+    law, half_force, exact_limit = LAWS[name]
+    problem = block.contact_problem(floor_pair(law), solver=solver)
+    state, n_slipping = problem.undeformed, 0
     for pull in (0.0, 4.0, 7.0, 9.0):
-        load = 0.05 * block.pressure + block.load((pull, 0.0), at(0, 4.0))
+        load = 0.05 * block.pressure_load + block.traction_load((pull, 0.0), on_plane(0, 4.0))
         state = problem.step(state, load)
-        assert_law(state.pairs[0], exact, half)
-        slipping = max(slipping, int(np.sum(state.pairs[0].status == SLIP)))
-    assert slipping > 3
-    resumed = problem.step(state, load)  # starts where it has ended
-    assert resumed.iterations <= 2
+        assert_friction_law(state.pairs[0], exact_limit, half_force)
+        n_slipping = max(n_slipping, int(np.sum(state.pairs[0].status == SLIP)))
+    assert n_slipping > 3
+    repeated = problem.step(state, load)  # starts at the solution
+    assert repeated.iterations <= 2
 
 
-def test_a_law_holds_in_space_where_slip_turns():
-    solid = Solid()
-    floor = ContactPair(at(2, 0.0), FLOOR, Falling(0.4, 1.5))
-    (state,) = solid.contact(floor, loads=solid.pushed())
-    assert_law(state.pairs[0], lambda r, h: 0.4 * r / (1 + r / h), 1.5)
-    assert state.iterations <= 12  # Newton's method converges fast there, too
+def test_a_law_holds_in_space_where_slip_changes_direction():
+    solid = SolidBlock()
+    floor = ContactPair(on_plane(2, 0.0), FLOOR, SaturatingFriction(0.4, 1.5))
+    (state,) = solid.solve_contact(floor, loads=solid.press_and_push_load())
+    assert_friction_law(state.pairs[0], lambda r, h: 0.4 * r / (1 + r / h), 1.5)
+    assert state.iterations <= 12  # Newton's method converges fast here as well
 
 
-def test_coulomb_is_what_a_number_means():
-    one, *others = (
-        BLOCK.contact(on_floor(friction), loads=BLOCK.pulled(90.0, 2))[-1]
-        for friction in (0.3, Coulomb(0.3), lambda x: 0.3 + 0 * x[0], Falling(0.3, 1e300))
+def test_a_number_means_coulombs_law():
+    reference, *states = (
+        BLOCK.solve_contact(floor_pair(friction), loads=BLOCK.pull_loads(90.0, 2))[-1]
+        for friction in (
+            0.3,
+            Coulomb(0.3),
+            lambda x: 0.3 + 0 * x[0],
+            SaturatingFriction(0.3, 1e300),
+        )
     )
-    for state in others:
-        assert np.array_equal(state.pairs[0].status, one.pairs[0].status)
-        assert (state.displacement - one.displacement).norm() < 1e-12 * one.displacement.norm()
+    for state in states:
+        assert np.array_equal(state.pairs[0].status, reference.pairs[0].status)
+        assert (
+            state.displacement - reference.displacement
+        ).norm() < 1e-12 * reference.displacement.norm()
 
 
-class Limited(Coulomb):
-    """Coulomb's law with a cap of the force."""
+class CappedCoulomb(Coulomb):
+    """Coulomb's law with a cap on the friction force."""
 
-    most = 1.0
+    cap = 1.0
 
-    def limit(self, at, force):
-        limit, slope = super().limit(at, force)
-        return np.minimum(limit, self.most), np.where(limit < self.most, slope, 0.0)
+    def limit(self, mu, force):
+        limit, slope = super().limit(mu, force)
+        return np.minimum(limit, self.cap), np.where(limit < self.cap, slope, 0.0)
 
 
-def test_a_law_derived_from_coulombs_is_asked_for_its_own_limit():
+def test_a_subclass_of_coulomb_uses_its_own_limit():
     drag = Motion((0.2, 0.0))
-    load = BLOCK.pressure
-    for law, capped in ((Coulomb(0.3), False), (Limited(0.3), True)):
-        (state,) = BLOCK.contact(on_floor(law, [drag]), BLOCK.held((0, at(0, 4.0))), [load])
+    load = BLOCK.pressure_load
+    for law, is_capped in ((Coulomb(0.3), False), (CappedCoulomb(0.3), True)):
+        (state,) = BLOCK.solve_contact(
+            floor_pair(law, [drag]), BLOCK.make_supports((0, on_plane(0, 4.0))), [load]
+        )
         (pair,) = state.pairs
         limit = 0.3 * pair.force_normal
-        expected = np.minimum(limit, Limited.most) if capped else limit
-        slips = pair.status == SLIP
-        assert slips.sum() > 3
-        size = np.abs(pair.force_tangential[:, 0])
-        assert size[slips] == pytest.approx(expected[slips], rel=1e-9)
-        assert (limit[slips] > 1.5 * Limited.most).any()
+        expected = np.minimum(limit, CappedCoulomb.cap) if is_capped else limit
+        is_slipping = pair.status == SLIP
+        assert is_slipping.sum() > 3
+        shear = np.abs(pair.force_tangential[:, 0])
+        assert shear[is_slipping] == pytest.approx(expected[is_slipping], rel=1e-9)
+        assert (limit[is_slipping] > 1.5 * CappedCoulomb.cap).any()
 
 
-def test_coulombs_limit_is_what_all_nodes_are_asked_for(monkeypatch):
-    """Half of the limit is half of the friction: nothing else multiplies coefficients."""
-    supports, floor = BLOCK.held((0, at(0, 4.0))), on_floor(0.3, [Motion((0.2, 0.0))])
-    forces = []
-    for part in (1.0, 0.5):
+def test_coulombs_limit_is_used_at_all_nodes(monkeypatch):
+    """Half the limit gives half the friction: coefficients are multiplied nowhere else."""
+    supports, floor = (
+        BLOCK.make_supports((0, on_plane(0, 4.0))),
+        floor_pair(0.3, [Motion((0.2, 0.0))]),
+    )
+    coefficients = []
+    for factor in (1.0, 0.5):
         monkeypatch.setattr(
-            Coulomb, "limit", lambda _, at, force, part=part: (part * at * force, part * at)
+            Coulomb, "limit", lambda _, mu, force, factor=factor: (factor * mu * force, factor * mu)
         )
-        (state,) = BLOCK.contact(floor, supports, [BLOCK.pressure])
+        (state,) = BLOCK.solve_contact(floor, supports, [BLOCK.pressure_load])
         (pair,) = state.pairs
-        slips = pair.status == SLIP
-        assert slips.sum() > 3
-        forces.append(np.abs(pair.force_tangential[slips, 0]) / pair.force_normal[slips])
-    assert forces[0] == pytest.approx(0.3, rel=1e-9)
-    assert forces[1] == pytest.approx(0.15, rel=1e-9)
+        is_slipping = pair.status == SLIP
+        assert is_slipping.sum() > 3
+        coefficients.append(
+            np.abs(pair.force_tangential[is_slipping, 0]) / pair.force_normal[is_slipping]
+        )
+    assert coefficients[0] == pytest.approx(0.3, rel=1e-9)
+    assert coefficients[1] == pytest.approx(0.15, rel=1e-9)
 
 
-class WrongSlope(Falling):
-    """Its slope is an eighth too large."""
+class WrongSlopeFriction(SaturatingFriction):
+    """A law whose slope is an eighth too large."""
 
     def limit(self, half, force):
         limit, slope = super().limit(half, force)
         return limit, 1.13 * slope
 
 
-class Bumpy(Coulomb):
-    """Its coefficient rises by a tenth between two forces within one decade, and falls again."""
+class BumpyFriction(Coulomb):
+    """A law whose coefficient rises by a tenth between two forces within one decade, and falls
+    again.
+    """
 
     low, high = 3.0, 3.3
 
-    def limit(self, at, force):
-        inside = (force > self.low) & (force < self.high)
-        coefficient = np.where(inside, 1.0, 0.9)
+    def limit(self, mu, force):
+        is_within_bump = (force > self.low) & (force < self.high)
+        coefficient = np.where(is_within_bump, 1.0, 0.9)
         coefficient = np.where(force > 1e-9, coefficient, 1.0)
-        return at * coefficient * force, at * coefficient
+        return mu * coefficient * force, mu * coefficient
 
 
 @pytest.mark.parametrize(
-    ("law", "words"),
+    ("law", "message"),
     [
-        (WrongSlope(0.3, 4.0), r"slope .* differences of its limit give"),
-        (Bumpy(0.3), "coefficient, the limit over the normal force, rises"),
+        (WrongSlopeFriction(0.3, 4.0), r"slope .* differences of its limit give"),
+        (BumpyFriction(0.3), "coefficient, the limit over the normal force, rises"),
     ],
 )
-def test_a_law_that_contradicts_itself_is_refused(law, words):
-    with pytest.raises(ValueError, match=words):
-        BLOCK.contact(on_floor(law), loads=BLOCK.pressure)
+def test_a_law_that_contradicts_itself_is_refused(law, message):
+    with pytest.raises(ValueError, match=message):
+        BLOCK.solve_contact(floor_pair(law), loads=BLOCK.pressure_load)
 
 
-def test_a_law_that_rises_between_the_forces_it_was_asked_for_first_is_refused_where_it_is_used():
+def test_a_law_whose_coefficient_rises_between_the_sampled_forces_is_refused_where_it_is_used():
     """The bump is narrower than the samples."""
 
-    class Narrow(Bumpy):
+    class NarrowBump(BumpyFriction):
         low, high = 10.0005, 10.0015
 
-    block = Elastic(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1)), nu=0.0)
-    floor = on_floor(Narrow(0.3))
-    for pressure, wrong in ((10.001 * 2, True), (9.9 * 2, False)):
-        load = block.load((0.0, -pressure), at(1, 1.0))
-        if wrong:
+    block = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1)), nu=0.0)
+    floor = floor_pair(NarrowBump(0.3))
+    for pressure, is_refused in ((10.001 * 2, True), (9.9 * 2, False)):
+        load = block.traction_load((0.0, -pressure), on_plane(1, 1.0))
+        if is_refused:
             with pytest.raises(ValueError, match=r"rises up to the normal force 10\.001"):
-                block.contact(floor, loads=load)
+                block.solve_contact(floor, loads=load)
         else:
-            assert block.contact(floor, loads=load)
+            assert block.solve_contact(floor, loads=load)
 
 
-def test_derivatives_know_the_slope_of_no_other_law():
-    problem = BLOCK.problem(on_floor(Limited(0.3)))
-    states = [problem.undeformed, problem.step(problem.undeformed, BLOCK.pressure)]
+def test_sensitivity_refuses_other_laws_than_coulombs():
+    problem = BLOCK.contact_problem(floor_pair(CappedCoulomb(0.3)))
+    states = [problem.undeformed, problem.step(problem.undeformed, BLOCK.pressure_load)]
     with pytest.raises(ValueError, match="is not Coulomb's"):
         problem.sensitivity(states, [("force", 0, 0)], [("friction", 0)])
 
 
-def test_more_than_a_law_can_hold_is_proved_to_be_too_much():
-    """Its steepest cone, 0.3, does not hold a pull of 0.4 of the pressure either."""
-    load = BLOCK.pressure + BLOCK.load((0.4 * 200 * 4 / 2, 0.0), at(0, 4.0))
+def test_a_pull_above_the_friction_limit_is_proved_to_have_no_equilibrium():
+    """A pull of 0.4 of the pressure exceeds even the largest coefficient, 0.3."""
+    load = BLOCK.pressure_load + BLOCK.traction_load((0.4 * 200 * 4 / 2, 0.0), on_plane(0, 4.0))
     with pytest.raises(NoEquilibrium, match="slides"):
-        BLOCK.contact(on_floor(Falling(0.3, 1e3)), loads=load)
+        BLOCK.solve_contact(floor_pair(SaturatingFriction(0.3, 1e3)), loads=load)
 
 
 @pytest.mark.parametrize(
     "law",
     [
-        *(Falling(-0.3, 1.0), Falling(np.nan, 1.0), Falling(0.3, lambda x: x), Falling),
-        *(Stiffening(0.3, 1e-8), Stiffening(0.3, 1e9)),
-        *(Adhesive(0.3, 1.0), Coulomb(-0.1), Coulomb("0.3")),
+        *(
+            SaturatingFriction(-0.3, 1.0),
+            SaturatingFriction(np.nan, 1.0),
+            SaturatingFriction(0.3, lambda x: x),
+            SaturatingFriction,
+        ),
+        *(StiffeningFriction(0.3, 1e-8), StiffeningFriction(0.3, 1e9)),
+        *(AdhesiveFriction(0.3, 1.0), Coulomb(-0.1), Coulomb("0.3")),
     ],
 )
-def test_what_is_no_law_is_refused(law):
+def test_invalid_laws_are_refused(law):
     with pytest.raises(ValueError, match="friction"):
-        BLOCK.contact(on_floor(law), loads=BLOCK.pressure)
+        BLOCK.solve_contact(floor_pair(law), loads=BLOCK.pressure_load)

@@ -20,13 +20,18 @@ from pw_elements.contact import (
     Plane,
 )
 from pw_elements.meshes import quadrilaterals
-from tests.contact.cases import Elastic, at
-from tests.contact.iterative import Solid
-from tests.contact.residuals import Stated, residuals, walked, worst
-from tests.contact.test_large import Rubber
-from tests.contact.test_large import walked as steps
+from tests.contact.cases import ElasticBody, on_plane
+from tests.contact.iterative import SolidBlock
+from tests.contact.residuals import (
+    ProblemData,
+    largest_residual,
+    measure_residuals,
+    split_into_substeps,
+)
+from tests.contact.test_large import RubberUnderCircle
+from tests.contact.test_large import step_through as steps
 from tests.contact.test_matching import Blocks
-from tests.contact.two_bodies import Stack, two_sides
+from tests.contact.two_bodies import StackedBlocks, split_facets_by_side
 from tests.parallel import same_numbers
 
 MU = 0.3
@@ -34,18 +39,18 @@ SOLVERS = pytest.mark.parametrize("solver", [Direct(), Iterative()], ids=["facto
 PRESSED = Motion((0.0, None), force=(0.0, -10.0))
 
 
-class Held(Elastic):
+class Held(ElasticBody):
     """A unit square whose sides (or all nodes) are held along x, and a rough plate on top."""
 
     def __init__(self, n, everywhere=False, comm=MPI.COMM_SELF):
         super().__init__(quadrilaterals(comm, (0.0, 0.0), (1.0, 1.0), (n, n)))
-        sides = [(0, at(0, 0.0)), (0, at(0, 1.0)), (0, at(1, 0.0))]
+        sides = [(0, on_plane(0, 0.0)), (0, on_plane(0, 1.0)), (0, on_plane(1, 0.0))]
         along = [(0, lambda x: x[0] > -1)] if everywhere else sides
-        self.supports = self.held((1, at(1, 0.0)), *along)
+        self.supports = self.make_supports((1, on_plane(1, 0.0)), *along)
 
     def under_plate(self, *motions, **options):
-        plate = ContactPair(at(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)), MU, list(motions))
-        return self.contact(plate, self.supports, **options)
+        plate = ContactPair(on_plane(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)), MU, list(motions))
+        return self.solve_contact(plate, self.supports, **options)
 
 
 def assert_law(pair, before, friction=MU, tol=1e-9):
@@ -122,9 +127,11 @@ def test_held_and_free_nodes_share_what_a_plate_is_pushed_by(solver):
 
 def in_space(solid, *motions, **options):
     """A block 2 x 1 x 1 on its foot, held along x at both ends, under a plate."""
-    supports = solid.held((0, at(0, 0.0)), (0, at(0, 2.0)), *((i, at(2, 0.0)) for i in range(3)))
-    plate = ContactPair(at(2, 1.0), Plane((0, 0, 1), (0, 0, -1)), MU, list(motions))
-    return solid.contact(plate, supports, **options)
+    supports = solid.make_supports(
+        (0, on_plane(0, 0.0)), (0, on_plane(0, 2.0)), *((i, on_plane(2, 0.0)) for i in range(3))
+    )
+    plate = ContactPair(on_plane(2, 1.0), Plane((0, 0, 1), (0, 0, -1)), MU, list(motions))
+    return solid.solve_contact(plate, supports, **options)
 
 
 SLANTED = [Motion((0, 0, -0.01)), Motion((0.02, 0.03, -0.01)), Motion((0.02, 0.0, -0.02))]
@@ -132,7 +139,7 @@ SLANTED = [Motion((0, 0, -0.01)), Motion((0.02, 0.03, -0.01)), Motion((0.02, 0.0
 
 @SOLVERS
 def test_in_space_the_disc_couples_a_held_and_a_free_tangent(solver):
-    states = in_space(Solid(n=2), *SLANTED, solver=solver)
+    states = in_space(SolidBlock(n=2), *SLANTED, solver=solver)
     for before, state in pairwise(states):
         assert_law(state.pairs[0], before.pairs[0])
         assert state.iterations <= 12
@@ -144,7 +151,7 @@ def test_in_space_the_disc_couples_a_held_and_a_free_tangent(solver):
 @SOLVERS
 def test_in_space_a_plate_is_free_along_the_direction_that_supports_hold(solver):
     motions = [Motion((0, 0, -0.01)), Motion((None, 0.03, -0.01), force=(0.5, 0.0, 0.0))]
-    pressed, moved = in_space(Solid(n=2), *motions, solver=solver)
+    pressed, moved = in_space(SolidBlock(n=2), *motions, solver=solver)
     (pair,) = moved.pairs
     assert pair.force[0] == pytest.approx(0.5, rel=1e-8)
     assert_law(pair, pressed.pairs[0], tol=1e-7)
@@ -153,12 +160,15 @@ def test_in_space_a_plate_is_free_along_the_direction_that_supports_hold(solver)
 def test_a_ring_that_is_pushed_off_its_shaft_takes_all_of_the_friction():
     """Its end is held, and with it the nodes at the end of the bore."""
     mesh = quadrilaterals(MPI.COMM_SELF, (1.0, 0.0), (2.0, 1.0), (6, 8))
-    ring = Elastic(mesh, state="axisymmetric")
-    supports = ring.held((1, at(1, 0.0)))
+    ring = ElasticBody(mesh, state="axisymmetric")
+    supports = ring.make_supports((1, on_plane(1, 0.0)))
     shaft = ContactPair(
-        at(0, 1.0), Plane((1.0, 0.0), (1.0, 0.0)), MU, [Motion((1e-3, 0.0)), Motion((1e-3, -0.1))]
+        on_plane(0, 1.0),
+        Plane((1.0, 0.0), (1.0, 0.0)),
+        MU,
+        [Motion((1e-3, 0.0)), Motion((1e-3, -0.1))],
     )
-    for state, all_slip in zip(ring.contact(shaft, supports), (False, True), strict=True):
+    for state, all_slip in zip(ring.solve_contact(shaft, supports), (False, True), strict=True):
         (pair,) = state.pairs
         if all_slip:
             assert pair.force[1] == pytest.approx(-MU * pair.force[0], rel=1e-9)
@@ -169,11 +179,11 @@ def test_a_ring_that_is_pushed_off_its_shaft_takes_all_of_the_friction():
 def test_on_the_axis_there_is_no_friction():
     """A plate may grow in radius; its middle has no direction to drag the node there."""
     mesh = quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4))
-    disc = Elastic(mesh, state="axisymmetric")
+    disc = ElasticBody(mesh, state="axisymmetric")
     motions = [Motion((0.0, -0.01)), Motion((0.02, -0.01))]
-    plate = ContactPair(at(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)), MU, motions)
-    supports = disc.held((0, at(0, 0.0)), (1, at(1, 0.0)))
-    (pair,) = disc.contact(plate, supports)[-1].pairs
+    plate = ContactPair(on_plane(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)), MU, motions)
+    supports = disc.make_supports((0, on_plane(0, 0.0)), (1, on_plane(1, 0.0)))
+    (pair,) = disc.solve_contact(plate, supports)[-1].pairs
     on_axis = np.isclose(pair.position[:, 0], 0.0)
     assert pair.force_normal[on_axis].min() > 0
     assert not pair.force_tangential[on_axis].any()
@@ -185,9 +195,11 @@ def test_on_the_axis_there_is_no_friction():
 def test_matching_nodes_that_supports_move_apart_rub_on_each_other():
     """The upper block is moved between walls that go with it."""
     blocks = Blocks()
-    below, above = two_sides(blocks, at(1, 1.0), lambda x: x[:, 1] > 1)
-    supports = blocks.held((1, at(1, 0.0)), (0, below), (0, above, 0.05))
-    (state,) = blocks.contact(blocks.pair(MU), supports, blocks.load((0.0, -3.0)))
+    below, above = split_facets_by_side(blocks, on_plane(1, 1.0), lambda x: x[:, 1] > 1)
+    supports = blocks.make_supports((1, on_plane(1, 0.0)), (0, below), (0, above, 0.05))
+    (state,) = blocks.solve_contact(
+        blocks.make_pair(MU), supports, blocks.traction_load((0.0, -3.0))
+    )
     (pair,) = state.pairs
     assert (pair.status == SLIP).all()
     assert pair.force_tangential[:, 0] == pytest.approx(-MU * pair.force_normal, rel=1e-9)
@@ -196,24 +208,26 @@ def test_matching_nodes_that_supports_move_apart_rub_on_each_other():
 @pytest.mark.parametrize("dragged", [0.0, 0.05])
 def test_bodies_that_supports_drag_over_each_other_are_refused(dragged):
     """Walls that hold both sides alike are planes of symmetry, with no friction along them."""
-    stack = Stack((4, 3))
-    below, above = two_sides(stack, at(0, 0.0), lambda x: x[:, 1] > 1)
-    supports = stack.held((1, at(1, 0.0)), (0, below), (0, above, dragged))
-    pair = stack.pair(friction=0.3)
-    given = pair, supports, stack.load((0.0, -0.01))
+    stack = StackedBlocks((4, 3))
+    below, above = split_facets_by_side(stack, on_plane(0, 0.0), lambda x: x[:, 1] > 1)
+    supports = stack.make_supports((1, on_plane(1, 0.0)), (0, below), (0, above, dragged))
+    pair = stack.make_pair(friction=0.3)
+    given = pair, supports, stack.traction_load((0.0, -0.01))
     if dragged:
         with pytest.raises(ValueError, match="not moved in the same way"):
-            stack.contact(*given)
+            stack.solve_contact(*given)
     else:
-        (state,) = stack.contact(*given)
+        (state,) = stack.solve_contact(*given)
         assert HELD in state.pairs[0].status
 
 
 class TestLargeSliding:
     def test_a_plate_has_all_its_friction(self):
-        rubber = Rubber(n=3, friction=MU)
-        sides = [prescribe(rubber.space, 0, at(0, x), 0.0) for x in (-1.0, 1.0)]
-        plate = rubber.touching(held=rubber.held + sides, surface=Plane((0.0, 0.0), (0.0, -1.0)))
+        rubber = RubberUnderCircle(n=3, friction=MU)
+        sides = [prescribe(rubber.space, 0, on_plane(0, x), 0.0) for x in (-1.0, 1.0)]
+        plate = rubber.problem_with(
+            conditions=rubber.conditions + sides, surface=Plane((0.0, 0.0), (0.0, -1.0))
+        )
         way = [Motion((0.0, -0.1)), Motion((0.3, -0.1)), Motion((0.25, -0.1))]
         states = steps(plate, [*way, Motion((None, -0.1), force=(0.02, 0.0))])
         for before, state in pairwise(states[:3]):
@@ -226,10 +240,12 @@ class TestLargeSliding:
 
     def test_a_plate_that_turns_rubs_on_nodes_that_a_support_holds(self):
         """At an angle the support bears a part of the normal force, too."""
-        rubber = Rubber(n=3, friction=MU)
-        top = prescribe(rubber.space, 0, at(1, 0.0), 0.0)
-        plate = rubber.touching(
-            held=[*rubber.held, top], surface=Plane((0.0, 0.0), (0.0, -1.0)), pivot=(0.0, 0.0)
+        rubber = RubberUnderCircle(n=3, friction=MU)
+        top = prescribe(rubber.space, 0, on_plane(1, 0.0), 0.0)
+        plate = rubber.problem_with(
+            conditions=[*rubber.conditions, top],
+            surface=Plane((0.0, 0.0), (0.0, -1.0)),
+            pivot=(0.0, 0.0),
         )
         way = [Motion((0.0, -0.1)), Motion((0.1, -0.1), rotation=0.05)]
         _, state = steps(plate, way)
@@ -249,9 +265,11 @@ class TestLargeSliding:
         forces = []
         for left in (-1.0, 0.0):
             mesh = quadrilaterals(MPI.COMM_SELF, (left, -1.0), (1.0, 0.0), (4 - int(4 * left), 4))
-            rubber = Rubber(mesh=mesh, friction=MU)
-            held = rubber.held + [prescribe(rubber.space, 0, at(0, 0.0), 0.0)] * (left == 0)
-            problem = rubber.touching(held=held)
+            rubber = RubberUnderCircle(mesh=mesh, friction=MU)
+            held = rubber.conditions + [prescribe(rubber.space, 0, on_plane(0, 0.0), 0.0)] * (
+                left == 0
+            )
+            problem = rubber.problem_with(conditions=held)
             *_, state = steps(problem, [Motion((0.0, -0.05)), Motion((0.0, -0.1))])
             pair = state.pairs[0]
             forces.append(pair.force_vector[pair.position[:, 0] > -1e-9])
@@ -268,7 +286,7 @@ def on_processes(comm):
         Motion((0.05, None), force=(0.0, -10.0)),
     )
     numbers = {}
-    for k, state in enumerate([*plane, *in_space(Solid(n=1, comm=comm), *SLANTED)]):
+    for k, state in enumerate([*plane, *in_space(SolidBlock(n=1, comm=comm), *SLANTED)]):
         pair = state.pairs[0]
         numbers |= {f"{k} force": pair.force_vector, f"{k} status": pair.status}
     return numbers
@@ -280,9 +298,9 @@ def test_several_processes_find_the_same():
 
 def test_derivatives_are_refused_where_friction_acts_on_supports():
     block = Held(4)
-    plate = ContactPair(at(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)), MU)
-    problem = block.problem(plate, block.supports)
-    nothing = block.nothing
+    plate = ContactPair(on_plane(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)), MU)
+    problem = block.contact_problem(plate, block.supports)
+    nothing = block.zero_load
     pressed = problem.step(problem.undeformed, nothing, Motion((0.0, -0.01)))
     dragged = problem.step(pressed, nothing, Motion((0.05, -0.01)))
     states = [problem.undeformed, pressed, dragged]
@@ -299,11 +317,13 @@ def random_history(seed):
     """A block on its foot, nodes of its top held along it at random, under a rough plate."""
     rng = np.random.default_rng([47, seed])
     dim = int(rng.integers(2, 4))
-    body = Held(3) if dim == 2 else Solid("hexahedron", n=1)
+    body = Held(3) if dim == 2 else SolidBlock("hexahedron", n=1)
     up, end = dim - 1, 1.0 if dim == 2 else 2.0
-    top = at(up, 1.0)
-    places = [at(0, 0.0), at(0, end), top] + ([at(1, 0.0), at(1, 1.0)] if dim == 3 else [])
-    given = [(axis, at(up, 0.0), 0.0) for axis in range(dim)]
+    top = on_plane(up, 1.0)
+    places = [on_plane(0, 0.0), on_plane(0, end), top] + (
+        [on_plane(1, 0.0), on_plane(1, 1.0)] if dim == 3 else []
+    )
+    given = [(axis, on_plane(up, 0.0), 0.0) for axis in range(dim)]
     for axis in range(up):
         for where in places:
             if rng.random() < (0.15 if where is top else 0.4):
@@ -323,8 +343,8 @@ def random_history(seed):
         motions.append(Motion((*way, None if press is None else -float(press[k])), force=force))
     corner = [0.0] * up + [1.0]
     plate = ContactPair(top, Plane(corner, [0.0] * up + [-1.0]), mu, motions)
-    loads = [body.nothing] * 4
-    return body, Stated(body.K, body.space, loads, conditions, [plate])
+    loads = [body.zero_load] * 4
+    return body, ProblemData(body.K, body.space, loads, conditions, [plate])
 
 
 @pytest.mark.parametrize("seed", range(24))
@@ -333,8 +353,8 @@ def test_random_plates_on_random_supports_obey_the_law(seed):
     body, stated = random_history(seed)
     supports = Reduction.dirichlet(body.space, stated.conditions)
     try:
-        states = body.contact(stated.pairs, supports, stated.loads)
+        states = body.solve_contact(stated.pairs, supports, stated.loads)
     except NotFound as refused:
         assert seed in LOST
         states = refused.states
-    assert worst(residuals(*walked(stated, states))) < 1e-8
+    assert largest_residual(measure_residuals(*split_into_substeps(stated, states))) < 1e-8

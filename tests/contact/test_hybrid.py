@@ -24,29 +24,32 @@ from pw_elements.contact.steps.stepping import IncrementTarget
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
 from study.elements import taylor_hood
-from tests.contact.cases import PW, Elastic, at, at_large_strains
+from tests.contact.cases import PW, ElasticBody, finite_strain_residual, on_plane
 
 COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood
 
 
-class Rubber(Elastic):
+class Rubber(ElasticBody):
     """Block 4 x 2, fixed below, under a parabola of radius 8."""
 
     def __init__(self, method=HYBRID, nu=0.5, n=10):
         super().__init__(triangles(COMM, (-2.0, 0.0), (2.0, 2.0), (2 * n, n)), method, E=2e8, nu=nu)
-        self.foot = self.clamped(at(1, 0.0))
+        self.foot = self.clamp(on_plane(1, 0.0))
 
     def under(self, surface=None, mu=0.3, **options):
-        pair = ContactPair(at(1, 2.0), surface or Parabola((0.0, 2.0), 8.0), mu)
-        return self.problem(pair, self.foot, **options)
+        pair = ContactPair(on_plane(1, 2.0), surface or Parabola((0.0, 2.0), 8.0), mu)
+        return self.contact_problem(pair, self.foot, **options)
 
 
 @pytest.mark.parametrize("nu", [0.3, 0.5])
 @pytest.mark.parametrize("method", [HYBRID, TAYLOR_HOOD])
 def test_even_pressure_on_a_rigid_plane_is_exact(method, nu):
-    body = Elastic(triangles(COMM, (0.0, 0.0), (2.0, 1.0), (6, 3)), method, E=1e9, nu=nu)
-    load, held = body.load((0.0, -1e5), at(1, 1.0)), body.held((0, at(0, 0.0)))
-    (state,) = body.contact(ContactPair(at(1, 0.0), Plane((0, 0), (0, 1))), held, load)
+    body = ElasticBody(triangles(COMM, (0.0, 0.0), (2.0, 1.0), (6, 3)), method, E=1e9, nu=nu)
+    load, held = (
+        body.traction_load((0.0, -1e5), on_plane(1, 1.0)),
+        body.make_supports((0, on_plane(0, 0.0))),
+    )
+    (state,) = body.solve_contact(ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1))), held, load)
     fields = ContactFields.of(state, body.body)
     (pair,) = state.pairs
     assert np.allclose(fields.pressure.x.array[pair.node], 1e5, rtol=1e-9)
@@ -60,7 +63,7 @@ def test_even_pressure_on_a_rigid_plane_is_exact(method, nu):
 def test_files_and_fields_have_the_pressure_of_the_body(tmp_path):
     case = Rubber(nu=0.4999)
     problem = case.under()
-    pressed = problem.step(problem.undeformed, case.nothing, Motion((0.0, -0.04)))
+    pressed = problem.step(problem.undeformed, case.zero_load, Motion((0.0, -0.04)))
     problem.save(pressed, tmp_path / "pressed.npz")
     assert (problem.load(tmp_path / "pressed.npz").unknowns - pressed.unknowns).norm() == 0
 
@@ -90,7 +93,7 @@ def test_files_and_fields_have_the_pressure_of_the_body(tmp_path):
 def test_tagged_facets_name_contact_nodes_supports_and_measures(on, finite):
     case = Rubber(nu=0.4999)
     U, mesh = case.space, case.space.mesh
-    facets = {k: locate_entities_boundary(mesh, 1, at(1, y)) for k, y in ((5, 2.0), (6, 0.0))}
+    facets = {k: locate_entities_boundary(mesh, 1, on_plane(1, y)) for k, y in ((5, 2.0), (6, 0.0))}
     every = np.concatenate([*facets.values()])
     order = np.argsort(every)
     values = np.repeat(np.array([*facets], dtype=np.int32), [len(f) for f in facets.values()])
@@ -100,19 +103,19 @@ def test_tagged_facets_name_contact_nodes_supports_and_measures(on, finite):
     states = []
     for pair, conditions in (
         (ContactPair(nodes, Parabola((0.0, 2.0), 8.0), 0.3), held),
-        (ContactPair(at(1, 2.0), Parabola((0.0, 2.0), 8.0), 0.3), None),
+        (ContactPair(on_plane(1, 2.0), Parabola((0.0, 2.0), 8.0), 0.3), None),
     ):
         if finite:
             if conditions is None:
-                conditions = [prescribe(U, k, at(1, 0.0)) for k in (0, 1)]
-            w, residual = at_large_strains(case.body.spaces)
+                conditions = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
+            w, residual = finite_strain_residual(case.body.spaces)
             pair = ContactPair(pair.nodes, Sphere((0.0, 3.0), 1.0), 0.3)
             problem = ContactProblem.of_residual(residual, w, conditions, pair)
             states.append(problem.step(problem.undeformed, motions=Motion((0, -0.1))))
         else:
             reduction = case.foot if conditions is None else Reduction.dirichlet(U, conditions)
-            problem = case.problem(pair, reduction)
-            states.append(problem.step(problem.undeformed, case.nothing, Motion((0.0, -0.04))))
+            problem = case.contact_problem(pair, reduction)
+            states.append(problem.step(problem.undeformed, case.zero_load, Motion((0.0, -0.04))))
     by_tag, by_marker = states
     assert np.count_nonzero(by_tag.pairs[0].force_normal) > 3
     assert by_tag.pairs[0].force == pytest.approx(by_marker.pairs[0].force, rel=1e-9)
@@ -127,9 +130,9 @@ def test_round_off_of_volumes_is_allowed_in_the_equations_of_pressures_alone():
     """Each equation alone is violated: by how much it may be, over the volume around its vertex."""
     mesh = triangles(COMM, (0.0, 0.0), (2.0, 1.0), (2, 1), "crossed")
     U = (spaces := HYBRID(mesh)).trial
-    w, residual = at_large_strains(spaces)
-    held = [prescribe(U, k, at(1, 0.0)) for k in (0, 1)]
-    pair = ContactPair(at(1, 1.0), Sphere((1.0, 2.0), 1.0))
+    w, residual = finite_strain_residual(spaces)
+    held = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
+    pair = ContactPair(on_plane(1, 1.0), Sphere((1.0, 2.0), 1.0))
     stepping = (problem := ContactProblem.of_residual(residual, w, held, pair))._finite
     rest = [Motion((0.0, 0.0))]
     target = IncrementTarget.from_motions(None, rest, stepping.interface, turning=True)
@@ -153,11 +156,11 @@ def test_round_off_of_volumes_is_allowed_in_the_equations_of_pressures_alone():
 def test_numbers_that_are_not_those_of_the_hybrid_space_are_refused():
     case = Rubber()
     alone = case.body.spaces.displacements.trial
-    facets = locate_entities_boundary(alone.mesh, 1, at(1, 2.0))
+    facets = locate_entities_boundary(alone.mesh, 1, on_plane(1, 2.0))
     nodes = fem.locate_dofs_topological(alone, 1, facets)
     for wrong in (nodes, facets):
         with pytest.raises(ValueError, match="not whole nodes of the hybrid space U"):
-            case.problem(ContactPair(wrong, Parabola((0.0, 2.0), 8.0)), case.foot)
+            case.contact_problem(ContactPair(wrong, Parabola((0.0, 2.0), 8.0)), case.foot)
     with pytest.raises(ValueError, match="has facets within the body"):
         prescribe(case.space, 0, np.arange(9))
 
@@ -165,7 +168,7 @@ def test_numbers_that_are_not_those_of_the_hybrid_space_are_refused():
 def test_without_active_sets_the_same_state_is_found():
     case, motion = Rubber(), Motion((0.02, None), (0.0, -1e7))
     state, other = (
-        problem.step(problem.undeformed, case.nothing, motion)
+        problem.step(problem.undeformed, case.zero_load, motion)
         for problem in (case.under(), case.under(max_iterations=2))
     )
     assert state.iterations > 2

@@ -22,12 +22,12 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.output import storage
 from pw_elements.meshes import triangles
-from tests.contact.cases import Elastic, at
-from tests.contact.two_bodies import Stack
+from tests.contact.cases import ElasticBody, on_plane
+from tests.contact.two_bodies import StackedBlocks
 from tests.parallel import run_on
 
 COMM = MPI.COMM_SELF
-PRESSED, TOP = Motion((0, -0.05)), at(1, 0.0)
+PRESSED, TOP = Motion((0, -0.05)), on_plane(1, 0.0)
 
 
 class Saturating:
@@ -84,9 +84,9 @@ class Rubber:
         stress = self.shear * self.modulus * (F - inverse) + lame * ufl.ln(J) * inverse
         stress += quadratic * (ufl.tr(F.T * F) - 2) * F - 0.01 * self.heat * inverse
         residual = ufl.inner(stress, ufl.grad(v)) - self.load * v[1]
-        foot = [prescribe(spaces.trial, i, at(1, -1.0)) for i in held]
+        foot = [prescribe(spaces.trial, i, on_plane(1, -1.0)) for i in held]
         if len(held) == 1:
-            foot.append(prescribe(spaces.trial, 0, lambda x: at(0, 2.0)(x) & (x[1] < -0.4)))
+            foot.append(prescribe(spaces.trial, 0, lambda x: on_plane(0, 2.0)(x) & (x[1] < -0.4)))
         pair = ContactPair(TOP, surface or Sphere((0, 1), 1.0), friction, pivot=pivot)
         measure = ufl.dx(metadata={"quadrature_degree": 4})
         self.problem = ContactProblem.of_residual(residual * measure, self.u, foot, pair)
@@ -203,11 +203,13 @@ def halves(left, right):
     mesh = triangles(COMM, (-2.0, 0.0), (2.0, 1.0), (8, 2), "crossed")
     modulus = fem.Function(fem.functionspace(mesh, ("DG", 0)))
     modulus.interpolate(lambda x: np.where(x[0] < 0, left, right))
-    case = Elastic(mesh, material=Material(modulus, 0.3))
-    return case, case.problem(ContactPair(at(1, 1.0), Plane((0, 1), (0, -1))), case.clamped(FLOOR))
+    case = ElasticBody(mesh, material=Material(modulus, 0.3))
+    return case, case.contact_problem(
+        ContactPair(on_plane(1, 1.0), Plane((0, 1), (0, -1))), case.clamp(FLOOR)
+    )
 
 
-FLOOR = at(1, 0.0)
+FLOOR = on_plane(1, 0.0)
 
 
 def test_stiffnesses_of_one_norm_are_told_apart(tmp_path):
@@ -221,14 +223,16 @@ def test_stiffnesses_of_one_norm_are_told_apart(tmp_path):
 
 
 def test_supports_of_a_stiffness_and_other_sides_are_told_apart(tmp_path):
-    path, stack = tmp_path / "state.npz", Stack((4, 3))
-    supports = stack.clamped(at(1, 0.0))
-    problem = stack.problem(stack.pair("upper"), supports)
+    path, stack = tmp_path / "state.npz", StackedBlocks((4, 3))
+    supports = stack.clamp(on_plane(1, 0.0))
+    problem = stack.contact_problem(stack.make_pair("upper"), supports)
     problem.save(problem.undeformed, path)
-    beside = stack.problem(stack.pair("upper"), stack.held((0, at(0, 0.0)), (1, at(1, 0.0))))
+    beside = stack.contact_problem(
+        stack.make_pair("upper"), stack.make_supports((0, on_plane(0, 0.0)), (1, on_plane(1, 0.0)))
+    )
     assert "with other supports: it differs by" in said(lambda: beside.load(path))
     part = DeformableSurface(stack.sides["lower"][1:])
-    partly = stack.problem(ContactPair(stack.pair("upper").nodes, part), supports)
+    partly = stack.contact_problem(ContactPair(stack.make_pair("upper").nodes, part), supports)
     assert "contact pair 0" in said(lambda: partly.load(path))
 
 

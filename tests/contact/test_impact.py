@@ -25,8 +25,8 @@ from pw_elements.meshes import move_nodes, triangles
 from study.matrices import dense
 from study.verification import v12_impact
 from study.verification.c_mesh_families import on_strip
-from tests.contact.cases import GALERKIN, Elastic, at
-from tests.contact.test_friction import Falling
+from tests.contact.cases import GALERKIN, ElasticBody, on_plane
+from tests.contact.test_friction import SaturatingFriction
 
 FLOOR = Plane((0.0, 0.0), (0.0, 1.0))
 
@@ -35,19 +35,19 @@ def uneven(x):
     return np.column_stack([x[:, 0] + 0.05 * np.sin(3 * x[:, 0]), x[:, 1:]])
 
 
-class Thrown(Elastic):
+class Thrown(ElasticBody):
     """A block 2 x 1 on the sibling, free to fly."""
 
     def __init__(self, E=50.0, comm=MPI.COMM_SELF):
         mesh = move_nodes(triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)), uneven)
         super().__init__(mesh, GALERKIN, E=E)
-        self.sibling = Sibling.of(self.space)
+        self.sibling = Sibling.from_space(self.space)
         self.standard, self.K = self.K, self.sibling.matrix(self.K)
         M = self.sibling.matrix(assemble_matrix(self.body.mass()))
         self.M = lumped_mass(M, self.space)
         self.mass = self.M.getDiagonal().array.copy()
         self.total = self.mass[::2].sum()
-        self.free = self.sibling.dirichlet([])
+        self.no_supports = self.sibling.dirichlet([])
 
     def even(self, vector):
         """The same velocity or displacement of all nodes."""
@@ -55,16 +55,16 @@ class Thrown(Elastic):
         found.array.reshape(-1, 2)[:] = vector
         return found
 
-    def weight(self, gravity):
-        return self.sibling.load(super().weight(gravity))
+    def body_force_load(self, gravity):
+        return self.sibling.load(super().body_force_load(gravity))
 
     def walls(self, marker):
         return self.sibling.dirichlet([prescribe(self.space, 0, marker)])
 
     def fly(self, duration, velocity, mu=0.0, reduction=None, **stated):
-        floor = ContactPair(at(1, 0.0), FLOOR, mu)
+        floor = ContactPair(on_plane(1, 0.0), FLOOR, mu)
         velocity = velocity if isinstance(velocity, PETSc.Vec) else self.even(velocity)
-        reduction = reduction or self.free
+        reduction = reduction or self.no_supports
         problem = self.K, self.M, reduction, floor, self.space
         return solve_impact(*problem, duration, velocity, **stated)
 
@@ -74,7 +74,7 @@ BLOCK = Thrown()
 
 def test_momentum_changes_by_the_impulses_and_energy_by_the_work():
     gravity = np.array([0.2, -1.0])
-    history = BLOCK.fly(3.0, (1.0, -0.7), 0.4, load=BLOCK.weight(gravity))
+    history = BLOCK.fly(3.0, (1.0, -0.7), 0.4, load=BLOCK.body_force_load(gravity))
     dt, steps = history.step, len(history.time) - 1
     momentum = (BLOCK.mass * history.velocity.array).reshape(-1, 2).sum(axis=0)
     pushes = history.pairs[0].total.sum(axis=0) * dt
@@ -93,10 +93,10 @@ def test_momentum_changes_by_the_impulses_and_energy_by_the_work():
 def test_rough_plane_stops_a_block_after_v2_over_2_mu_g():
     mu, gravity, speed = 0.2, 1.0, 0.5
     block = Thrown(E=5e4)
-    weight = block.weight((0.0, -gravity))
+    weight = block.body_force_load((0.0, -gravity))
     # it starts as it rests on the plane under its weight, rollers at a corner holding it
     roller = block.walls(lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
-    (rests,) = block.contact(ContactPair(at(1, 0.0), FLOOR), roller, weight)
+    (rests,) = block.solve_contact(ContactPair(on_plane(1, 0.0), FLOOR), roller, weight)
     stop = speed / (mu * gravity)
     options = {"load": weight, "displacement": rests.displacement, "frames": 1}
     history = block.fly(1.3 * stop, (speed, 0.0), mu, **options)
@@ -136,7 +136,7 @@ def test_bar_moves_as_computed_by_hand(scheme):
 
 
 def test_critical_step_is_that_of_the_highest_frequency():
-    held = BLOCK.walls(at(0, 0.0))
+    held = BLOCK.walls(on_plane(0, 0.0))
     R = dense(held.right)
     values = scipy.linalg.eigvalsh(R.T @ dense(BLOCK.K) @ R, R.T @ dense(BLOCK.M) @ R)
     assert critical_step(BLOCK.K, BLOCK.M, held) == pytest.approx(2 / np.sqrt(values[-1]))
@@ -152,7 +152,11 @@ def test_law_holds_at_random_points(name):
     motion, shift = rng.normal(size=(2, n, 3))
     gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
     gap[:50], half = np.inf, rng.uniform(1, 99, n)
-    cone = Cone([Coulomb(0.0)], [mu]) if name == "Coulomb's" else Cone([Falling(0.9, None)], [half])
+    cone = (
+        Cone([Coulomb(0.0)], [mu])
+        if name == "Coulomb's"
+        else Cone([SaturatingFriction(0.9, None)], [half])
+    )
     held = np.zeros((n, 3), bool)
     found = solve_nodal_contact(motion, gap, normal, shift, held, held, mass, cone, step)
     after = motion + step**2 * found.force / mass[:, None]
@@ -218,8 +222,8 @@ def test_frames_are_written(tmp_path):
     (pair,) = history.frames[-1].pairs
     assert pair.force_vector == pytest.approx(history.pairs[0].force[-1])
     with pytest.raises(ValueError, match="is no solution"):
-        BLOCK.problem(ContactPair(at(1, 0.0), FLOOR), BLOCK.free).step(
-            history.frames[-1], BLOCK.weight((0.0, -1.0))
+        BLOCK.contact_problem(ContactPair(on_plane(1, 0.0), FLOOR), BLOCK.no_supports).step(
+            history.frames[-1], BLOCK.body_force_load((0.0, -1.0))
         )
 
 
@@ -227,8 +231,8 @@ def refused(**changed):
     stated = {
         "K": BLOCK.K,
         "M": BLOCK.M,
-        "reduction": BLOCK.free,
-        "pairs": ContactPair(at(1, 0.0), FLOOR),
+        "reduction": BLOCK.no_supports,
+        "pairs": ContactPair(on_plane(1, 0.0), FLOOR),
         "space": BLOCK.space,
         "duration": 1.0,
         "velocity": BLOCK.even((0.0, -1.0)),
@@ -245,7 +249,7 @@ def uneven_mass():
 
 
 REFUSED = {
-    "unsymmetric": (lambda: {"K": Elastic(BLOCK.mesh).K}, "complex.*grow.*Sibling"),
+    "unsymmetric": (lambda: {"K": ElasticBody(BLOCK.mesh).K}, "complex.*grow.*Sibling"),
     "full mass": (lambda: {"M": BLOCK.K}, "not diagonal"),
     "no mass": (lambda: {"M": 0.0 * BLOCK.M}, "not positive"),
     "uneven mass": (lambda: {"M": uneven_mass()}, "components differ"),
@@ -261,9 +265,12 @@ REFUSED = {
     "failing path": (lambda: {"paths": [lambda _: 1 / 0]}, "path of contact pair 0 failed"),
     "failing load": (lambda: {"load": lambda _: 1 / 0}, "the load failed"),
     "infinite load": (lambda: {"load": BLOCK.even((np.inf, 0.0))}, "load.*not finite"),
-    "condensation": (lambda: {"reduction": replace(BLOCK.free, inner=BLOCK.K)}, "no condensation"),
+    "condensation": (
+        lambda: {"reduction": replace(BLOCK.no_supports, inner_flexibility=BLOCK.K)},
+        "no condensation",
+    ),
     "matching": (
-        lambda: {"pairs": ContactPair(at(1, 0.0), MatchingNodes(at(1, 1.0), FLOOR))},
+        lambda: {"pairs": ContactPair(on_plane(1, 0.0), MatchingNodes(on_plane(1, 1.0), FLOOR))},
         "not of two bodies",
     ),
     "inside": (
@@ -284,7 +291,7 @@ def test_what_is_no_impact_is_refused(name):
 
 def test_a_critical_step_needs_a_diagonal_mass():
     with pytest.raises(ValueError, match="not diagonal"):
-        critical_step(BLOCK.standard, assemble_matrix(BLOCK.body.mass()), BLOCK.held())
+        critical_step(BLOCK.standard, assemble_matrix(BLOCK.body.mass()), BLOCK.make_supports())
 
 
 # -- what is watched -------------------------------------------------------------------------
@@ -306,4 +313,4 @@ def test_a_stiffness_with_negative_eigenvalues_is_refused(sign):
         K.setValues([0, 40], [0, 40], 100 * np.array([[0.0, 1.0], [1.0, 0.0]]), addv=True)
         K.assemble()
     with pytest.raises(ValueError, match="not negative"):
-        critical_step(K, BLOCK.M, BLOCK.free)
+        critical_step(K, BLOCK.M, BLOCK.no_supports)

@@ -21,9 +21,15 @@ from pw_elements.contact import (
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.solvers import SolverReport
 from study.elements import taylor_hood
-from tests.contact.cases import GALERKIN, PW, Elastic, at
-from tests.contact.iterative import CASES, STACKED, Solid, held_by_contact, nearly_sliding
-from tests.contact.two_bodies import Stack
+from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
+from tests.contact.iterative import (
+    SOLID_CASES,
+    STACKED_CASES,
+    SolidBlock,
+    nearly_sliding_arguments,
+    upper_on_lower_arguments,
+)
+from tests.contact.two_bodies import StackedBlocks
 
 HYBRID, TAYLOR_HOOD = Spaces.hybrid, taylor_hood
 METHODS = {False: "GMRES with p-multigrid", True: "GMRES with p-multigrid in a block triangle"}
@@ -58,7 +64,7 @@ def iterated(arguments, hybrid=False, most=150):
 @pytest.mark.parametrize(
     ("case", "cell", "method", "nu"),
     [
-        *((case, "tetrahedron", PW, 0.3) for case in CASES),
+        *((case, "tetrahedron", PW, 0.3) for case in SOLID_CASES),
         *((case, "tetrahedron", HYBRID, 0.5) for case in ("tilted", "sphere by forces")),
         ("corner", "hexahedron", PW, 0.3),
         ("tilted", "hexahedron", GALERKIN, 0.3),
@@ -69,12 +75,12 @@ def iterated(arguments, hybrid=False, most=150):
 )
 def test_states_are_those_of_the_direct_solver(case, cell, method, nu):
     hybrid = method in (HYBRID, TAYLOR_HOOD)
-    iterated(Solid(cell, method, nu=nu).arguments(case), hybrid)
+    iterated(SolidBlock(cell, method, nu=nu).case_arguments(case), hybrid)
 
 
 @pytest.mark.parametrize("method", [PW, HYBRID])
 def test_the_solvers_tolerance_is_that_of_contact(method):
-    arguments, known = Solid(method=method).arguments("rough floor"), None
+    arguments, known = SolidBlock(method=method).case_arguments("rough floor"), None
     for tolerance in (1e-13, 1e-11, 1e-2):  # 1e-10 at most
         (state,) = solve_contact(*arguments, solver=Iterative(tolerance=tolerance))
         work = state.report.krylov_iterations
@@ -86,9 +92,9 @@ def test_the_solvers_tolerance_is_that_of_contact(method):
 
 
 def test_steps_go_on_from_any_state():
-    solid = Solid()
-    K, loads, supports, pair, U = solid.arguments("sphere")
-    problem = solid.problem(pair, supports, solver=Iterative())
+    solid = SolidBlock()
+    K, loads, supports, pair, U = solid.case_arguments("sphere")
+    problem = solid.contact_problem(pair, supports, solver=Iterative())
     pressed = problem.step(problem.undeformed, loads[0], [pair.motions[0]])
     other = problem.step(pressed, loads[0], [pair.motions[1]])
     again = problem.step(pressed, loads[0], [pair.motions[1]])
@@ -98,15 +104,15 @@ def test_steps_go_on_from_any_state():
 
 def test_bodies_that_hardly_hold_are_solved():
     """No node sticks in the end: what the preconditioner holds is not what the law holds."""
-    states = iterated(nearly_sliding(Solid()))
+    states = iterated(nearly_sliding_arguments(SolidBlock()))
     assert not np.any(states[1].pairs[0].status == STICK)
     for state in states:
         assert state.report.krylov_iterations < 8 * state.iterations
 
 
 def test_failures_are_those_of_contact():
-    solid = Solid()
-    K, load, supports, pair, U = solid.arguments("rough floor")
+    solid = SolidBlock()
+    K, load, supports, pair, U = solid.case_arguments("rough floor")
     pulled = load.copy()
     pulled.scale(-1.0)
     with pytest.raises(FreeBody):
@@ -118,7 +124,7 @@ def test_failures_are_those_of_contact():
 @pytest.mark.parametrize(
     ("case", "slave", "element"),
     [
-        *((case, "upper", "petrov_galerkin") for case in STACKED),
+        *((case, "upper", "petrov_galerkin") for case in STACKED_CASES),
         ("on a floor", "lower", "hybrid"),
         ("forces through contact", "lower", "hybrid"),
     ],
@@ -126,28 +132,30 @@ def test_failures_are_those_of_contact():
 def test_two_bodies_have_the_states_of_the_direct_solver(case, slave, element):
     hybrid = element == "hybrid"
     nu = 0.5 if hybrid else 0.3
-    stack = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83), element=element, nu=nu)
-    iterated(STACKED[case](stack, slave), hybrid, 220)
+    stack = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), element=element, nu=nu)
+    iterated(STACKED_CASES[case](stack, slave), hybrid, 220)
 
 
 @pytest.mark.parametrize(("element", "nu"), [("petrov_galerkin", 0.3), ("hybrid", 0.4999)])
 def test_matching_nodes_have_the_states_of_the_direct_solver(element, nu):
-    stack = Stack((2, 2), "tetrahedron", element=element, nu=nu)
-    surface = MatchingNodes(stack.nodes("lower"), Plane((0, 0, 1), (0, 0, 1)))
-    iterated(held_by_contact(stack, "upper", surface), element == "hybrid")
+    stack = StackedBlocks((2, 2), "tetrahedron", element=element, nu=nu)
+    surface = MatchingNodes(stack.side_nodes("lower"), Plane((0, 0, 1), (0, 0, 1)))
+    iterated(upper_on_lower_arguments(stack, "upper", surface), element == "hybrid")
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_enclosed_bodies_are_named(friction):
     """Nearly incompressible, one has the oedometric modulus."""
     mesh, nu = create_unit_cube(MPI.COMM_SELF, 2, 2, 2, CellType.tetrahedron), 0.49
-    walls = [(k, at(k, end)) for k in (0, 1) for end in (0.0, 1.0)] + [(2, at(2, 0.0))]
-    lid = ContactPair(at(2, 1.0), Plane((0, 0, 1), (0, 0, -1)), friction, [Motion((0, 0, -0.01))])
-    body = Elastic(mesh, HYBRID, "solid", 1.0, 0.5)
+    walls = [(k, on_plane(k, end)) for k in (0, 1) for end in (0.0, 1.0)] + [(2, on_plane(2, 0.0))]
+    lid = ContactPair(
+        on_plane(2, 1.0), Plane((0, 0, 1), (0, 0, -1)), friction, [Motion((0, 0, -0.01))]
+    )
+    body = ElasticBody(mesh, HYBRID, "solid", 1.0, 0.5)
     with pytest.raises(NotFound, match="Supports and contact enclose an incompressible body"):
-        body.contact(lid, body.held(*walls), solver=Iterative())
-    body = Elastic(mesh, HYBRID, "solid", 1.0, nu)
-    (state,) = iterated((body.K, body.nothing, body.held(*walls), lid, body.space), True)
+        body.solve_contact(lid, body.make_supports(*walls), solver=Iterative())
+    body = ElasticBody(mesh, HYBRID, "solid", 1.0, nu)
+    (state,) = iterated((body.K, body.zero_load, body.make_supports(*walls), lid, body.space), True)
     modulus = (1 - nu) / ((1 + nu) * (1 - 2 * nu))
     assert state.pairs[0].force_normal.sum() == pytest.approx(0.01 * modulus, rel=1e-9)
     assert np.all(state.pairs[0].force_normal > 0)
@@ -156,7 +164,7 @@ def test_enclosed_bodies_are_named(friction):
 class Foreign:
     """SciPy's GMRES, which knows neither levels nor contact."""
 
-    matrix_free, orientations, report = True, (), SolverReport("GMRES by SciPy", 0)
+    matrix_free, determinant_signs, report = True, (), SolverReport("GMRES by SciPy", 0)
 
     def prepare(self, *_, **__):
         return self
@@ -174,8 +182,10 @@ class Foreign:
 
 def test_another_krylov_method_has_the_states_of_the_direct_solver():
     """With a free surface, whose translations border the matrix, and with two bodies."""
-    plate = Solid(n=2).arguments("plate by forces")
-    stacked = held_by_contact(Stack((3, 2), "tetrahedron", upper=(0.13, 0.83)), "upper")
+    plate = SolidBlock(n=2).case_arguments("plate by forces")
+    stacked = upper_on_lower_arguments(
+        StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83)), "upper"
+    )
     for arguments in (plate, stacked):
         states = solve_contact(*arguments, solver=Foreign())
         compare(states, solve_contact(*arguments, solver=Direct()))
@@ -195,4 +205,4 @@ def test_another_krylov_method_has_the_states_of_the_direct_solver():
 
 def test_what_is_no_solver_is_named():
     with pytest.raises(TypeError, match="the solver is 'quick'"):
-        solve_contact(*Solid().arguments("rough floor"), solver="quick")
+        solve_contact(*SolidBlock().case_arguments("rough floor"), solver="quick")

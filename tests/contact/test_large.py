@@ -52,13 +52,13 @@ from pw_elements.meshes import triangles
 from pw_elements.solvers import Multigrid
 from study.cost.measure import Row, alone
 from study.matrices import dense
-from tests.contact.cases import at, at_large_strains, neo_hookean
+from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
 from tests.library import vtx
 from tests.library.near_incompressible import distorted_mesh
 from tests.parallel import assert_same
 
-above = at(1, 0.0)
-WAY = [Motion((0.0, -0.15)), Motion((0.05, -0.3)), Motion((0.3, -0.3))]
+on_top = on_plane(1, 0.0)
+CIRCLE_MOTIONS = [Motion((0.0, -0.15)), Motion((0.05, -0.3)), Motion((0.3, -0.3))]
 SOLVERS = {"factors": Direct(), "krylov": Iterative()}
 
 
@@ -67,36 +67,41 @@ def saint_venant(F):
     return F * (2 * E + 1.5 * ufl.tr(E) * ufl.Identity(2))
 
 
-class Rubber:
+class RubberUnderCircle:
     """A block 2 x 1 on a held base, and a circle of radius 0.6 that touches its upper side."""
 
-    def __init__(self, n=4, stress=neo_hookean, friction=0.3, mesh=None, **options):
+    def __init__(self, n=4, stress=neo_hookean_stress, friction=0.3, mesh=None, **options):
         mesh = mesh or triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (2 * n, n))
-        self.u, self.residual = at_large_strains(spaces := Spaces.petrov_galerkin(mesh), stress)
+        self.u, self.residual = finite_strain_residual(
+            spaces := Spaces.petrov_galerkin(mesh), stress
+        )
         self.space = spaces.trial
-        self.base = [fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)]
-        self.held = [prescribe(self.space, k, at(1, -1.0), v) for k, v in enumerate(self.base)]
-        self.pair = ContactPair(above, Sphere((0.0, 0.6), 0.6), friction=friction)
-        self.problem = self.touching(options=options)
+        self.base_displacement = [fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)]
+        self.conditions = [
+            prescribe(self.space, k, on_plane(1, -1.0), v)
+            for k, v in enumerate(self.base_displacement)
+        ]
+        self.pair = ContactPair(on_top, Sphere((0.0, 0.6), 0.6), friction=friction)
+        self.problem = self.problem_with(options=options)
 
-    def touching(self, held=None, options=None, **changes):
+    def problem_with(self, conditions=None, options=None, **changes):
         """The problem of a changed pair."""
-        pair, held = replace(self.pair, **changes), held or self.held
-        return ContactProblem.of_residual(self.residual, self.u, held, pair, **options or {})
+        pair, conditions = replace(self.pair, **changes), conditions or self.conditions
+        return ContactProblem.of_residual(self.residual, self.u, conditions, pair, **options or {})
 
-    def step(self, problem=None, **given):
+    def press(self, problem=None, **given):
         problem = problem or self.problem
         return problem.step(problem.undeformed, motions=Motion((0.0, -0.1)), **given)
 
 
-def walked(problem, motions, start=None):
+def step_through(problem, motions, start=None):
     states = [start or problem.undeformed]
     for motion in motions:
         states.append(problem.step(states[-1], motions=motion))
     return states[1:]
 
 
-def hardened(comm=MPI.COMM_SELF, **options):
+def make_hardening_rubber(comm=MPI.COMM_SELF, **options):
     """The block, with a function that counts accepted increments, and is stored."""
     mesh = triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))
     hardness = fem.Function(fem.functionspace(mesh, ("DG", 0)))
@@ -104,8 +109,10 @@ def hardened(comm=MPI.COMM_SELF, **options):
     def update():
         hardness.x.array[:] += 1.0
 
-    stress = lambda F: (1 + 0.1 * hardness) * neo_hookean(F)  # noqa: E731
-    return Rubber(mesh=mesh, stress=stress, history=[hardness], update=update, **options), hardness
+    stress = lambda F: (1 + 0.1 * hardness) * neo_hookean_stress(F)  # noqa: E731
+    return RubberUnderCircle(
+        mesh=mesh, stress=stress, history=[hardness], update=update, **options
+    ), hardness
 
 
 def _ellipse(x):
@@ -147,7 +154,7 @@ def test_closest_points_and_their_derivatives(name):
         assert np.abs((ahead[1] - behind[1]) / (2 * step) - bend[:, :, axis]).max() < close
 
 
-def _at_points(surface, x, dim):
+def interface_of_one_surface(surface, x, dim):
     """Points (m, dim) as an interface of one surface."""
     return SimpleNamespace(
         position=x,
@@ -168,8 +175,8 @@ def test_slip_is_the_arc():
         start = np.zeros((3, dim))
         start[:, -1] = 2.3  # above the surface
         ball = Sphere((0.0,) * dim, 2.0)
-        points, still = _at_points(ball, start, dim), np.zeros((1, dim + 1))
-        surfaces = RigidSurfaceMotion(points, [ContactPair(above, ball)])
+        points, still = interface_of_one_surface(ball, start, dim), np.zeros((1, dim + 1))
+        surfaces = RigidSurfaceMotion(points, [ContactPair(on_top, ball)])
         at_rest = IncrementStart(np.zeros((3, dim)), np.zeros((3, dim)), still)
         kinematics = DeformedKinematics(points, surfaces, at_rest, RigidSurfacesOnly())
         place = kinematics.linearise(still, end - start, np.zeros((3, dim)))
@@ -180,10 +187,10 @@ def test_slip_is_the_arc():
         assert kinematics.find_jumped(far, pressed).all()
 
 
-@pytest.mark.parametrize("stress", [neo_hookean, saint_venant])
+@pytest.mark.parametrize("stress", [neo_hookean_stress, saint_venant])
 def test_no_cell_is_turned(stress):
     """Whatever the stress is, which may stay finite there, no accepted state has turned cells."""
-    rubber = Rubber(2, stress=stress)
+    rubber = RubberUnderCircle(2, stress=stress)
     guard, states = CellGuard(rubber.u, rubber.residual), [rubber.problem.undeformed]
 
     def press():
@@ -207,31 +214,31 @@ def test_no_cell_is_turned(stress):
 def test_a_tool_is_not_led_through_supports(first):
     """Without any linear system."""
     solved = []
-    problem = Rubber(callback=solved.append).problem
-    (pressed,) = walked(problem, [Motion((0.0, -first))])
+    problem = RubberUnderCircle(callback=solved.append).problem
+    (pressed,) = step_through(problem, [Motion((0.0, -first))])
     del solved[:]
     with pytest.raises(SurfacePassed, match=r"through the supports at .* passes"):
         problem.step(pressed, motions=Motion((0.1, -3.0)))
     assert not solved
-    beside = walked(problem, [Motion((3.0, 0.0)), Motion((3.0, -3.0)), Motion((0.0, -3.0))])
+    beside = step_through(problem, [Motion((3.0, 0.0)), Motion((3.0, -3.0)), Motion((0.0, -3.0))])
     assert np.abs(beside[-1].pairs[0].force_vector).max() < 1e-15
 
 
 def test_history_belongs_to_the_state():
     """A function that remembers is restored where a step starts anew, and updated at its end."""
-    rubber, hardness = hardened()
-    first, second = walked(rubber.problem, WAY[:2])
+    rubber, hardness = make_hardening_rubber()
+    first, second = step_through(rubber.problem, CIRCLE_MOTIONS[:2])
     assert [s.history[0].min() for s in (rubber.problem.undeformed, first, second)] == [0, 1, 2]
-    rubber.problem.step(first, motions=WAY[1])
+    rubber.problem.step(first, motions=CIRCLE_MOTIONS[1])
     assert hardness.x.array.max() == 2.0
 
 
-def numbers(ends, more=()):
-    names = ("force_vector", "slip", "gap", "status", "displacement", *more)
+def collect_pair_fields(ends, further_fields=()):
+    names = ("force_vector", "slip", "gap", "status", "displacement", *further_fields)
     return {f"{end} {n}": getattr(state.pairs[0], n) for end, state in ends.items() for n in names}
 
 
-def pressed_and_pushed(kind, solver, comm=MPI.COMM_SELF):
+def solve_pressed_and_pushed(kind, solver, comm=MPI.COMM_SELF):
     """The state of a block of rubber under a ball that is rough, in space or in the plane."""
     dim, hybrid = (2 if kind == "T6" else 3), kind == "hybrid"
     low, high, n = [-1.0] * dim, [*[1.0] * (dim - 1), 0.0], [3] * (dim - 1) + [2]
@@ -240,10 +247,10 @@ def pressed_and_pushed(kind, solver, comm=MPI.COMM_SELF):
     else:
         mesh = create_box(comm, [low, high], n, CellType.tetrahedron)
     spaces = (Spaces.hybrid if hybrid else Spaces.petrov_galerkin)(mesh)
-    w, residual = at_large_strains(spaces, degree=3, give=1e-4)
-    base = [prescribe(spaces.trial, k, at(dim - 1, -1.0)) for k in range(dim)]
+    w, residual = finite_strain_residual(spaces, degree=3, compressibility=1e-4)
+    base = [prescribe(spaces.trial, k, on_plane(dim - 1, -1.0)) for k in range(dim)]
     ball = Sphere((*[0.0] * (dim - 1), 1.0), 1.0)
-    pair = ContactPair(at(dim - 1, 0.0), ball, friction=0.3)
+    pair = ContactPair(on_plane(dim - 1, 0.0), ball, friction=0.3)
     problem = ContactProblem.of_residual(residual, w, base, pair, solver=solver)
     state = problem.undeformed
     for motion in ((0.0, 0.0, -0.15), (0.0, 0.0, -0.3), (0.1, 0.05, -0.3)):
@@ -254,7 +261,8 @@ def pressed_and_pushed(kind, solver, comm=MPI.COMM_SELF):
 @pytest.mark.parametrize("kind", ["T6", "T10", "hybrid"])
 def test_krylov_finds_what_factors_find(kind):
     factors, krylov = (
-        numbers({"end": pressed_and_pushed(kind, solver)}) for solver in SOLVERS.values()
+        collect_pair_fields({"end": solve_pressed_and_pushed(kind, solver)})
+        for solver in SOLVERS.values()
     )
     assert {STICK, SLIP} <= set(factors["end status"])
     assert_same(factors, krylov, 1e-9, kind)
@@ -277,9 +285,9 @@ def leaning_column(solver, depths):
     mesh = triangles(MPI.COMM_SELF, (-0.5, 0.0), (0.5, 8.0), (2, 16))
     mesh.geometry.x[:, 0] += 1e-3 * mesh.geometry.x[:, 1]
     spaces = Spaces.petrov_galerkin(mesh)
-    u, residual = at_large_strains(spaces)
-    foot = [prescribe(spaces.trial, k, at(1, 0.0)) for k in (0, 1)]
-    pair = ContactPair(at(1, 8.0), Plane((0, 8.0), (0, -1)))
+    u, residual = finite_strain_residual(spaces)
+    foot = [prescribe(spaces.trial, k, on_plane(1, 0.0)) for k in (0, 1)]
+    pair = ContactPair(on_plane(1, 8.0), Plane((0, 8.0), (0, -1)))
     problem = ContactProblem.of_residual(residual, u, foot, pair, solver=solver)
     state = problem.undeformed
     for depth in depths:
@@ -309,12 +317,14 @@ def test_an_unstable_straight_column_is_refused():
 def test_levels_are_made_anew_when_it_pays(monkeypatch):
     """Most tangents take those of an earlier one, at the price of few more iterations."""
     mesh, made = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 8)), []
-    renew = Multigrid.renew
-    monkeypatch.setattr(Multigrid, "renew", lambda levels: (made.append(levels), renew(levels)))
+    renew = Multigrid.refresh
+    monkeypatch.setattr(Multigrid, "refresh", lambda levels: (made.append(levels), renew(levels)))
 
     def work():
         made.clear()
-        states = walked(Rubber(mesh=mesh, solver=Iterative()).problem, WAY)
+        states = step_through(
+            RubberUnderCircle(mesh=mesh, solver=Iterative()).problem, CIRCLE_MOTIONS
+        )
         steps, krylov = np.sum([(s.iterations, s.report.krylov_iterations) for s in states], axis=0)
         return steps, krylov, len(made)
 
@@ -327,13 +337,13 @@ def test_levels_are_made_anew_when_it_pays(monkeypatch):
 
 def test_a_thin_tool_keeps_its_side():
     """An increment in which nodes would find the tool's other side is cut until they do not."""
-    rubber = Rubber()
+    rubber = RubberUnderCircle()
 
     plate = SignedDistance(
         lambda x: np.abs(x[:, 1] - 0.05) - 0.05,
         lambda x: np.stack([0 * x[:, 0], np.sign(x[:, 1] - 0.05)], axis=1),
     )
-    problem = rubber.touching(surface=plate)
+    problem = rubber.problem_with(surface=plate)
     state = problem.step(problem.undeformed, motions=Motion((0.0, -0.12)))
     assert state.substates
     (pair,) = state.pairs
@@ -342,13 +352,13 @@ def test_a_thin_tool_keeps_its_side():
 
 
 def test_areas_of_a_stretched_surface():
-    rubber = Rubber()
-    (pair,) = walked(rubber.problem, WAY)[-1].pairs
+    rubber = RubberUnderCircle()
+    (pair,) = step_through(rubber.problem, CIRCLE_MOTIONS)[-1].pairs
     scalars = Spaces.petrov_galerkin(rubber.space.mesh, 0)
-    surface = SurfaceNodes.scalar(scalars, above, SurfaceNodes.stretch(rubber.u))
+    surface = SurfaceNodes.from_scalar_spaces(scalars, on_top, SurfaceNodes.stretch(rubber.u))
     x = pair.position + pair.displacement
     length = np.linalg.norm(np.diff(x, axis=0), axis=1).sum()
-    assert surface.own_area.sum() == pytest.approx(length, rel=0.02)
+    assert surface.weight_area.sum() == pytest.approx(length, rel=0.02)
 
 
 @pytest.mark.parametrize("kind", ["plane strain", "axisymmetric", "solid", "hybrid"])
@@ -378,9 +388,9 @@ def test_pressures_of_uniform_compression(kind, tmp_path):
     density -= q * (ufl.det(F) - 1 + p / 1e4) if hybrid else 0
     depth = 2 * np.pi * ufl.SpatialCoordinate(mesh)[0] if ring else 1.0
     residual = density * depth * ufl.dx(metadata={"quadrature_degree": 5})
-    held = [prescribe(spaces.trial, k, at(k, 0.0)) for k in range(dim)]
+    held = [prescribe(spaces.trial, k, on_plane(k, 0.0)) for k in range(dim)]
     up = np.eye(dim)[-1]
-    pair = ContactPair(at(dim - 1, 1.0), Plane(up, -up))
+    pair = ContactPair(on_plane(dim - 1, 1.0), Plane(up, -up))
     problem = ContactProblem.of_residual(residual, w, held, pair)
     state = problem.step(problem.undeformed, motions=Motion(-0.3 * up))
     body = Body(spaces, Material(1.0, 0.3), "plane strain" if hybrid else kind)
@@ -410,18 +420,22 @@ FAR = SignedDistance(lambda x: (x[:, 1] - 1) ** 2 + 1.0, lambda x: 2 * (x - [0, 
 @pytest.mark.parametrize(
     ("attempt", "kind", "words"),
     [
-        (lambda it: it.touching(surface=Parabola((0.0, 0.0), 0.6)), ValueError, "Sphere"),
-        (lambda it: it.touching(surface=FlatPunch((0, 0), (0, -1), 0.3)), ValueError, "rounded"),
-        (lambda it: it.touching(interference=True), ValueError, "interference"),
-        (lambda it: it.step(load=it.problem.undeformed.displacement), TypeError, "of the share"),
-        (lambda _: Rubber(update=3), TypeError, "update"),
+        (lambda it: it.problem_with(surface=Parabola((0.0, 0.0), 0.6)), ValueError, "Sphere"),
+        (
+            lambda it: it.problem_with(surface=FlatPunch((0, 0), (0, -1), 0.3)),
+            ValueError,
+            "rounded",
+        ),
+        (lambda it: it.problem_with(interference=True), ValueError, "interference"),
+        (lambda it: it.press(load=it.problem.undeformed.displacement), TypeError, "of the share"),
+        (lambda _: RubberUnderCircle(update=3), TypeError, "update"),
         # a point at the centre of curvature
-        (lambda it: it.step(it.touching(surface=FAR)), NotFound, "no closest point"),
+        (lambda it: it.press(it.problem_with(surface=FAR)), NotFound, "no closest point"),
     ],
 )
 def test_what_large_strains_have_not_is_refused(attempt, kind, words):
     with pytest.raises(kind, match=words):
-        attempt(Rubber())
+        attempt(RubberUnderCircle())
 
 
 class NearlyIncompressible:
@@ -439,7 +453,7 @@ class NearlyIncompressible:
             return 2 * ufl.inner(strain(u), strain(v)) + self.lame * ufl.div(u) * ufl.div(v)
 
         self.stiffness = work(trial) * dx
-        self.held = [prescribe(self.spaces.trial, k, at(1, 0.0)) for k in (0, 1)]
+        self.held = [prescribe(self.spaces.trial, k, on_plane(1, 0.0)) for k in (0, 1)]
         x = self.spaces.trial.tabulate_dof_coordinates()[:, :2]
         self.node = int(np.argmin(np.linalg.norm(x - [0.5, 1.0], axis=1)))
         pair = ContactPair(np.array([self.node]), Sphere(x[self.node] + [0.0, 1.0], 1.0))
@@ -515,11 +529,11 @@ class WrongBends(OwnSphere):
     [(TurnedNormals, "have the normal"), (WrongBends, "have the derivative of the normal")],
 )
 def test_a_surface_whose_derivatives_are_none_is_refused(kind, words):
-    rubber = Rubber(n=2)
-    right = rubber.step(rubber.touching(surface=OwnSphere((0.0, 0.6), 0.6)))
+    rubber = RubberUnderCircle(n=2)
+    right = rubber.press(rubber.problem_with(surface=OwnSphere((0.0, 0.6), 0.6)))
     assert right.converged
     with pytest.raises(ValueError, match=words):
-        rubber.step(rubber.touching(surface=kind((0.0, 0.6), 0.6)))
+        rubber.press(rubber.problem_with(surface=kind((0.0, 0.6), 0.6)))
 
 
 def flat_face(half_width, outside):
@@ -542,8 +556,8 @@ def test_nothing_faces_points_where_a_signed_distance_is_infinite(with_gradient)
     def solved(surface, nodes, way):
         mesh = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 4))
         spaces = Spaces.petrov_galerkin(mesh)
-        u, residual = at_large_strains(spaces)
-        held = [prescribe(spaces.trial, k, at(1, -1.0)) for k in (0, 1)]
+        u, residual = finite_strain_residual(spaces)
+        held = [prescribe(spaces.trial, k, on_plane(1, -1.0)) for k in (0, 1)]
         pair = ContactPair(nodes, surface, 0.3)
         problem = ContactProblem.of_residual(residual, u, held, pair)
         states = [problem.undeformed]
@@ -554,9 +568,9 @@ def test_nothing_faces_points_where_a_signed_distance_is_infinite(with_gradient)
     distance, gradient = flat_face(half_width, np.inf)
     face = SignedDistance(distance, gradient if with_gradient else None)
     way = [(0.0, -0.02), (0.01, -0.05), (0.02, -0.05)]
-    below = lambda x: at(1, 0.0)(x) & (np.abs(x[0]) < half_width)  # noqa: E731
+    below = lambda x: on_plane(1, 0.0)(x) & (np.abs(x[0]) < half_width)  # noqa: E731
     known = solved(Plane((0.0, 0.0), (0.0, -1.0)), below, way)
-    found = solved(face, at(1, 0.0), way)
+    found = solved(face, on_plane(1, 0.0), way)
     for one, other in zip(found[1:], known[1:], strict=True):
         assert (one.unknowns - other.unknowns).norm() < 1e-9
         assert np.abs(one.pairs[0].force - other.pairs[0].force).max() < 1e-9
@@ -565,7 +579,7 @@ def test_nothing_faces_points_where_a_signed_distance_is_infinite(with_gradient)
         assert away.sum() == len(pair.gap) - len(other.pairs[0].gap)
         assert np.abs(pair.force_vector[away]).max() < 1e-10
     # slid by more than the width of a facet, so that nodes leave the face and others come below it
-    *_, last = solved(face, at(1, 0.0), [(0.0, -0.02), (0.1, -0.02), (0.2, -0.02)])
+    *_, last = solved(face, on_plane(1, 0.0), [(0.0, -0.02), (0.1, -0.02), (0.2, -0.02)])
     (pair,) = last.pairs
     x = pair.position[:, 0] + pair.displacement[:, 0] - 0.2
     assert np.array_equal(np.isinf(pair.gap), np.abs(x) > half_width)

@@ -14,9 +14,14 @@ from pw_elements.contact import (
     SurfacePassed,
 )
 from pw_elements.contact.rescue import SupportedPieces, ends_clear, refuse_tools_through_supports
-from tests.contact.cases import at
-from tests.contact.sliding import Bodies, die, slid, two
-from tests.contact.test_large import Rubber, walked
+from tests.contact.cases import on_plane
+from tests.contact.sliding import (
+    SlidingBodies,
+    make_die_on_block,
+    mesh_of_two_rectangles,
+    slide_along_path,
+)
+from tests.contact.test_large import RubberUnderCircle, step_through
 
 PRESSED = (0.0, -0.12)
 LOWERED = Plane((0.0, 0.0), (0.0, -1.0))
@@ -26,8 +31,8 @@ LOWERED = Plane((0.0, 0.0), (0.0, -1.0))
 @pytest.mark.parametrize("turned", [0.0, 50.0])
 def test_a_body_slides_off_in_one_step(upper_is_slave, turned):
     """It ends where its supports have carried it, with the systems of any other step at most."""
-    bodies = die(friction=0.8, upper_is_slave=upper_is_slave, turned=turned)
-    pressed, left = slid(bodies, [PRESSED, (4.0, -0.12)])
+    bodies = make_die_on_block(friction=0.8, upper_is_slave=upper_is_slave, rotation_degrees=turned)
+    pressed, left = slide_along_path(bodies, [PRESSED, (4.0, -0.12)])
     assert left.iterations <= pressed.iterations
     assert not left.substates
     assert (left.pairs[0].status == OPEN).all()
@@ -41,14 +46,14 @@ def test_a_body_slides_off_in_one_step(upper_is_slave, turned):
 
 @pytest.mark.parametrize("moved", ["tool", "supports"])
 def test_a_tool_slides_off_in_one_step(moved):
-    rubber, ends = Rubber(), [(0.0, 0.2), (8.0, 0.2)]
+    rubber, ends = RubberUnderCircle(), [(0.0, 0.2), (8.0, 0.2)]
     state = rubber.problem.undeformed
     systems = []
     for k, end in enumerate(ends):
         before = ends[k - 1] if k else (0.0, 0.0)
 
         def load(share, before=before, end=end):
-            for value, low, high in zip(rubber.base, before, end, strict=True):
+            for value, low, high in zip(rubber.base_displacement, before, end, strict=True):
                 value.value = (1 - share) * low + share * high
 
         if moved == "tool":
@@ -63,8 +68,8 @@ def test_a_tool_slides_off_in_one_step(moved):
 
 
 def test_a_step_is_made_the_ordinary_way_if_the_end_is_not_found_at_once(monkeypatch):
-    rubber = Rubber()
-    (pressed,) = walked(rubber.problem, [Motion((0.0, -0.2))])
+    rubber = RubberUnderCircle()
+    (pressed,) = step_through(rubber.problem, [Motion((0.0, -0.2))])
     stepping, at_once = rubber.problem._finite, []
     solve = stepping._solve_part
 
@@ -94,9 +99,9 @@ def lifts_clear(problem, ends, unknowns):
 
 def test_what_goes_through_a_body_does_not_leave_it():
     """A circle beside the block; it is deepest when its centre is in the block's left side."""
-    rubber = Rubber()
-    circle, side = Sphere((-1.6, 0.0), 0.6), at(0, -1.0)
-    problem = rubber.touching(surface=circle, nodes=lambda x: side(x) & (x[1] > -0.7))
+    rubber = RubberUnderCircle()
+    circle, side = Sphere((-1.6, 0.0), 0.6), on_plane(0, -1.0)
+    problem = rubber.problem_with(surface=circle, nodes=lambda x: side(x) & (x[1] > -0.7))
     undeformed = problem.undeformed.unknowns
     assert lifts_clear(problem, [(0.3, 0.0), (-4.0, 0.0)], undeformed)
     assert lifts_clear(problem, [(0.3, 0.0), (0.3, 4.0)], undeformed)
@@ -112,8 +117,8 @@ def test_what_goes_through_a_body_does_not_leave_it():
 def test_a_tool_leaves_room_for_the_body(surface, depth):
     """Without any linear system."""
     solved = []
-    rubber = Rubber(callback=solved.append)
-    problem = rubber.touching(surface=surface, options={"callback": solved.append})
+    rubber = RubberUnderCircle(callback=solved.append)
+    problem = rubber.problem_with(surface=surface, options={"callback": solved.append})
     with pytest.raises(SurfacePassed, match=r"up to the supports at .* no room is left"):
         problem.step(problem.undeformed, motions=Motion((0.0, -depth)))
     assert not solved
@@ -121,19 +126,21 @@ def test_a_tool_leaves_room_for_the_body(surface, depth):
 
 def test_bodies_leave_room_for_each_other():
     solved = []
-    bodies = die(callback=solved.append)
+    bodies = make_die_on_block(callback=solved.append)
     with pytest.raises(SurfacePassed, match="led up to each other: no room is left"):
-        slid(bodies, [(0.0, -2.0)])
+        slide_along_path(bodies, [(0.0, -2.0)])
     assert not solved
 
 
 def test_supports_behind_a_gap_may_be_reached():
     """The tool pushes on the upper body alone, and may go as far as the lower one's supports."""
     boxes = ((-1.0, -1.0), (1.0, 0.0)), ((-1.0, 0.5), (1.0, 1.0))
-    mesh = two(*boxes, ((4, 2), (4, 2)), lambda x, y, _: (x, y))
-    bodies = Bodies(mesh, at(1, 0.5), at(1, 0.0), at(1, 0.0), at(1, -1.0), 0.0)
-    pair = ContactPair(at(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)))
-    problem = ContactProblem.of_residual(bodies.residual, bodies.u, bodies.held, pair)
+    mesh = mesh_of_two_rectangles(*boxes, ((4, 2), (4, 2)), lambda x, y, _: (x, y))
+    bodies = SlidingBodies(
+        mesh, on_plane(1, 0.5), on_plane(1, 0.0), on_plane(1, 0.0), on_plane(1, -1.0), 0.0
+    )
+    pair = ContactPair(on_plane(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)))
+    problem = ContactProblem.of_residual(bodies.residual, bodies.u, bodies.conditions, pair)
     stepping = problem._finite
     nodes = stepping._positions, stepping._held, 0 * stepping._piece  # as if joined
     ways, path = np.zeros((65, 1, 3)), np.zeros((65, *nodes[0].shape))

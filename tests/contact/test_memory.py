@@ -12,7 +12,7 @@ from dolfinx.mesh import CellType, create_box
 
 from pw_elements import Iterative
 from pw_elements.contact import ContactPair, Motion, Sphere
-from tests.contact.cases import PW, Elastic, at
+from tests.contact.cases import PW, ElasticBody, on_plane
 from tests.parallel import run_on
 
 SPARE = 1.25
@@ -66,12 +66,12 @@ def pressed(comm, n, path):
     """Bytes at the height of each stage of a block of 2 n x n x n under a ball; and what stays."""
     mesh = create_box(comm, [(0, 0, 0), (2, 1, 1)], (2 * n, n, n), CellType.tetrahedron)
     watch, before = Watch(), in_use()
-    body = watch("body", Elastic, mesh, PW, "solid")
-    near = lambda x: at(2, 1.0)(x) & (np.hypot(x[0] - 1, x[1] - 0.5) < 0.3)  # noqa: E731
+    body = watch("body", ElasticBody, mesh, PW, "solid")
+    near = lambda x: on_plane(2, 1.0)(x) & (np.hypot(x[0] - 1, x[1] - 0.5) < 0.3)  # noqa: E731
     pair, down = ContactPair(near, Sphere((1.0, 0.5, 1.5), 0.5), 0.3), Motion((0, 0, -0.02))
-    supports = body.clamped(at(2, 0.0))
-    problem = watch("problem", body.problem, pair, supports, solver=Iterative())
-    state = watch("step", problem.step, problem.undeformed, body.nothing, motions=down)
+    supports = body.clamp(on_plane(2, 0.0))
+    problem = watch("problem", body.contact_problem, pair, supports, solver=Iterative())
+    state = watch("step", problem.step, problem.undeformed, body.zero_load, motions=down)
     kept = in_use() - before
     watch("save", problem.save, state, path)
     again = watch("load", problem.load, path)

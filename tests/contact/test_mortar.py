@@ -28,9 +28,15 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.interface import gathered_trace
 from pw_elements.spaces import SubSpace
-from tests.contact.cases import Elastic, at
-from tests.contact.test_friction import assert_law
-from tests.contact.two_bodies import PLANE, PRESSURE, Stack, joined, two_sides
+from tests.contact.cases import ElasticBody, on_plane
+from tests.contact.test_friction import assert_friction_law
+from tests.contact.two_bodies import (
+    PLANE_CELLS,
+    PRESSURE,
+    StackedBlocks,
+    join_meshes,
+    split_facets_by_side,
+)
 
 
 def values(function, nodes):
@@ -43,12 +49,12 @@ def values(function, nodes):
 def left_over(stack, state, load):
     """Forces (n, dim) that contact and supports have to carry."""
     field = SubSpace.displacements(stack.space)
-    return field.part(reactions(stack.K, state.unknowns, load)).array.reshape(-1, stack.dim)
+    return field.extract(reactions(stack.K, state.unknowns, load)).array.reshape(-1, stack.dim)
 
 
 def balance(stack, state, load):
     """Total force and moment of the contact forces on both bodies, over the force."""
-    face = stack.nodes("upper") | stack.nodes("lower")
+    face = stack.side_nodes("upper") | stack.side_nodes("lower")
     force, x = left_over(stack, state, load)[face], stack.x[face]
     moment = np.cross(x, force) if stack.dim == 3 else x[:, 0] * force[:, 1] - x[:, 1] * force[:, 0]
     total = np.abs(force).sum()
@@ -56,7 +62,7 @@ def balance(stack, state, load):
 
 
 def assert_uniaxial(stack, state, nu=0.3, near=1e-11):
-    exact = stack.uniaxial(nu)
+    exact = stack.uniaxial_displacement(nu)
     moved = state.displacement.array.reshape(exact.shape)
     assert moved == pytest.approx(exact, abs=near * np.abs(exact).max())
 
@@ -66,7 +72,7 @@ def assert_uniaxial(stack, state, nu=0.3, near=1e-11):
     [
         *(
             (cell, slave, 0.3, "petrov_galerkin", 0.3, None)
-            for cell in (*PLANE, "tetrahedron", "hexahedron")
+            for cell in (*PLANE_CELLS, "tetrahedron", "hexahedron")
             for slave in ("upper", "lower")
         ),
         ("quadrilateral", "lower", 0.0, "petrov_galerkin", 0.3, None),
@@ -80,9 +86,9 @@ def assert_uniaxial(stack, state, nu=0.3, near=1e-11):
     ],
 )
 def test_patch(cell, slave, friction, element, nu, state):
-    divisions = (4, 7) if cell in PLANE else (2, 3)
-    stack = Stack(divisions, cell, element=element, nu=nu, state=state)
-    found = stack.pressed(slave, friction)
+    divisions = (4, 7) if cell in PLANE_CELLS else (2, 3)
+    stack = StackedBlocks(divisions, cell, element=element, nu=nu, state=state)
+    found = stack.solve_uniaxial(slave, friction)
     assert_uniaxial(stack, found, nu)
     assert found.residuals.largest() < 1e-11
     if element == "hybrid":
@@ -91,7 +97,7 @@ def test_patch(cell, slave, friction, element, nu, state):
         assert pressure.x.array == pytest.approx(PRESSURE * share, rel=1e-9)
     fields = ContactFields.of(found, stack.body)
     for side in ("upper", "lower"):
-        nodes = stack.nodes(side)
+        nodes = stack.side_nodes(side)
         for of in (fields.pressure, fields.tributary_pressure):
             assert values(of, nodes) == pytest.approx(PRESSURE, rel=1e-8)
         assert np.abs(values(fields.traction, nodes)).max() < 1e-9 * PRESSURE
@@ -108,26 +114,28 @@ def test_patch_on_quadrilaterals_of_any_shape(slave, bend):
         across = np.stack([np.cos(3 * x[:, 1] + 1), np.sin(2 * x[:, 0] + 0.3), 0 * hill], axis=1)
         return x + hill[:, None] * across
 
-    stack = Stack((2, 3), "hexahedron", shape=moved)
-    assert_uniaxial(stack, stack.pressed(slave), near=1e-10)
+    stack = StackedBlocks((2, 3), "hexahedron", map_upper=moved)
+    assert_uniaxial(stack, stack.solve_uniaxial(slave), near=1e-10)
 
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
 def test_patch_where_facets_are_covered_in_part(cell, slave):
     """The upper block ends inside of facets; what it leaves of the lower is pressed by loads."""
-    end, h = (0.81, 0.1) if cell in PLANE else (0.83, 1 / 6)
-    stack = Stack((5, 4) if cell in PLANE else (3, 2), cell, shape=lambda x: x * [end, 1.0, 1.0])
-    load = stack.load(-PRESSURE * np.eye(stack.dim)[stack.up])
+    end, h = (0.81, 0.1) if cell in PLANE_CELLS else (0.83, 1 / 6)
+    stack = StackedBlocks(
+        (5, 4) if cell in PLANE_CELLS else (3, 2), cell, map_upper=lambda x: x * [end, 1.0, 1.0]
+    )
+    load = stack.traction_load(-PRESSURE * np.eye(stack.dim)[stack.up])
     nodes, corners, _ = gathered_trace(stack.space, stack.sides["lower"]).parts
     pressed = -PRESSURE * weights_beyond(corners, end)
     np.add.at(load.array.reshape(-1, stack.dim)[:, stack.up], nodes, pressed)
-    state = stack.pressed(slave, 0.3 if cell == "hexahedron" else 0.0, load)
+    state = stack.solve_uniaxial(slave, 0.3 if cell == "hexahedron" else 0.0, load)
     assert_uniaxial(stack, state, near=1e-9)
     assert np.isinf(state.pairs[0].gap).any() == (slave == "lower")
     pressure = ContactFields.of(state, stack.body).pressure
-    assert values(pressure, stack.nodes("upper")) == pytest.approx(PRESSURE, rel=1e-8)
-    lower = np.flatnonzero(stack.nodes("lower"))
+    assert values(pressure, stack.side_nodes("upper")) == pytest.approx(PRESSURE, rel=1e-8)
+    lower = np.flatnonzero(stack.side_nodes("lower"))
     x, found = stack.x[lower, 0], values(pressure, lower)
     away = x > end + h - 1e-9
     assert away.any()
@@ -163,16 +171,16 @@ def weights_beyond(corners, end):
 )
 def test_forces_and_moments_balance_and_fields_have_them(cell, slave, element, nu):
     low, high = 0.13, 0.83
-    divisions = (5, 4) if cell in PLANE else (3, 2)
-    stack = Stack(divisions, cell, upper=(low, high), element=element, nu=nu)
-    state = stack.askew(slave)
+    divisions = (5, 4) if cell in PLANE_CELLS else (3, 2)
+    stack = StackedBlocks(divisions, cell, upper_range=(low, high), element=element, nu=nu)
+    state = stack.solve_shifted_top(slave)
     assert state.residuals.largest() < 1e-9
-    assert balance(stack, state, stack.nothing) < 1e-12
+    assert balance(stack, state, stack.zero_load) < 1e-12
     fields, (pair,) = ContactFields.of(state, stack.body), state.pairs
-    assert_law(pair, lambda r, _: 0.2 * r, None)
+    assert_friction_law(pair, lambda r, _: 0.2 * r, None)
     force = values(fields.force, slice(None))
-    face = stack.nodes("upper") | stack.nodes("lower")
-    left = left_over(stack, state, stack.nothing)
+    face = stack.side_nodes("upper") | stack.side_nodes("lower")
+    left = left_over(stack, state, stack.zero_load)
     assert force[face] == pytest.approx(left[face], abs=1e-10 * np.abs(left[face]).max())
     assert not force[~face].any()
     for name in ("gap", "status", "slip"):
@@ -187,14 +195,16 @@ def test_forces_and_moments_balance_and_fields_have_them(cell, slave, element, n
 
 @pytest.mark.parametrize("motion", [Motion((0.0, 0.02)), Motion((0.0, None), (0.0, 0.01))])
 def test_motion_brings_the_opposite_body_nearer(motion):
-    stack = Stack((4, 5), nu=0.0)
-    (state,) = stack.contact(stack.pair("upper", 0.0, [motion]), stack.moved_top((0.0, 0.0)))
+    stack = StackedBlocks((4, 5), nu=0.0)
+    (state,) = stack.solve_contact(
+        stack.make_pair("upper", 0.0, [motion]), stack.moved_top_supports((0.0, 0.0))
+    )
     assert state.pairs[0].translation == pytest.approx([0.0, 0.02], rel=1e-9)
     assert state.pairs[0].force == pytest.approx([0.0, 0.01], rel=1e-9, abs=1e-12)
 
 
-STACK = Stack((3, 2))
-ON, BELOW = STACK.nodes("upper"), STACK.sides["lower"]
+STACK = StackedBlocks((3, 2))
+ON, BELOW = STACK.side_nodes("upper"), STACK.sides["lower"]
 
 
 @pytest.mark.parametrize(
@@ -207,7 +217,7 @@ ON, BELOW = STACK.nodes("upper"), STACK.sides["lower"]
             ValueError,
             "belong to no facet that is all in their pair",
         ),
-        (at(1, 2.0), BELOW, ValueError, "on the far side of its body"),
+        (on_plane(1, 2.0), BELOW, ValueError, "on the far side of its body"),
         (ON, lambda x: x[1] > 3, ValueError, "has no opposite facets"),
         (ON, lambda x: np.isclose(x[0], 0.0) & (x[1] < 1), ValueError, "do not overlap"),
         (ON, Plane((0, 0), (0, 1)), TypeError, "a surface is given in place of facets"),
@@ -215,7 +225,9 @@ ON, BELOW = STACK.nodes("upper"), STACK.sides["lower"]
 )
 def test_what_states_no_mortar_is_named(nodes, facets, kind, message):
     with pytest.raises(kind, match=message):
-        STACK.contact(ContactPair(nodes, DeformableSurface(facets)), STACK.moved_top([0.0, -0.01]))
+        STACK.solve_contact(
+            ContactPair(nodes, DeformableSurface(facets)), STACK.moved_top_supports([0.0, -0.01])
+        )
 
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
@@ -224,22 +236,22 @@ def test_other_weights_are_refused(cell):
     refused = pytest.raises(ValueError, match="forces of piecewise-linear weights")
     for element in ("galerkin", "taylor_hood"):
         with refused:
-            Stack((3, 2), cell, element=element).pressed()
+            StackedBlocks((3, 2), cell, element=element).solve_uniaxial()
     if cell == "triangle":
-        Stack((3, 2), cell, element="composite").pressed()
-        stack = Stack((3, 2), element="galerkin")
-        sibling = Sibling.of(stack.space)
+        StackedBlocks((3, 2), cell, element="composite").solve_uniaxial()
+        stack = StackedBlocks((3, 2), element="galerkin")
+        sibling = Sibling.from_space(stack.space)
         stack.K = sibling.matrix(stack.K)
-        supports = sibling.dirichlet([prescribe(stack.space, i, at(1, 0.0)) for i in (0, 1)])
+        supports = sibling.dirichlet([prescribe(stack.space, i, on_plane(1, 0.0)) for i in (0, 1)])
         with refused:
-            stack.problem(stack.pair(), supports)
+            stack.contact_problem(stack.make_pair(), supports)
 
 
 def test_a_coarse_slave_is_warned_of(caplog):
-    stack = Stack((3, 12))
+    stack = StackedBlocks((3, 12))
     for slave, warned in (("upper", False), ("lower", True)):
         caplog.clear()
-        stack.contact(stack.pair(slave), stack.moved_top([0.0, -0.01]))
+        stack.solve_contact(stack.make_pair(slave), stack.moved_top_supports([0.0, -0.01]))
         assert ("facets are 4.0 times as large as those they face" in caplog.text) == warned
 
 
@@ -253,33 +265,35 @@ def test_a_coarse_slave_is_warned_of(caplog):
 )
 def test_a_body_held_by_nothing_is_named(traction, friction, kind, message):
     with pytest.raises(kind, match=message):
-        STACK.contact(
-            STACK.pair("upper", friction), STACK.clamped(at(1, 0.0)), STACK.load(traction)
+        STACK.solve_contact(
+            STACK.make_pair("upper", friction),
+            STACK.clamp(on_plane(1, 0.0)),
+            STACK.traction_load(traction),
         )
 
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 def test_friction_on_a_slave_that_is_moved_along_is_refused(cell):
     """The law is not stated there: exchanged, the other body feels it."""
-    stack = Stack((3, 2), cell)
+    stack = StackedBlocks((3, 2), cell)
     up = stack.up
     moved = np.array([0.02] + [0.0] * (up - 1) + [-0.01])
-    own = np.flatnonzero(stack.nodes("upper"))
+    own = np.flatnonzero(stack.side_nodes("upper"))
     sides = [(i, lambda x: np.isin(np.arange(x.shape[1]), own), moved[i]) for i in range(up)]
-    supports = stack.moved_top(moved, sides)
+    supports = stack.moved_top_supports(moved, sides)
     with pytest.raises(ValueError, match="would get no friction: exchange both sides"):
-        stack.contact(stack.pair("upper", 0.3), supports)
-    stack.contact(stack.pair("upper"), supports)
-    (state,) = stack.contact(stack.pair("lower", 0.3), supports)
+        stack.solve_contact(stack.make_pair("upper", 0.3), supports)
+    stack.solve_contact(stack.make_pair("upper"), supports)
+    (state,) = stack.solve_contact(stack.make_pair("lower", 0.3), supports)
     (pair,) = state.pairs
     assert pair.force[0] == pytest.approx(-0.3 * pair.force[up], rel=5e-3)
     assert pair.opposite_force.sum(axis=0) == pytest.approx(-pair.force, rel=1e-9, abs=1e-12)
 
 
 def test_bodies_that_overlap_are_named():
-    stack = Stack((3, 2), shape=lambda x: x - 0.01 * (2 - x[:, 1:2]) * [0, 1, 0])
+    stack = StackedBlocks((3, 2), map_upper=lambda x: x - 0.01 * (2 - x[:, 1:2]) * [0, 1, 0])
     with pytest.raises(ValueError, match="lie inside the body that they face"):
-        stack.contact(stack.pair(), stack.moved_top([0.0, 0.0]))
+        stack.solve_contact(stack.make_pair(), stack.moved_top_supports([0.0, 0.0]))
 
 
 def hats(x, at_):
@@ -291,8 +305,8 @@ def hats(x, at_):
 def test_gap_slip_and_status_are_means_of_the_pairs(slave):
     """By sampling both sides' hats."""
     low, high = 0.13, 0.83
-    stack = Stack((5, 4), upper=(low, high))
-    state = stack.askew(slave, lambda x: 0.1 + 0.2 * x[0])
+    stack = StackedBlocks((5, 4), upper_range=(low, high))
+    state = stack.solve_shifted_top(slave, lambda x: 0.1 + 0.2 * x[0])
     (pair,) = state.pairs
     assert set(pair.status) >= {STICK, SLIP}
     fields, alone = (ContactFields.of(state, of) for of in (stack.body, stack.space))
@@ -322,17 +336,24 @@ def test_two_slaves_on_one_master_and_a_rigid_floor():
     """Blocks side by side, which meet above the inside of a facet; a plate of some thickness."""
     end = 0.47
     below = block((0.0, 0.0), (1.0, 1.0), (5, 4))
-    above = joined(block((0.0, 1.0), (end, 2.0), (3, 3)), block((end, 1.0), (1.0, 2.0), (4, 4)))
-    body = Elastic(joined(below, above), E=1.0, nu=0.0, thickness=0.4)
-    theirs, own = two_sides(body, at(1, 1.0), lambda x: x[:, 1] > 1)
+    above = join_meshes(
+        block((0.0, 1.0), (end, 2.0), (3, 3)), block((end, 1.0), (1.0, 2.0), (4, 4))
+    )
+    body = ElasticBody(join_meshes(below, above), E=1.0, nu=0.0, thickness=0.4)
+    theirs, own = split_facets_by_side(body, on_plane(1, 1.0), lambda x: x[:, 1] > 1)
     left, right = (
-        np.intersect1d(own, two_sides(body, at(1, 1.0), lambda x: x[:, 0] > end)[k]) for k in (0, 1)
+        np.intersect1d(
+            own, split_facets_by_side(body, on_plane(1, 1.0), lambda x: x[:, 0] > end)[k]
+        )
+        for k in (0, 1)
     )
     nodes = [fem.locate_dofs_topological(body.space, 1, side) for side in (left, right)]
-    master, floor = DeformableSurface(theirs), ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)))
+    master, floor = DeformableSurface(theirs), ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)))
     pairs = [ContactPair(nodes[0], master), floor, ContactPair(nodes[1], master)]
-    held = body.held(*((0, at(0, x)) for x in (0.0, end, 1.0)))
-    (state,) = body.contact(pairs, held, body.load((0.0, -PRESSURE), at(1, 2.0)))
+    held = body.make_supports(*((0, on_plane(0, x)) for x in (0.0, end, 1.0)))
+    (state,) = body.solve_contact(
+        pairs, held, body.traction_load((0.0, -PRESSURE), on_plane(1, 2.0))
+    )
     fields = ContactFields.of(state, body.body)
     on_master = fem.locate_dofs_topological(body.space, 1, theirs)
     for at_ in (*nodes, on_master, state.pairs[1].node):
@@ -346,14 +367,18 @@ def test_two_slaves_on_one_master_and_a_rigid_floor():
 
 def test_a_body_between_two_others_has_the_pressures_of_both_pairs():
     levels = [block((0.0, k), (1.0, k + 1.0), (n, 3)) for k, n in enumerate((4, 7, 5))]
-    body = Elastic(joined(joined(levels[0], levels[1]), levels[2]), E=1.0)
+    body = ElasticBody(join_meshes(join_meshes(levels[0], levels[1]), levels[2]), E=1.0)
     pairs, faces = [], []
     for height in (1.0, 2.0):
-        below, above = two_sides(body, at(1, height), lambda x, h=height: x[:, 1] > h)
+        below, above = split_facets_by_side(
+            body, on_plane(1, height), lambda x, h=height: x[:, 1] > h
+        )
         faces += [fem.locate_dofs_topological(body.space, 1, side) for side in (below, above)]
         pairs.append(ContactPair(faces[-1], DeformableSurface(below), 0.3))
-    held = body.held(*((i, at(i, 0.0)) for i in range(2)))
-    (state,) = body.contact(pairs, held, body.load((0.0, -PRESSURE), at(1, 3.0)))
+    held = body.make_supports(*((i, on_plane(i, 0.0)) for i in range(2)))
+    (state,) = body.solve_contact(
+        pairs, held, body.traction_load((0.0, -PRESSURE), on_plane(1, 3.0))
+    )
     fields = ContactFields.of(state, body.body)
     for nodes in faces:
         assert values(fields.pressure, nodes) == pytest.approx(PRESSURE, rel=1e-8)
@@ -363,8 +388,8 @@ def test_a_body_between_two_others_has_the_pressures_of_both_pairs():
 @pytest.mark.parametrize("element", ["petrov_galerkin", "hybrid"])
 def test_pictures_of_the_opposite_side(element, tmp_path):
     mpl.use("Agg")
-    stack = Stack((5, 4), upper=(0.13, 0.83), element=element)
-    state = stack.askew()
+    stack = StackedBlocks((5, 4), upper_range=(0.13, 0.83), element=element)
+    state = stack.solve_shifted_top()
     write(tmp_path / "two.bp", [state], stack.body)
     (pair,), fields = state.pairs, ContactFields.of(state, stack.body)
     drawn = [line.get_xydata() for line in plot(state, stack.body, along=0, opposite=True).lines]
@@ -372,8 +397,8 @@ def test_pictures_of_the_opposite_side(element, tmp_path):
     for expected in (values(fields.pressure, pair.opposite), shear):
         curve = np.column_stack([stack.x[pair.opposite, 0], expected])
         assert any(c.shape == curve.shape and np.allclose(c, curve, equal_nan=True) for c in drawn)
-    solid = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83), element=element)
-    state = solid.askew()
+    solid = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), element=element)
+    state = solid.solve_shifted_top()
     axes = plot(state, solid.body, opposite=True)
     (coloured,) = (c for c in axes.collections if hasattr(c, "_triangulation"))
     assert len(coloured.get_array()) == len(state.pairs[0].opposite)

@@ -25,16 +25,23 @@ from pw_elements.contact import (
 from pw_elements.meshes import triangles
 from tests.contact import test_large as large
 from tests.contact import test_turning as turning
-from tests.contact.cases import Block, Punch, at
-from tests.contact.histories import RESUMED, fields, histories, resumed, scale_of, whole
-from tests.contact.sliding import PATH, die, slid
-from tests.contact.test_fields import ball
+from tests.contact.cases import BlockOnFloor, PunchedBlock, on_plane
+from tests.contact.histories import (
+    HISTORIES,
+    RESUME_INCREMENT,
+    field_scale,
+    resume_history,
+    solve_history,
+    state_fields,
+)
+from tests.contact.sliding import DIE_PATH, make_die_on_block, slide_along_path
+from tests.contact.test_fields import solve_ball_on_block
 from tests.contact.test_matching import Blocks
-from tests.contact.test_refusals import messages
-from tests.contact.test_sensitivity import Rubber
-from tests.contact.two_bodies import Stack
+from tests.contact.test_refusals import refusal_messages
+from tests.contact.test_sensitivity import RandomRubber
+from tests.contact.two_bodies import StackedBlocks
 from tests.library import vtx
-from tests.oracle.random_contact import problem as random_problem
+from tests.oracle.random_contact import make_problem as random_problem
 from tests.parallel import assert_same, run_on
 
 FILES = "block", "drag", "mortar", "flat mortar", "matching"
@@ -42,15 +49,15 @@ FILES = "block", "drag", "mortar", "flat mortar", "matching"
 
 def mortar(comm, cell, divisions):
     """A body on another, which it covers in part, pressed and drawn askew."""
-    stack = Stack(divisions, cell, upper=(0.13, 0.83), comm=comm)
-    return stack, [stack.askew("lower")]
+    stack = StackedBlocks(divisions, cell, upper_range=(0.13, 0.83), comm=comm)
+    return stack, [stack.solve_shifted_top("lower")]
 
 
 def matching(comm):
     """Two blocks, the upper one held by the lower alone; their nodes coincide."""
     blocks = Blocks(divisions=(12, 6), comm=comm)
-    loads = [blocks.load((pull, -3.0)) for pull in (0.0, 0.4)]
-    states = blocks.contact(blocks.pair(0.3), blocks.clamped(at(1, 0.0)), loads)
+    loads = [blocks.traction_load((pull, -3.0)) for pull in (0.0, 0.4)]
+    states = blocks.solve_contact(blocks.make_pair(0.3), blocks.clamp(on_plane(1, 0.0)), loads)
     left = reactions(blocks.K, states[-1].displacement, loads[-1]).array_r
     force = ContactFields.of(states[-1], blocks.space).force.x.array[: len(left)]
     wrong = np.abs(left - force).reshape(-1, 2)[~np.isclose(blocks.x[: len(left) // 2, 1], 0.0)]
@@ -59,7 +66,7 @@ def matching(comm):
 
 
 def block(comm):
-    body = Block(20, comm=comm)
+    body = BlockOnFloor(20, comm=comm)
     owned = body.x[: body.space.dofmap.index_map.size_local, 1]
     parts = comm.allgather(np.isclose(owned, 0.0).any())
     assert comm.size == 1 or sum(parts) > 1, "the partition spares the contact"
@@ -73,21 +80,21 @@ def by_seed(comm, seed):
 
 CASES = {
     "block": block,
-    "drag": ball,
+    "drag": solve_ball_on_block,
     "mortar": partial(mortar, cell="tetrahedron", divisions=(3, 2)),
     "flat mortar": partial(mortar, cell="triangle", divisions=(5, 4)),
     "matching": matching,
-    "rubber": partial(ball, method=Spaces.hybrid, nu=0.5),
+    "rubber": partial(solve_ball_on_block, method=Spaces.hybrid, nu=0.5),
     **{f"seed {seed}": partial(by_seed, seed=seed) for seed in (158, 316)},
 }
 
 
 def passed(comm, surface, depth):
     """Numbers in the message, the same on all processes, on a surface that passes through."""
-    case = Punch(comm=comm)
-    pair = ContactPair(at(1, 4.0), surface, 0.3, [Motion((0, -depth))])
+    case = PunchedBlock(comm=comm)
+    pair = ContactPair(on_plane(1, 4.0), surface, 0.3, [Motion((0, -depth))])
     with pytest.raises(SurfacePassed) as error:
-        case.contact(pair, case.foot)
+        case.solve_contact(pair, case.base_supports)
     return [float(number) for number in re.findall(r"-?[0-9.]*[0-9]", str(error.value))]
 
 
@@ -173,28 +180,34 @@ def test_processes_do_not_wait_for_one_that_failed_while_writing(tmp_path):
 def whole_and_resumed(name, problems, motions, folder, more=()):
     """Ends of a way, and of another problem that goes on before the last part, by a file or not."""
     (problem, again), path = problems, folder / f"{name}.npz"
-    *_, before, end = large.walked(problem, motions)
+    *_, before, end = large.step_through(problem, motions)
     if not path.exists():
         problem.save(before, path)
     ends = {f"{name} whole": end}
     for way, start in (("resumed", again.load(path)), ("taken up", before)):
-        (ends[f"{name} {way}"],) = large.walked(again, motions[-1:], start)
-    return large.numbers(ends, more)
+        (ends[f"{name} {way}"],) = large.step_through(again, motions[-1:], start)
+    return large.collect_pair_fields(ends, more)
 
 
 def at_large_strains(comm, folder):
     """Tools that are pressed, drawn and turned, rubber on rubber, and derivatives."""
     found = {}
     for name, solver in large.SOLVERS.items():
-        both = [large.hardened(comm, solver=solver)[0].problem for _ in range(2)]
-        found |= whole_and_resumed(name, both, large.WAY, folder)
-    roller = turning.roller(mesh=triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))).problem
-    found |= whole_and_resumed("turned", [roller] * 2, turning.WAY, folder, turning.PLACE)
-    found |= large.numbers({"hybrid": large.pressed_and_pushed("hybrid", Iterative(), comm)})
-    (pair,) = slid(die(comm=comm, divisions=((8, 2), (6, 2))), PATH[:3])[-1].pairs
+        both = [large.make_hardening_rubber(comm, solver=solver)[0].problem for _ in range(2)]
+        found |= whole_and_resumed(name, both, large.CIRCLE_MOTIONS, folder)
+    roller = turning.make_roller(mesh=triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))).problem
+    found |= whole_and_resumed(
+        "turned", [roller] * 2, turning.ROLLER_MOTIONS, folder, turning.POSE_FIELDS
+    )
+    found |= large.collect_pair_fields(
+        {"hybrid": large.solve_pressed_and_pushed("hybrid", Iterative(), comm)}
+    )
+    (pair,) = slide_along_path(
+        make_die_on_block(comm=comm, divisions=((8, 2), (6, 2))), DIE_PATH[:3]
+    )[-1].pairs
     for field in ("force_normal", "force_tangential", "slip", "gap", "opposite_force"):
         found[f"die's {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
-    case = Rubber(0, comm=comm)
+    case = RandomRubber(0, comm=comm)
     problem, states = case.solve()
     given = states, case.outputs, list(case.parameters.values()), case.loads
     found["derivatives"] = problem.sensitivity(*given)
@@ -207,11 +220,13 @@ KINDS = ["NoEquilibrium"] * 8 + ["FreeBody"] * 8
 
 def told(comm):
     """What is logged where, and whether the callback of one process is called there alone."""
-    case, lines, seen = Block(8, comm=comm), [], []
-    case.pressure.scale(0.01)  # small displacements
+    case, lines, seen = BlockOnFloor(8, comm=comm), [], []
+    case.pressure_load.scale(0.01)  # small displacements
 
     def solved(callback=None):
-        return case.contact(case.pair(0.3), case.free, case.pressure, callback=callback)
+        return case.solve_contact(
+            case.floor_pair(0.3), case.no_supports, case.pressure_load, callback=callback
+        )
 
     class Lines(logging.Handler):
         def emit(self, record):
@@ -228,22 +243,22 @@ def told(comm):
 
 
 def compared(state):
-    return fields(state) | {"displacement": state.displacement.norm()}
+    return state_fields(state) | {"displacement": state.displacement.norm()}
 
 
 def everything(comm, before, folder):
     """All that is compared; histories go on from where fewer processes have stopped."""
-    found = {"numbers": numbers(comm, folder), "words": messages(comm), "histories": {}}
+    found = {"numbers": numbers(comm, folder), "words": refusal_messages(comm), "histories": {}}
     found["large"] = at_large_strains(comm, before or folder)
-    for name, history in histories.items():
+    for name, history in HISTORIES.items():
         problem, steps = history(comm)
         if before is None:
-            states = whole(problem, steps)
+            states = solve_history(problem, steps)
         else:
             kept = problem.load(before / f"{name}.npz")
-            states = [None] * (RESUMED - 1) + [kept, *resumed(problem, steps, kept)]
-        problem.save(states[RESUMED - 1], folder / f"{name}.npz")
-        found["histories"][name] = list(map(compared, states[RESUMED:]))
+            states = [None] * (RESUME_INCREMENT - 1) + [kept, *resume_history(problem, steps, kept)]
+        problem.save(states[RESUME_INCREMENT - 1], folder / f"{name}.npz")
+        found["histories"][name] = list(map(compared, states[RESUME_INCREMENT:]))
     if comm.size > 1:
         found["told"] = told(comm)
     return found
@@ -287,13 +302,13 @@ def assert_same_files(name, folder, another):
 
 def assert_same_histories(name, first, others, last):
     """Written on one process, gone on from on several, and back on one."""
-    problem, steps = histories[name]()
-    back = resumed(problem, steps, problem.load(last / f"{name}.npz"))
+    problem, steps = HISTORIES[name]()
+    back = resume_history(problem, steps, problem.load(last / f"{name}.npz"))
     known = first["histories"][name]
     for states in (*(other["histories"][name] for other in others), map(compared, back)):
         for state, expected in zip(states, known, strict=True):
             for field, values in expected.items():
-                scale = values if field == "displacement" else scale_of(field, back)
+                scale = values if field == "displacement" else field_scale(field, back)
                 assert np.abs(state[field] - values).max() < 1e-9 * scale, f"{name}: {field}"
 
 
@@ -324,6 +339,6 @@ def test_one_and_several_processes_agree(tmp_path, request):
         assert_same(one["large"], process["large"], 1e-9, "of several")
     for name in FILES if vtx.library() else ():
         assert_same_files(name, *folders)
-    for name in histories:
+    for name in HISTORIES:
         assert_same_histories(name, one, several, folders[-1])
     assert_told(*(process["told"] for process in several))

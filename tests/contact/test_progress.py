@@ -8,9 +8,9 @@ import pytest
 
 from pw_elements import assemble_matrix, progress, vibration_modes
 from pw_elements.contact import OPEN, SLIP, STICK
-from tests.contact.cases import Block
+from tests.contact.cases import BlockOnFloor
 
-BLOCK = Block(8)
+BLOCK = BlockOnFloor(8)
 
 
 @pytest.fixture(autouse=True)
@@ -24,8 +24,8 @@ def _own_log(monkeypatch):
 
 
 def solved(callback=None):
-    loads = [0.01 * load for load in BLOCK.pulled(60.0, 2)]  # small displacements
-    return BLOCK.contact(BLOCK.pair(0.3), loads=loads, callback=callback)
+    loads = [0.01 * load for load in BLOCK.pull_loads(60.0, 2)]  # small displacements
+    return BLOCK.solve_contact(BLOCK.floor_pair(0.3), loads=loads, callback=callback)
 
 
 def test_the_log_has_a_line_for_each_increment_and_iteration(caplog):
@@ -50,7 +50,7 @@ def test_the_log_has_a_line_for_each_increment_and_iteration(caplog):
 def test_eigenvalue_problems_are_logged(caplog):
     M = assemble_matrix(BLOCK.body.mass())
     with caplog.at_level(logging.INFO, "pw_elements"):
-        vibration_modes(BLOCK.K, M, BLOCK.free, 4)
+        vibration_modes(BLOCK.K, M, BLOCK.no_supports, 4)
     (line,) = [r.getMessage() for r in caplog.records if r.name == "pw_elements.eigen"]
     assert line.startswith(f"4 eigenvalues of {BLOCK.K.getSize()[0]} unknowns: ")
 
@@ -84,15 +84,15 @@ def test_a_callback_that_raises_ends_the_computation():
 
     with pytest.raises(Enough, match=r"\d+ open, \d+ stick, \d+ slip"):
         solved(once)
-    problem = BLOCK.problem(BLOCK.pair(0.3), callback=lambda _: 1 / 0)
+    problem = BLOCK.contact_problem(BLOCK.floor_pair(0.3), callback=lambda _: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        problem.step(problem.undeformed, BLOCK.pressure)
+        problem.step(problem.undeformed, BLOCK.pressure_load)
     with pytest.raises(TypeError, match="callback is of the type list: it has to be a function"):
         solved([])
 
 
 def computed():
-    vibration_modes(BLOCK.K, assemble_matrix(BLOCK.body.mass()), BLOCK.free, 4)
+    vibration_modes(BLOCK.K, assemble_matrix(BLOCK.body.mass()), BLOCK.no_supports, 4)
     solved(lambda _: None)
 
 

@@ -41,18 +41,18 @@ from pw_elements.contact.rescue.refusals import (
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import triangles
 from pw_elements.solvers import matrices
-from tests.contact.cases import Elastic, Greco, at
-from tests.contact.test_large import Rubber
-from tests.contact.test_matching import lower_nodes
-from tests.contact.two_bodies import joined
-from tests.oracle.proofs import flaws, sound
+from tests.contact.cases import ElasticBody, GrecoPlate, on_plane
+from tests.contact.test_large import RubberUnderCircle
+from tests.contact.test_matching import nodes_of_block_at_height
+from tests.contact.two_bodies import join_meshes
+from tests.oracle.proofs import is_valid_proof, measure_proof_defects
 
 SELF = MPI.COMM_SELF
 FLOOR, CEILING = Plane((0, 0), (0, 1)), Plane((0, 1), (0, -1))
 GROUND = Plane((0, 0, 0), (0, 0, 1))
 
 
-class Stated(Elastic):
+class StatedProblem(ElasticBody):
     """A body and its supports; pairs and loads of one increment follow."""
 
     def __init__(self, mesh, state="plane strain", conditions=()):
@@ -66,46 +66,49 @@ class Stated(Elastic):
             load = assemble_vector(self.body.body_load(load))
         self.pairs, self.loads = pairs, [load]
         supports = Reduction.dirichlet(self.space, self.conditions)
-        return self.contact(pairs, supports, load)[0]
+        return self.solve_contact(pairs, supports, load)[0]
 
-    def at_node(self, place, force):
+    def nodal_load_at(self, place, force):
         return nodal_load(
             self.space, lambda x: np.all(np.isclose(x.T[:, : self.dim], place), axis=1), force
         )
 
 
-def block(comm=SELF, conditions=(), state="plane strain", left=0.0):
-    return Stated(triangles(comm, (left, 0.0), (left + 2.0, 1.0), (4, 2)), state, conditions)
+def make_block(comm=SELF, conditions=(), state="plane strain", left=0.0):
+    return StatedProblem(triangles(comm, (left, 0.0), (left + 2.0, 1.0), (4, 2)), state, conditions)
 
 
 def ring(comm=SELF):
-    return block(comm, state="axisymmetric", left=1.0)
+    return make_block(comm, state="axisymmetric", left=1.0)
 
 
 def clamped(comm=SELF):
-    return block(comm, [(0, at(1, 0.0)), (1, at(1, 0.0))])
+    return make_block(comm, [(0, on_plane(1, 0.0)), (1, on_plane(1, 0.0))])
 
 
 def solid(comm=SELF, conditions=()):
     mesh = create_box(comm, [(0, 0, 0), (2, 2, 1)], [2, 2, 1], CellType.tetrahedron)
-    return Stated(mesh, "solid", conditions)
+    return StatedProblem(mesh, "solid", conditions)
 
 
-def floor(mu=0.3, surface=FLOOR):
-    return ContactPair(at(1, 0.0), surface, mu)
+def floor_pair(mu=0.3, surface=FLOOR):
+    return ContactPair(on_plane(1, 0.0), surface, mu)
 
 
 def two_apart(comm=SELF, x=5.0, y=0.0):
     first, second = (
         triangles(SELF, low, (low[0] + 2.0, low[1] + 1.0), (4, 2)) for low in ((0.0, 0.0), (x, y))
     )
-    return Stated(joined(first, second, comm))
+    return StatedProblem(join_meshes(first, second, comm))
 
 
 def stacked(body, below, between):
     """Pairs of a block on a block on the floor."""
-    lower, upper = (lower_nodes(body.space, 1.0, above) for above in (False, True))
-    return [floor(below), ContactPair(upper, MatchingNodes(lower, Plane((0, 1), (0, 1))), between)]
+    lower, upper = (nodes_of_block_at_height(body.space, 1.0, above) for above in (False, True))
+    return [
+        floor_pair(below),
+        ContactPair(upper, MatchingNodes(lower, Plane((0, 1), (0, 1))), between),
+    ]
 
 
 def refusal(stated, pairs, load, match=None, kind=NoEquilibrium):
@@ -113,8 +116,8 @@ def refusal(stated, pairs, load, match=None, kind=NoEquilibrium):
         stated.solve(pairs, load)
     assert type(caught.value) is kind
     if kind is NoEquilibrium:
-        found = flaws(stated, 0, caught.value)
-        assert sound(found), found
+        found = measure_proof_defects(stated, 0, caught.value)
+        assert is_valid_proof(found), found
     return caught.value
 
 
@@ -124,14 +127,14 @@ def refusal(stated, pairs, load, match=None, kind=NoEquilibrium):
 @pytest.mark.parametrize("mu", [0.1, 1.5])
 def test_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
     """Weight (s, -c) at the middle of its base; what is missing follows from s - mu c."""
-    body = block()
+    body = make_block()
     for share, slides in ((0.99, False), (1.01, True), (1.001, True)):
         s, c = share * mu / np.hypot(1, mu * share), 1 / np.hypot(1, mu * share)
-        load = body.at_node((1, 0), (s, -c))
+        load = body.nodal_load_at((1, 0), (s, -c))
         if not slides:
-            assert body.solve(floor(mu), load).residuals.largest() < 1e-10
+            assert body.solve(floor_pair(mu), load).residuals.largest() < 1e-10
             continue
-        error = refusal(body, floor(mu), load, "the body slides along x on pair 0")
+        error = refusal(body, floor_pair(mu), load, "the body slides along x on pair 0")
         short = s - mu * c
         least = (-short, 0) if mu < 1 else (0, -short / mu)
         assert error.missing.force == pytest.approx(np.array([least]), abs=2e-6 * c)
@@ -144,14 +147,14 @@ def test_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
 
 def test_body_in_space_is_dragged_along_a_diagonal():
     """The cone is round: no polygon's corner is taken for it, in any direction."""
-    body, ground = solid(), ContactPair(at(2, 0.0), GROUND, 0.3)
+    body, ground = solid(), ContactPair(on_plane(2, 0.0), GROUND, 0.3)
     for angle in np.radians([0.0, 30.0, 100.0]):
         pull = 0.3 * np.array([np.cos(angle), np.sin(angle)])
-        load = body.at_node((1, 1, 0), (*(1.0001 * pull), -1.0))
+        load = body.nodal_load_at((1, 1, 0), (*(1.0001 * pull), -1.0))
         error = refusal(body, ground, load, "the body slides along .* on pair 0")
         slid = error.velocity.translation[0]
         assert slid[:2] / np.linalg.norm(slid[:2]) == pytest.approx(pull / 0.3, abs=0.02)
-        body.solve(ground, body.at_node((1, 1, 0), (*(0.98 * pull), -1.0)))
+        body.solve(ground, body.nodal_load_at((1, 1, 0), (*(0.98 * pull), -1.0)))
 
 
 BOTH = "translation .* of the body around .* with .* of the body around .* slides along x on pair 0"
@@ -161,7 +164,7 @@ UPPER = r"the body around \(1, 1\.5\), by .* slides along x on pair 1\. .* of \(
 @pytest.mark.parametrize(("below", "between", "said"), [(0.5, 0.3, UPPER), (0.3, 0.5, BOTH)])
 def test_upper_or_both_of_two_stacked_blocks_are_dragged_off(below, between, said):
     body = two_apart(x=0.0, y=1.0)
-    load = body.load((0.2, -0.5), at(1, 2.0))
+    load = body.traction_load((0.2, -0.5), on_plane(1, 2.0))
     error = refusal(body, stacked(body, below, between), load, said)
     first, second = error.velocity.translation
     assert first == pytest.approx(second if said == BOTH else 0.0, abs=1e-9)
@@ -169,30 +172,32 @@ def test_upper_or_both_of_two_stacked_blocks_are_dragged_off(below, between, sai
 
 def test_only_the_block_that_nothing_holds_is_named():
     body = two_apart()
-    load = assemble_vector(body.body.body_load((0.0, -1.0))) + body.at_node((6, 1), (0, 5.0))
-    error = refusal(body, floor(), load, r"\(6, 0\.5\), by .* lifts off pair 0\. At")
+    load = assemble_vector(body.body.body_load((0.0, -1.0))) + body.nodal_load_at((6, 1), (0, 5.0))
+    error = refusal(body, floor_pair(), load, r"\(6, 0\.5\), by .* lifts off pair 0\. At")
     assert error.missing.force == pytest.approx(np.array([[0, 0], [0, -3]]), rel=1e-5)
 
 
 def test_axisymmetric_body_is_lifted_along_its_axis_only():
-    error = refusal(ring(), floor(), (1.0, 1.0), "the body lifts off pair 0")
+    error = refusal(ring(), floor_pair(), (1.0, 1.0), "the body lifts off pair 0")
     volume = np.pi * (3**2 - 1)
     assert error.missing.force == pytest.approx(np.array([[0, -volume]]), rel=1e-6)
     assert error.velocity.translation == pytest.approx(np.array([[0, 1]]))
-    ring().solve(floor(), (1.0, -1.0))
+    ring().solve(floor_pair(), (1.0, -1.0))
 
 
 def pushed_by(surface, force, mu=0.3):
-    return ContactPair(at(1, 1.0), surface, mu, [Motion((None, None), force)])
+    return ContactPair(on_plane(1, 1.0), surface, mu, [Motion((None, None), force)])
 
 
 def test_plate_that_is_pulled_off_or_along():
     body = clamped()
     plate = pushed_by(CEILING, (0, 1.0))
-    error = refusal(body, plate, body.nothing, "y of the surface of pair 0, by .* lifts off pair 0")
+    error = refusal(
+        body, plate, body.zero_load, "y of the surface of pair 0, by .* lifts off pair 0"
+    )
     assert error.missing.surface == pytest.approx(np.array([[0, -1]]), rel=1e-6)
     words = r"slides along -x on pair 0\. At .* \(-0\.1, 0\) of the surface of pair 0"
-    error = refusal(body, pushed_by(CEILING, (0.4, -1.0)), body.nothing, words)
+    error = refusal(body, pushed_by(CEILING, (0.4, -1.0)), body.zero_load, words)
     assert error.missing.force == pytest.approx(0.0)
 
 
@@ -213,23 +218,28 @@ def corner(x):
     return np.all(np.isclose(x.T, 0.0), axis=1)
 
 
-ICE, ICE_IN_SPACE = floor(0.0), ContactPair(at(2, 0.0), GROUND)
-PLATE = ContactPair(at(1, 1.0), CEILING, 0.3, [Motion((None, 0))])
-AWAY = ContactPair(at(2, 1.0), FlatPunch((9, 9, 1), (0, 0, -1), 0.1), 0.3)
+ICE, ICE_IN_SPACE = floor_pair(0.0), ContactPair(on_plane(2, 0.0), GROUND)
+PLATE = ContactPair(on_plane(1, 1.0), CEILING, 0.3, [Motion((None, 0))])
+AWAY = ContactPair(on_plane(2, 1.0), FlatPunch((9, 9, 1), (0, 0, -1), 0.1), 0.3)
 EDGE = [(axis, lambda x: np.isclose(x[0], 0) & np.isclose(x[2], 0)) for axis in (0, 2)]
 ONE, OTHER = (rf"translation x of the body around \({x}, 0\.5\)" for x in (1, 6))
 AXES = zip("zyx", (r"0, 0, 0\.5", "0, 1, 0", "1, 0, 0"), strict=True)
 ABOUT = " and ".join(rf"rotation about the axis along {a} through \({at}\) of .*" for a, at in AXES)
 SPIN = r"rotation about the axis along z through \(1, 1, 0\.5\) of .* and translation x of .* and"
 HINGE = r"rotation about the axis along y through \(0, 1, 0\) of the body and translation y"
-RING = ContactPair(at(0, 3.0), Plane((3, 0), (-1, 0)))
+RING = ContactPair(on_plane(0, 3.0), Plane((3, 0), (-1, 0)))
 DOWN, SINK = (0.0, -1.0), (0.0, 0.0, -1.0)
 FREE = {
-    "ice": (block, ICE, DOWN, "^increment 0: translation x"),
-    "inclined": (block, floor(0.0, Inclined()), DOWN, r"translation \(0\.8, 0\.6\)"),
+    "ice": (make_block, ICE, DOWN, "^increment 0: translation x"),
+    "inclined": (make_block, floor_pair(0.0, Inclined()), DOWN, r"translation \(0\.8, 0\.6\)"),
     "apart": (two_apart, ICE, DOWN, f"{ONE} and {OTHER}"),
     # a rough plate lies on a block on ice: it is free with the block, not by itself
-    "together": (block, [ICE, PLATE], DOWN, "0: translation x of the body with translation x of"),
+    "together": (
+        make_block,
+        [ICE, PLATE],
+        DOWN,
+        "0: translation x of the body with translation x of",
+    ),
     "space": (solid, ICE_IN_SPACE, SINK, SPIN),
     "pinned": (lambda c: solid(c, [(axis, corner) for axis in range(3)]), AWAY, SINK, ABOUT),
     "hinged": (lambda c: solid(c, EDGE), AWAY, SINK, HINGE),
@@ -243,18 +253,21 @@ def test_free_motions_are_named_so_that_supports_can_follow(name):
     refusal(make(SELF), pairs, load, f"{words}.*: held", FreeBody)
 
 
-def messages(comm):
+def refusal_messages(comm):
     """Refusals without equilibrium, then of free bodies."""
-    above, space = two_apart(comm, 0.0, 1.0), ContactPair(at(2, 0.0), GROUND, 0.3)
+    above, space = two_apart(comm, 0.0, 1.0), ContactPair(on_plane(2, 0.0), GROUND, 0.3)
     plate = pushed_by(CEILING, (0, 1.0))
     cases = [
-        *((block(comm), floor(mu), f) for mu, f in ((0.3, (0.4, -1.0)), (3.0, (2.5, -1.0)))),
-        (block(comm), floor(), (0.0, 1.0)),
+        *(
+            (make_block(comm), floor_pair(mu), f)
+            for mu, f in ((0.3, (0.4, -1.0)), (3.0, (2.5, -1.0)))
+        ),
+        (make_block(comm), floor_pair(), (0.0, 1.0)),
         (clamped(comm), plate, (0.0, 0.0)),
-        (two_apart(comm), floor(), (0.4, -1.0)),
+        (two_apart(comm), floor_pair(), (0.4, -1.0)),
         (above, stacked(above, 0.6, 0.3), (0.4, -1.0)),
         (solid(comm), space, (0.3, 0.3, -1.0)),
-        (ring(comm), floor(0.0), (0.3, 1.0)),
+        (ring(comm), floor_pair(0.0), (0.3, 1.0)),
     ]
     cases += [(make(comm), pairs, load) for make, pairs, load, _ in FREE.values()]
     found = []
@@ -269,16 +282,16 @@ def messages(comm):
 
 
 def test_state_that_came_nearest_is_kept_but_nothing_goes_on_from_it(tmp_path):
-    greco = Greco(16)
+    greco = GrecoPlate(16)
     with pytest.raises(NotFound, match="came nearest violates the law by") as caught:
         greco.solve(1.0, max_iterations=3, remedies=())
     state = caught.value.state
     assert not state.converged
     assert state.iterations == 3
     assert 1e-6 < state.residuals.largest() < 10
-    problem = greco.problem(greco.pair(1.0), greco.symmetry)
+    problem = greco.contact_problem(greco.floor_pair(1.0), greco.symmetry_supports)
     with pytest.raises(ValueError, match="no solution: go on from the one before"):
-        problem.step(state, greco.push)
+        problem.step(state, greco.edge_load)
     with pytest.raises(ValueError, match="the state is not a solution"):
         problem.save(state, tmp_path / "state.npz")
 
@@ -289,21 +302,21 @@ def carried_at_most(error):
 
 def test_ring_that_is_pushed_off_its_shaft_is_told_what_friction_carries():
     """Smaller increments cannot help; the capacity is mu times the force of the fit."""
-    ring = Stated(triangles(SELF, (1.0, 0.0), (2.0, 1.0), (4, 4)), "axisymmetric")
-    pair = ContactPair(at(0, 1.0), Plane((1.01, 0), (1, 0)), 0.3, interference=True)
-    problem, area = ring.problem(pair), np.pi * (2**2 - 1)
-    fitted = problem.step(problem.undeformed, ring.load((0, 1e-9), at(1, 1.0)))
+    ring = StatedProblem(triangles(SELF, (1.0, 0.0), (2.0, 1.0), (4, 4)), "axisymmetric")
+    pair = ContactPair(on_plane(0, 1.0), Plane((1.01, 0), (1, 0)), 0.3, interference=True)
+    problem, area = ring.contact_problem(pair), np.pi * (2**2 - 1)
+    fitted = problem.step(problem.undeformed, ring.traction_load((0, 1e-9), on_plane(1, 1.0)))
     capacity = 0.3 * fitted.pairs[0].force_normal.sum()
-    pushed = problem.step(fitted, ring.load((0, 0.95 * capacity / area), at(1, 1.0)))
+    pushed = problem.step(fitted, ring.traction_load((0, 0.95 * capacity / area), on_plane(1, 1.0)))
     assert pushed.pairs[0].force[1] == pytest.approx(-0.95 * capacity)
     with pytest.raises(NotFound, match=r"pair 0 is used up: .*smaller increments do not") as caught:
-        problem.step(fitted, ring.load((0, 1.5 * capacity / area), at(1, 1.0)))
+        problem.step(fitted, ring.traction_load((0, 1.5 * capacity / area), on_plane(1, 1.0)))
     assert "may find one" not in str(caught.value)
     assert carried_at_most(caught.value) == pytest.approx(capacity, rel=0.03)
 
 
 def test_tool_that_is_pushed_along_by_more_than_friction_is_told_what_that_carries():
-    rubber = Rubber(friction=0.3)
+    rubber = RubberUnderCircle(friction=0.3)
     pressed = rubber.problem.step(rubber.problem.undeformed, motions=Motion((0.0, -0.15)))
     normal = pressed.pairs[0].force_normal.sum()
     with pytest.raises(NotFound, match=r"pair 0 is used up: .*smaller increments do not") as caught:
@@ -312,7 +325,7 @@ def test_tool_that_is_pushed_along_by_more_than_friction_is_told_what_that_carri
 
 
 def test_refusals_of_other_causes_do_not_blame_friction():
-    greco = Greco(16)
+    greco = GrecoPlate(16)
     with pytest.raises(NotFound, match=r"may find one$"):
         greco.solve(1.0, max_iterations=3, remedies=())
 
@@ -426,12 +439,12 @@ def test_motions_of_many_pieces_are_found_as_those_of_few(monkeypatch, blocked):
     both.K = assemble_matrix(both.body.stiffness(), blocked=blocked)
     for few in (60, 0):
         monkeypatch.setattr(matrices, "_FEW_MODES", few)
-        unbraked = refusal(both, floor(0.3), (0.5, -1.0))
+        unbraked = refusal(both, floor_pair(0.3), (0.5, -1.0))
         words.append((str(unbraked), unbraked.missing.moment.round(9).tolist()))
         with pytest.raises(FreeBody) as loose:
-            both.solve(ContactPair(at(1, 1.0), CEILING, 0.0), (0.0, 0.0))
+            both.solve(ContactPair(on_plane(1, 1.0), CEILING, 0.0), (0.0, 0.0))
         words[-1] += (str(loose.value),)
-        assert both.solve(floor(0.3), (0.1, -1.0)).converged
+        assert both.solve(floor_pair(0.3), (0.1, -1.0)).converged
     assert words[0] == words[1]
 
 
@@ -441,7 +454,7 @@ def test_stiffness_between_pieces_holds_them():
     both.conditions = [
         prescribe(both.space, i, lambda x: np.isclose(x[1], 0.0) & (x[0] < 2.5)) for i in (0, 1)
     ]
-    load, pair = (0.0, 0.0), ContactPair(at(1, 1.0), CEILING, 0.0)
+    load, pair = (0.0, 0.0), ContactPair(on_plane(1, 1.0), CEILING, 0.0)
     with pytest.raises(FreeBody):
         both.solve(pair, load)
     free = both.x[:, 0] > 2.5

@@ -1,4 +1,4 @@
-"""What is tried where the active-set iteration fails, each remedy alone."""
+"""The fallbacks of the active-set iteration, each tested alone."""
 
 from collections import Counter
 
@@ -7,76 +7,91 @@ import pytest
 from pw_elements.contact.steps.stepping import Stepping
 from pw_elements.contact.system import AssembledTangent, ContactSystem
 from pw_elements.solvers import NotConverged
-from tests.contact.residuals import Step, residuals, walked, worst
-from tests.oracle.random_contact import problem
+from tests.contact.residuals import (
+    StepMotion,
+    largest_residual,
+    measure_residuals,
+    split_into_substeps,
+)
+from tests.oracle.random_contact import make_problem
 
-# Random problems on which the iteration cycles, crawls or meets round-off: plane strain
+# Seeds on which the iteration cycles, converges slowly or meets round-off: plane strain
 # under a free sphere, a body that only contact holds, axisymmetry, tetrahedra, friction above 10
-FAILING = [158, 264, 991, 1134, 132]
-# and on which it lets go of a surface or a body that friction can hold
-LOST = [667]
+FAILING_SEEDS = [158, 264, 991, 1134, 132]
+# Seeds on which the iteration releases a surface or a body that friction can hold
+RELEASING_SEEDS = [667]
 
 
 # -- springs ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [*FAILING, *LOST])
-def test_cycling_and_crawling_problems_are_solved_by_springs_and_say_so(seed, caplog):
-    stated = problem(seed)
+@pytest.mark.parametrize("seed", [*FAILING_SEEDS, *RELEASING_SEEDS])
+def test_problems_on_which_the_iteration_fails_are_solved_by_springs_and_logged(seed, caplog):
+    problem = make_problem(seed)
     with caplog.at_level("INFO", "pw_elements.contact"):
-        states = stated.solve(remedies=("springs",))
+        states = problem.solve(remedies=("springs",))
     assert "by springs, for what 150 linear systems take at most" in caplog.text
     assert "solved by springs of " in caplog.text
-    assert worst(residuals(stated, [Step.of(state) for state in states])) < 1e-8
+    assert (
+        largest_residual(
+            measure_residuals(problem, [StepMotion.from_state(state) for state in states])
+        )
+        < 1e-8
+    )
 
 
-# -- increments in parts ---------------------------------------------------------------------
+# -- substeps --------------------------------------------------------------------------------
 
 
-def test_a_plate_that_slides_freely_over_nodes_that_supports_hold_is_found_in_parts():
-    """It is pushed across two planes of symmetry in space, and springs do not help."""
-    stated = problem(1441)
-    states = stated.solve()
+def test_a_plate_that_slides_freely_over_supported_nodes_is_solved_in_substeps():
+    """The plate is pushed across two symmetry planes in space, where springs do not help."""
+    problem = make_problem(1441)
+    states = problem.solve()
     assert states[1].substates
-    parts, steps, shares = walked(stated, states)
-    assert worst(residuals(parts, steps, shares)) < 1e-8
+    substep_problem, steps, load_factors = split_into_substeps(problem, states)
+    assert largest_residual(measure_residuals(substep_problem, steps, load_factors)) < 1e-8
 
 
-def test_a_solver_that_gives_up_in_a_part_says_so(monkeypatch):
-    """No smaller part is tried then: "auto" goes on with factors."""
-    stated, whole = problem(158), Stepping._solve_part
+def test_a_solver_that_fails_in_a_substep_is_reported(monkeypatch):
+    """No smaller substep is tried; "auto" then goes on with a direct solver."""
+    problem, solve_part = make_problem(158), Stepping._solve_part
 
-    def parts_fail(self, *arguments):
-        if len(arguments) == 4:  # a part has a budget
+    def fail_in_substeps(self, *arguments):
+        if len(arguments) == 4:  # a substep has a budget
             raise NotConverged("gave up")
-        return whole(self, *arguments)
+        return solve_part(self, *arguments)
 
-    monkeypatch.setattr(Stepping, "_solve_part", parts_fail)
+    monkeypatch.setattr(Stepping, "_solve_part", fail_in_substeps)
     with pytest.raises(NotConverged, match="gave up"):
-        stated.solve(remedies=("cutback",))
+        problem.solve(remedies=("cutback",))
 
 
-def test_increments_in_parts_have_a_true_history_and_all_systems_are_counted(monkeypatch):
-    """Every part obeys the law with the slip since the part before, at its own loads."""
-    solved, factorised, stated = Counter(), Counter(), problem(1134)
-    solve, solve_one = ContactSystem.solve, AssembledTangent.solve
+def test_substeps_obey_the_law_and_all_their_systems_are_counted(monkeypatch):
+    """Each substep obeys the law with the slip since the previous one, at its own loads."""
+    n_solves, n_factorisations, problem = Counter(), Counter(), make_problem(1134)
+    solve_system, solve_tangent = ContactSystem.solve, AssembledTangent.solve
 
-    def counted(system, *arguments, **named):
-        solved[system] += 1
-        return solve(system, *arguments, **named)
+    def count_solve(system, *arguments, **named):
+        n_solves[system] += 1
+        return solve_system(system, *arguments, **named)
 
-    def told(tangent, *arguments):
-        found = solve_one(tangent, *arguments)
-        factorised[tangent] += found.is_exact
-        return found
+    def count_factorisation(tangent, *arguments):
+        solution = solve_tangent(tangent, *arguments)
+        n_factorisations[tangent] += solution.is_exact
+        return solution
 
-    monkeypatch.setattr(ContactSystem, "solve", counted)
-    monkeypatch.setattr(AssembledTangent, "solve", told)
-    states = stated.solve(remedies=("cutback",))
-    (cut,) = (state for state in states if state.substates)
-    assert worst(residuals(*walked(stated, states))) < 1e-8
-    # the parts are needed for it: the ends alone are no solution of whole increments
-    assert worst(residuals(stated, [Step.of(state) for state in states])) > 1e-8
-    assert cut.iterations > sum(part.iterations for _, part in cut.substates)
-    assert sum(state.iterations for state in states) == solved.total()
-    assert sum(state.report.factorisations for state in states) >= factorised.total()
+    monkeypatch.setattr(ContactSystem, "solve", count_solve)
+    monkeypatch.setattr(AssembledTangent, "solve", count_factorisation)
+    states = problem.solve(remedies=("cutback",))
+    (cut_state,) = (state for state in states if state.substates)
+    assert largest_residual(measure_residuals(*split_into_substeps(problem, states))) < 1e-8
+    # the ends alone are no solution of whole increments
+    assert (
+        largest_residual(
+            measure_residuals(problem, [StepMotion.from_state(state) for state in states])
+        )
+        > 1e-8
+    )
+    assert cut_state.iterations > sum(substate.iterations for _, substate in cut_state.substates)
+    assert sum(state.iterations for state in states) == n_solves.total()
+    assert sum(state.report.factorisations for state in states) >= n_factorisations.total()

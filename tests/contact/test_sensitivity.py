@@ -19,15 +19,15 @@ from pw_elements import (
 )
 from pw_elements.contact import SLIP, ContactPair, ContactProblem, Motion, SignedDistance, Sphere
 from pw_elements.meshes import triangles
-from tests.contact.cases import Elastic, at, at_large_strains, neo_hookean
-from tests.contact.test_large import Rubber as Touching
-from tests.contact.test_large import hardened
+from tests.contact.cases import ElasticBody, finite_strain_residual, neo_hookean_stress, on_plane
+from tests.contact.test_large import RubberUnderCircle as Touching
+from tests.contact.test_large import make_hardening_rubber
 
 STEP = 1e-5  # of each parameter's value
 NAMES = ("shear", "lame", "base", "load", "friction", "depth", "slide", "push")
 
 
-class Rubber:
+class RandomRubber:
     """A random rubber block under a tool that is moved, then pushed, with all that is given."""
 
     def __init__(self, seed, dim=2, steps=3, most=25, comm=MPI.COMM_SELF):
@@ -43,15 +43,15 @@ class Rubber:
         self.load = fem.Constant(mesh, np.zeros(dim))
         spaces = Spaces.petrov_galerkin(mesh)
         self.space = spaces.trial
-        stress = lambda F: neo_hookean(F, self.shear, self.lame)  # noqa: E731
-        self.u, inner = at_large_strains(spaces, stress, 3)
-        weight, side = ufl.TestFunction(spaces.test), boundary_measure(mesh, at(0, 1.0))
+        stress = lambda F: neo_hookean_stress(F, self.shear, self.lame)  # noqa: E731
+        self.u, inner = finite_strain_residual(spaces, stress, 3)
+        weight, side = ufl.TestFunction(spaces.test), boundary_measure(mesh, on_plane(0, 1.0))
         self.residual = inner - ufl.inner(self.load, weight) * side
         F, dx = ufl.Identity(dim) + ufl.grad(self.u), ufl.dx(metadata={"quadrature_degree": 3})
         self.work = self.shear * ufl.inner(F, F) * dx + ufl.inner(self.load, self.u) * side
-        self.top = fem.locate_dofs_geometrical(self.space, at(axis, 0.0))
+        self.top = fem.locate_dofs_geometrical(self.space, on_plane(axis, 0.0))
         self.held = [
-            prescribe(self.space, i, at(axis, bottom), *value)
+            prescribe(self.space, i, on_plane(axis, bottom), *value)
             for i, value in enumerate([(self.base,), *[()] * (dim - 1)])
         ]
         centre, radius = rng.uniform(-0.1, 0.1, dim), rng.uniform(0.6, 1.0)
@@ -151,15 +151,15 @@ class Steel:
 
     def __init__(self):
         mesh = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (12, 6))
-        self.body = Elastic(mesh, E=10.0)
-        self.K, self.load = self.body.K, self.body.load((0.02, -0.05), at(0, 1.0))
-        self.supports = self.body.clamped(at(1, -1.0))
+        self.body = ElasticBody(mesh, E=10.0)
+        self.K, self.load = self.body.K, self.body.traction_load((0.02, -0.05), on_plane(0, 1.0))
+        self.supports = self.body.clamp(on_plane(1, -1.0))
         self.outputs = [("force", 0, 0), ("force", 0, 1), ("translation", 0, 1), self.load]
 
     def solve(self, friction=0.2, depth=1.0, slide=1.0, push=1.0, load=1.0, solver=None):
         circle = Sphere((0.03, 0.6), 0.6)
-        pair = ContactPair(at(1, 0.0), circle, friction=friction)
-        problem = self.body.problem(pair, self.supports, solver=solver)
+        pair = ContactPair(on_plane(1, 0.0), circle, friction=friction)
+        problem = self.body.contact_problem(pair, self.supports, solver=solver)
         states, f = [problem.undeformed], self.load.copy()
         f.scale(load)
         motions = [
@@ -206,10 +206,10 @@ def agreement(case, found, states, groups):
 @pytest.mark.parametrize(
     ("make", "groups"),
     [
-        (lambda: Rubber(0), 4),
-        (lambda: Rubber(1), 1),
-        (lambda: Rubber(5, dim=3), 1),
-        (lambda: Rubber(6, most=4, steps=2), 1),
+        (lambda: RandomRubber(0), 4),
+        (lambda: RandomRubber(1), 1),
+        (lambda: RandomRubber(5, dim=3), 1),
+        (lambda: RandomRubber(6, most=4, steps=2), 1),
         (Steel, 2),
     ],
 )
@@ -240,7 +240,7 @@ def test_derivatives_are_of_the_stiffness_as_it_is():
 
 
 def test_what_has_no_derivatives_is_refused_in_words():
-    case = Rubber(0, steps=2)
+    case = RandomRubber(0, steps=2)
     problem, states = case.solve()
     known = states, case.outputs, [case.shear], case.loads
     parameters = [
@@ -261,7 +261,7 @@ def test_what_has_no_derivatives_is_refused_in_words():
     ):
         with pytest.raises(ValueError, match=words):
             problem.sensitivity(*arguments)
-    rubber, _ = hardened()
+    rubber, _ = make_hardening_rubber()
     undeformed = rubber.problem.undeformed
     with pytest.raises(ValueError, match="has a history"):
         rubber.problem.sensitivity([undeformed, undeformed], [("force", 0, 1)], [("friction", 0)])
@@ -275,7 +275,7 @@ def test_what_has_no_derivatives_is_refused_in_words():
 
 
 def test_parameters_that_cannot_act_and_numbers_that_are_none_are_refused():
-    case = Rubber(0, steps=1)
+    case = RandomRubber(0, steps=1)
     problem, states = case.solve()
     outputs, n = case.outputs, len(case.outputs)
     absent = fem.Constant(case.u.function_space.mesh, 2.0)

@@ -15,16 +15,21 @@ from pw_elements import Reduction, assemble_vector, boundary_measure, prescribe
 from pw_elements.contact import SLIP, ContactFields, ContactPair, DeformableSurface, NotFound, Plane
 from pw_elements.meshes import curved_mesh, quadrilaterals, triangles
 from study.verification.c_mesh_families import meshed
-from tests.contact.cases import GALERKIN, PW, Elastic, at
-from tests.contact.residuals import Stated, residuals, walked, worst
-from tests.contact.two_bodies import PLANE, Stack, joined, two_sides
+from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
+from tests.contact.residuals import (
+    ProblemData,
+    largest_residual,
+    measure_residuals,
+    split_into_substeps,
+)
+from tests.contact.two_bodies import PLANE_CELLS, StackedBlocks, join_meshes, split_facets_by_side
 
 INNER, BETWEEN, OUTER, PRESSURE, NU = 1.0, 1.5, 2.2, 1e-3, 0.3
 
 
 def _tube(low, high, n, cell):
     size = (max(2, round(1.5 * n * (high - low))), 2 * n, max(1, n // 3))
-    if cell in PLANE:
+    if cell in PLANE_CELLS:
         ends = [(low, 0.0), (high, 1.0)]
         return curved_mesh(create_rectangle(MPI.COMM_SELF, ends, size[:2], CellType[cell]), _rolled)
     ends = [(low, 0, 0), (high, 1.0, 0.5)]
@@ -39,18 +44,18 @@ def _rolled(x):
 
 def meeting(body, where, is_outside, slave, coincident=True, **options):
     """The pair of the faces at a marker, one body in the other."""
-    inner, outer = two_sides(body, where, is_outside)
+    inner, outer = split_facets_by_side(body, where, is_outside)
     own, theirs = (inner, outer) if slave == "inner" else (outer, inner)
     nodes = fem.locate_dofs_topological(body.space, body.dim - 1, own)
     return ContactPair(nodes, DeformableSurface(theirs, coincident=coincident), **options)
 
 
-class Shells(Elastic):
+class Shells(ElasticBody):
     """One in the other, the outer one free outside; symmetry planes hold them."""
 
     def __init__(self, kind, cell, divisions, slave="inner", coincident=True):
         self.power = 3 if kind == "revolved" else 2  # in its stresses; this is a sphere
-        mesh = joined(
+        mesh = join_meshes(
             _tube(INNER, BETWEEN, divisions[0], cell), _tube(BETWEEN, OUTER, divisions[1], cell)
         )
         state = {"tube": "plane strain", "revolved": "axisymmetric"}.get(kind, "solid")
@@ -62,8 +67,10 @@ class Shells(Elastic):
         beyond = lambda x: np.hypot(x[:, 0], x[:, 1]) > BETWEEN  # noqa: E731
         self.pair = meeting(self, on(BETWEEN), beyond, slave, coincident)
         self.inside = self.pushed(PRESSURE, on(INNER))
-        ends = [(i, at(i, 0.0)) for i in range(self.dim)]
-        self.supports = self.held(*ends, *[(2, at(2, 0.5))] * (kind == "tube in space"))
+        ends = [(i, on_plane(i, 0.0)) for i in range(self.dim)]
+        self.supports = self.make_supports(
+            *ends, *[(2, on_plane(2, 0.5))] * (kind == "tube in space")
+        )
 
     def pushed(self, pressure, where):
         surface = boundary_measure(self.mesh, where, 6)
@@ -106,7 +113,7 @@ def errors(shells):
 
     Of the opposite side's shear the largest over the pressure, too.
     """
-    (state,) = shells.contact(shells.pair, shells.supports, shells.inside)
+    (state,) = shells.solve_contact(shells.pair, shells.supports, shells.inside)
     (pair,) = state.pairs
     fields = ContactFields.of(state, shells.body)
     exact = shells.displacement()
@@ -142,11 +149,11 @@ def test_gaps_of_meshes_are_of_order_four(cell):
 
 
 def test_sides_that_do_not_coincide_are_named():
-    stack = Stack((4, 3), shape=lambda x: x + np.array([0.0, 0.02, 0.0]))
-    pair = stack.pair()
+    stack = StackedBlocks((4, 3), map_upper=lambda x: x + np.array([0.0, 0.02, 0.0]))
+    pair = stack.make_pair()
     coincident = replace(pair, surface=replace(pair.surface, coincident=True))
     with pytest.raises(ValueError, match="farther than meshes of one surface do"):
-        stack.contact(coincident)
+        stack.solve_contact(coincident)
     with pytest.raises(ValueError, match="is a depth where sides are coincident"):
         replace(coincident, interference=True)
 
@@ -172,13 +179,13 @@ def fitted(state, edges, interference, depth=DEPTH, slave="inner"):
         return np.hypot(x[0], x[1]) if round_ else x[0]
 
     bore = BETWEEN - (0.0 if said else depth)
-    mesh = joined(ring(INNER, BETWEEN, edges[0]), ring(bore, OUTER, edges[1]))
-    rings = Elastic(mesh, PW, state, 1.0, NU)
+    mesh = join_meshes(ring(INNER, BETWEEN, edges[0]), ring(bore, OUTER, edges[1]))
+    rings = ElasticBody(mesh, PW, state, 1.0, NU)
     near = lambda x: np.abs(radius(x) - BETWEEN) < 2 * depth  # noqa: E731
     beyond = lambda x: radius(x.T) > BETWEEN  # noqa: E731
     pair = meeting(rings, near, beyond, slave, said, interference=interference)
-    ends = [(0, at(0, 0.0))] if round_ else [(1, at(1, 0.5))]
-    (found,) = rings.contact(pair, rings.held((1, at(1, 0.0)), *ends))
+    ends = [(0, on_plane(0, 0.0))] if round_ else [(1, on_plane(1, 0.5))]
+    (found,) = rings.solve_contact(pair, rings.make_supports((1, on_plane(1, 0.0)), *ends))
     both = np.concatenate([found.pairs[0].node, found.pairs[0].opposite])
     pressure = ContactFields.of(found, rings.body).pressure.x.array[both]
     a, b, c = INNER, BETWEEN, OUTER
@@ -225,8 +232,8 @@ def test_friction_on_a_curved_face_has_coulombs_torque(slave):
     torque = 2 * np.pi * BETWEEN**2 * mu * pressure
     off = []
     for size in (0.2, 0.1):
-        mesh = joined(ring(INNER, BETWEEN, size), ring(BETWEEN, OUTER, 1.3 * size))
-        rings = Elastic(mesh, PW, "plane strain", 1.0, NU)
+        mesh = join_meshes(ring(INNER, BETWEEN, size), ring(BETWEEN, OUTER, 1.3 * size))
+        rings = ElasticBody(mesh, PW, "plane strain", 1.0, NU)
         there = lambda x: np.isclose(np.hypot(x[0], x[1]), BETWEEN)  # noqa: E731
         beyond = lambda x: np.hypot(x[:, 0], x[:, 1]) > BETWEEN  # noqa: E731
         pair = meeting(rings, there, beyond, slave, friction=mu)
@@ -236,7 +243,7 @@ def test_friction_on_a_curved_face_has_coulombs_torque(slave):
         for u, r in ((moved, INNER), (rest, OUTER)):
             rim = lambda x, r=r: np.isclose(np.hypot(x[0], x[1]), r)  # noqa: E731
             held.append(fem.dirichletbc(u, fem.locate_dofs_geometrical(rings.space, rim)))
-        (state,) = rings.contact(pair, Reduction.dirichlet(rings.space, held))
+        (state,) = rings.solve_contact(pair, Reduction.dirichlet(rings.space, held))
         (result,) = state.pairs
         assert (result.status == SLIP).all()
         fields, x = ContactFields.of(state, rings.body), rings.x
@@ -267,17 +274,17 @@ def lame():
     return FIT * MODULUS / (1 + NU) * (RIM**2 - BORE**2) / BORE**2 / opening
 
 
-class Ring(Elastic):
+class Ring(ElasticBody):
     """A ring between two smooth planes, its bore smaller than the shaft by `FIT`."""
 
     def __init__(self, n, method=PW, build=triangles):
         mesh = build(MPI.COMM_SELF, (BORE, 0.0), (RIM, HEIGHT), (n, 2))
         super().__init__(mesh, method, "axisymmetric", MODULUS, NU)
-        self.ends = self.held(*((1, at(1, z)) for z in (0.0, HEIGHT)))
+        self.ends = self.make_supports(*((1, on_plane(1, z)) for z in (0.0, HEIGHT)))
 
     def pair(self, mu=0.0, interference=True):
         shaft = Plane((BORE + FIT, 0), (1, 0))
-        return ContactPair(at(0, BORE), shaft, mu, interference=interference)
+        return ContactPair(on_plane(0, BORE), shaft, mu, interference=interference)
 
 
 @pytest.mark.parametrize(
@@ -286,7 +293,7 @@ class Ring(Elastic):
 def test_a_shrunk_ring_has_lames_pressure(method, build):
     errors = []
     for ring in (Ring(n, method, build) for n in (3, 6)):
-        one, two = ring.contact(ring.pair(), ring.ends, [ring.nothing] * 2)
+        one, two = ring.solve_contact(ring.pair(), ring.ends, [ring.zero_load] * 2)
         errors.append(abs(one.pairs[0].force[0] / (2 * np.pi * BORE * HEIGHT) / lame() - 1))
         assert np.abs(one.pairs[0].gap).max() < 1e-12
         # gone after the first increment
@@ -298,12 +305,12 @@ def test_a_shrunk_ring_has_lames_pressure(method, build):
 def test_interference_has_to_be_asked_for():
     ring = Ring(3)
     with pytest.raises(ValueError, match="is to say interference=True"):
-        ring.contact(ring.pair(interference=False), ring.ends)
+        ring.solve_contact(ring.pair(interference=False), ring.ends)
 
 
 def test_a_fit_in_parts_obeys_the_law_in_each_of_them(monkeypatch):
     ring = Ring(3)
-    problem = ring.problem(ring.pair(0.2), ring.ends)
+    problem = ring.contact_problem(ring.pair(0.2), ring.ends)
     solved, first = problem._stepping._solve_part, problem.undeformed
 
     def timid(state, target, *others):
@@ -312,10 +319,10 @@ def test_a_fit_in_parts_obeys_the_law_in_each_of_them(monkeypatch):
         return solved(state, target, *others)
 
     monkeypatch.setattr(problem._stepping, "_solve_part", timid)
-    cut = problem.step(first, ring.nothing)
-    conditions = [prescribe(ring.space, 1, at(1, z)) for z in (0.0, HEIGHT)]
-    stated = Stated(ring.K, ring.space, [ring.nothing], conditions, [ring.pair(0.2)])
+    cut = problem.step(first, ring.zero_load)
+    conditions = [prescribe(ring.space, 1, on_plane(1, z)) for z in (0.0, HEIGHT)]
+    stated = ProblemData(ring.K, ring.space, [ring.zero_load], conditions, [ring.pair(0.2)])
     assert [share for share, _ in cut.substates] == [0.5]
-    assert worst(residuals(*walked(stated, [cut]))) < 1e-9
-    unscaled, steps, _ = walked(stated, [cut])
-    assert worst(residuals(unscaled, steps)) > 1e-3
+    assert largest_residual(measure_residuals(*split_into_substeps(stated, [cut]))) < 1e-9
+    unscaled, steps, _ = split_into_substeps(stated, [cut])
+    assert largest_residual(measure_residuals(unscaled, steps)) > 1e-3

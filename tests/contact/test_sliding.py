@@ -23,16 +23,16 @@ from pw_elements.contact import (
 from pw_elements.contact.interface import SlidingMortar, Trace
 from pw_elements.contact.steps import finite
 from pw_elements.contact.steps.slip import SlipCheck
-from tests.contact.cases import at
+from tests.contact.cases import on_plane
 from tests.contact.sliding import (
-    PATH,
-    STORED,
-    Bodies,
-    die,
-    kernel_differences,
-    positions_along,
-    slid,
-    two,
+    DIE_PATH,
+    STORED_INCREMENT,
+    SlidingBodies,
+    kernel_check_differences,
+    make_die_on_block,
+    mesh_of_two_rectangles,
+    mortar_positions_in_states,
+    slide_along_path,
 )
 
 FRICTION = 0.3
@@ -101,7 +101,7 @@ def test_checks_measure_what_the_kernel_does(revolved, at_ends, seed):
     if not revolved:
         before = before @ turn(rng.uniform(0, 360)).T
     for start, end in ((x, before), (before, x), (x, x)):
-        assert max(kernel_differences(mortar, start, end).values()) < 1e-12
+        assert max(kernel_check_differences(mortar, start, end).values()) < 1e-12
     assert mortar.meet(x).faced.any()
 
 
@@ -139,15 +139,15 @@ def whole():
         if progress.state is None:
             violations.append((progress.increment, progress.violation * 1e-9))
 
-    bodies = die(friction=FRICTION, callback=told)
-    return bodies, slid(bodies), tuple(violations)
+    bodies = make_die_on_block(friction=FRICTION, callback=told)
+    return bodies, slide_along_path(bodies), tuple(violations)
 
 
 def test_checks_of_states_measure_what_the_iteration_does(whole):
     bodies, states, _ = whole
-    mortar, positions = positions_along(bodies, states)
+    mortar, positions = mortar_positions_in_states(bodies, states)
     for start, end in itertools.pairwise([mortar.x, *positions]):
-        assert max(kernel_differences(mortar, start, end).values()) < 1e-10
+        assert max(kernel_check_differences(mortar, start, end).values()) < 1e-10
 
 
 @pytest.mark.parametrize("revolved", [False, True])
@@ -164,17 +164,19 @@ def test_checks_of_bodies_cut_by_a_plane_of_symmetry_measure_what_the_iteration_
         return (x[0] < 0.5 + 1e-9) & (x[1] > 0.005) & (np.abs(x[1] - bottom(x[0])) < 0.02)
 
     boxes = ((0.0, -1.0), (1.5, 0.0)), ((0.0, 0.0), (0.5, 1.0))
-    mesh = two(*boxes, ((8, 3), (5, 3)), shape)
-    half = Bodies(mesh, under, at(1, 0.0), at(1, -1.0), at(1, 1.0), FRICTION)
-    held = [*half.held, prescribe(half.space, 0, at(0, 0.0))]
+    mesh = mesh_of_two_rectangles(*boxes, ((8, 3), (5, 3)), shape)
+    half = SlidingBodies(
+        mesh, under, on_plane(1, 0.0), on_plane(1, -1.0), on_plane(1, 1.0), FRICTION
+    )
+    held = [*half.conditions, prescribe(half.space, 0, on_plane(0, 0.0))]
     surface = replace(half.pair.surface, revolved=revolved)
     pair = replace(half.pair, surface=surface)
     half.problem = ContactProblem.of_residual(half.residual, half.u, held, pair)
-    states = slid(half, [(0.0, -0.05), (0.0, -0.12), (0.0, -0.04)])
-    mortar, positions = positions_along(half, states)
+    states = slide_along_path(half, [(0.0, -0.05), (0.0, -0.12), (0.0, -0.04)])
+    mortar, positions = mortar_positions_in_states(half, states)
     assert not mortar.kept.all()
     for start, end in itertools.pairwise([mortar.x, *positions]):
-        assert max(kernel_differences(mortar, start, end).values()) < 1e-10
+        assert max(kernel_check_differences(mortar, start, end).values()) < 1e-10
 
 
 def cone(state):
@@ -202,8 +204,10 @@ def test_a_die_slides_over_its_element_and_more(whole):
 def flat_punch(divisions):
     """A flat block as the slave, under a punch that is narrower; both are rough."""
     boxes = ((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.01), (0.5, 1.0))
-    mesh = two(*boxes, ((divisions, 4), (4, 4)), lambda x, y, _: (x, y))
-    return Bodies(mesh, *(at(1, height) for height in (0.0, 0.01, -1.0, 1.0)), friction=0.8)
+    mesh = mesh_of_two_rectangles(*boxes, ((divisions, 4), (4, 4)), lambda x, y, _: (x, y))
+    return SlidingBodies(
+        mesh, *(on_plane(1, height) for height in (0.0, 0.01, -1.0, 1.0)), friction=0.8
+    )
 
 
 @pytest.mark.parametrize(("divisions", "last"), [(6, 0.75), (12, 0.5)])
@@ -213,7 +217,7 @@ def test_nodes_that_come_to_face_the_end_of_the_master_slip_as_it_does(divisions
     for pieces in (1, 2, 4):
         bodies = flat_punch(divisions)
         path = [(0.0, -0.11 * (k + 1) / pieces) for k in range(pieces)]
-        (pair,) = slid(bodies, path)[-1].pairs
+        (pair,) = slide_along_path(bodies, path)[-1].pairs
         closed = pair.status != OPEN
         assert np.abs(pair.position[closed, 0]).max() == pytest.approx(last)
         assert np.abs(pair.slip).max() < 1e-3  # half a facet is .125
@@ -239,9 +243,9 @@ def test_nothing_is_faced_beyond_the_place_where_normals_meet():
 @pytest.mark.parametrize("upper_is_slave", [True, False])
 def test_a_die_slides_off_its_block(upper_is_slave):
     """It ends as a body without any force, though it has moved by more than its size."""
-    bodies = die(friction=FRICTION, upper_is_slave=upper_is_slave)
+    bodies = make_die_on_block(friction=FRICTION, upper_is_slave=upper_is_slave)
     path = [(0.0, -0.12), *((0.4 * k, -0.12) for k in range(1, 8))]
-    states = slid(bodies, path)
+    states = slide_along_path(bodies, path)
     ordinary = max(state.iterations for state in states[:5])
     for state, end in zip(states[6:], path[6:], strict=True):
         (pair,) = state.pairs
@@ -290,10 +294,10 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_told(caplog, monkey
 
     monkeypatch.setattr(SlidingMortar, "make_reference", by_closest_points)
     with pytest.raises(NotFound, match="computed anew"):
-        slid(flat_punch(6), [(0.0, -0.11)])
+        slide_along_path(flat_punch(6), [(0.0, -0.11)])
     monkeypatch.setattr(finite, "verify_state", lambda found, *_: found)
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
-        slid(flat_punch(6), [(0.0, -0.11)])
+        slide_along_path(flat_punch(6), [(0.0, -0.11)])
     (record,) = caplog.records
     assert "by up to 0.25" in record.getMessage()
     assert "at 2 contact nodes" in record.getMessage()
@@ -304,18 +308,20 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_told(caplog, monkey
 def test_bodies_are_not_driven_through_each_other(upper_is_slave, path):
     """Without any linear system, where supports are led past each other; beside them they may."""
     solved = []
-    bodies = die(upper_is_slave=upper_is_slave, callback=solved.append)
-    start = slid(bodies, path[:-1])
+    bodies = make_die_on_block(upper_is_slave=upper_is_slave, callback=solved.append)
+    start = slide_along_path(bodies, path[:-1])
     start = start[-1] if start else bodies.problem.undeformed
     del solved[:]
     with pytest.raises(SurfacePassed, match="pass each other by 1: the bodies are driven through"):
-        bodies.problem.step(start, lambda share: bodies.hold(share * np.array(path[-1]), 0.0))
+        bodies.problem.step(
+            start, lambda share: bodies.prescribe_base_and_top(share * np.array(path[-1]), 0.0)
+        )
     assert not solved
 
 
 def test_a_body_that_goes_down_beside_another_one_is_not_driven_through_it():
-    bodies = die()
-    above, beside = slid(bodies, [(3.0, 0.0), (3.0, -3.0)])
+    bodies = make_die_on_block()
+    above, beside = slide_along_path(bodies, [(3.0, 0.0), (3.0, -3.0)])
     assert not above.substates
     assert np.abs(beside.pairs[0].displacement - [3.0, -3.0]).max() < 1e-12
 
@@ -337,13 +343,16 @@ def test_depth_of_what_goes_through_a_side():
 
 def test_both_sides_may_be_the_slave(whole):
     """Resultants are those of the exchanged sides, to the accuracy of the mesh."""
-    ways = whole[1], slid(die(upper_is_slave=False))
+    ways = whole[1], slide_along_path(make_die_on_block(upper_is_slave=False))
     forces = [states[-1].pairs[0].force for states in ways]
     assert np.abs(forces[0] + forces[1]).max() < 0.03 * np.abs(forces[0]).max()
 
 
 def test_a_turned_problem_has_turned_forces(whole):
-    (mine,), (theirs,) = whole[1][2].pairs, slid(die(turned=90.0), PATH[:3])[-1].pairs
+    (mine,), (theirs,) = (
+        whole[1][2].pairs,
+        slide_along_path(make_die_on_block(rotation_degrees=90.0), DIE_PATH[:3])[-1].pairs,
+    )
     size = np.abs(mine.force_vector).max()
     assert np.abs(np.sort(mine.force_normal) - np.sort(theirs.force_normal)).max() < 1e-9 * size
     assert np.abs(mine.force @ turn(90.0).T - theirs.force).max() < 1e-9 * size
@@ -351,9 +360,12 @@ def test_a_turned_problem_has_turned_forces(whole):
 
 def test_a_way_that_is_resumed_is_the_way(whole, tmp_path):
     bodies, states, _ = whole
-    bodies.problem.save(states[STORED], tmp_path / "state.npz")
+    bodies.problem.save(states[STORED_INCREMENT], tmp_path / "state.npz")
     read = bodies.problem.load(tmp_path / "state.npz")
-    (pair,), (known,) = slid(bodies, PATH[STORED + 1 :], read)[-1].pairs, states[-1].pairs
+    (pair,), (known,) = (
+        slide_along_path(bodies, DIE_PATH[STORED_INCREMENT + 1 :], read)[-1].pairs,
+        states[-1].pairs,
+    )
     for name in ("force_vector", "opposite_force", "slip"):
         values = getattr(known, name)
         assert np.abs(getattr(pair, name) - values).max() < 1e-12 * np.abs(values).max()
@@ -385,14 +397,18 @@ def test_fields_have_pressures_and_forces_of_both_sides(whole):
 
 def test_an_even_pressure_arrives_as_it_is():
     """Two blocks between smooth walls, the lower one wider: meshes do not match, forces do."""
-    mesh = two(((0, 0), (1, 0.5)), ((0, 0.51), (1, 1)), ((7, 2), (5, 2)), lambda x, y, _: (x, y))
+    mesh = mesh_of_two_rectangles(
+        ((0, 0), (1, 0.5)), ((0, 0.51), (1, 1)), ((7, 2), (5, 2)), lambda x, y, _: (x, y)
+    )
 
-    walled = Bodies(mesh, *(at(1, height) for height in (0.51, 0.5, 0.0, 1.0)), 0.0)
+    walled = SlidingBodies(mesh, *(on_plane(1, height) for height in (0.51, 0.5, 0.0, 1.0)), 0.0)
     walls = prescribe(walled.space, 0, lambda x: np.isclose(x[0] * (1 - x[0]), 0))
     problem = ContactProblem.of_residual(
-        walled.residual, walled.u, [*walled.held, walls], walled.pair
+        walled.residual, walled.u, [*walled.conditions, walls], walled.pair
     )
-    state = problem.step(problem.undeformed, lambda share: walled.hold((0, -0.1 * share), 0))
+    state = problem.step(
+        problem.undeformed, lambda share: walled.prescribe_base_and_top((0, -0.1 * share), 0)
+    )
     fields = ContactFields.of(state, walled.body)
     (pair,) = state.pairs
     both = np.concatenate([pair.node, pair.opposite])
@@ -403,7 +419,7 @@ def test_an_even_pressure_arrives_as_it_is():
 
 
 def refusals():
-    bodies = die()
+    bodies = make_die_on_block()
     surface = bodies.pair.surface
     galerkin = Spaces.galerkin(bodies.space.mesh)
     standard = ufl.replace(
@@ -424,11 +440,11 @@ def test_what_is_not_supported_is_refused_in_words():
     (cases, bodies), of = refusals(), ContactProblem.of_residual
     for residual, pair, words in cases:
         with pytest.raises(ValueError, match=words):
-            of(residual, bodies.u, bodies.held, pair)
+            of(residual, bodies.u, bodies.conditions, pair)
     with pytest.raises(ValueError, match="does not serve two bodies"):
-        of(bodies.residual, bodies.u, bodies.held, bodies.pair, Iterative())
+        of(bodies.residual, bodies.u, bodies.conditions, bodies.pair, Iterative())
     with pytest.raises(ValueError, match="not free to move"):
         bodies.problem.step(bodies.problem.undeformed, motions=Motion((0.0, None)))
-    far = ContactPair(at(1, 1.0), bodies.pair.surface)
+    far = ContactPair(on_plane(1, 1.0), bodies.pair.surface)
     with pytest.raises(ValueError, match="faces the opposite part"):
-        of(bodies.residual, bodies.u, bodies.held, far)
+        of(bodies.residual, bodies.u, bodies.conditions, far)

@@ -14,51 +14,67 @@ import pytest
 
 from pw_elements import Direct
 from pw_elements.contact import ContactPair, Motion, Plane
-from tests.contact.cases import GALERKIN, Block, Elastic, Punch, at
-from tests.contact.histories import RESUMED, fields, histories, resumed, scale_of, whole
+from tests.contact.cases import GALERKIN, BlockOnFloor, ElasticBody, PunchedBlock, on_plane
+from tests.contact.histories import (
+    HISTORIES,
+    RESUME_INCREMENT,
+    field_scale,
+    resume_history,
+    solve_history,
+    state_fields,
+)
 from tests.contact.test_matching import Blocks
 
 # Two ways to one state: their systems are solved to 1e-13 of the load by factors of another matrix,
 # and forces of two bodies come out some ten times worse
 SAME = 1e-11
-BLOCK = Block(4)
-PROBLEM = BLOCK.problem(BLOCK.pair(0.3))
+BLOCK = BlockOnFloor(4)
+PROBLEM = BLOCK.contact_problem(BLOCK.floor_pair(0.3))
 LOWER = Plane((0, -0.01), (0, 1))
 
 
 def distance(states, others, scaled_by=()):
     """Largest difference of any field, over its scale in a history."""
     worst = 0.0
-    for name in fields(others[-1]):
-        scale = scale_of(name, [*others, *scaled_by])
+    for name in state_fields(others[-1]):
+        scale = field_scale(name, [*others, *scaled_by])
         for a, b in zip(states, others, strict=True):
-            worst = max(worst, np.abs(fields(a)[name] - fields(b)[name]).max(initial=0.0) / scale)
+            worst = max(
+                worst,
+                np.abs(state_fields(a)[name] - state_fields(b)[name]).max(initial=0.0) / scale,
+            )
     return worst
 
 
-@pytest.mark.parametrize("name", histories)
+@pytest.mark.parametrize("name", HISTORIES)
 def test_a_history_resumed_from_a_state_or_a_file_is_the_history(name, tmp_path):
-    problem, steps = histories[name]()
-    states = whole(problem, steps)
-    stored = states[RESUMED - 1]
-    again, _ = histories[name]()  # another problem object: nothing but the state goes over
+    problem, steps = HISTORIES[name]()
+    states = solve_history(problem, steps)
+    stored = states[RESUME_INCREMENT - 1]
+    again, _ = HISTORIES[name]()  # another problem object: nothing but the state goes over
     problem.save(stored, tmp_path / "state.npz")
     read = again.load(tmp_path / "state.npz")
-    assert (read.increment, read.unique, read.report) == (RESUMED, stored.unique, stored.report)
+    assert (read.increment, read.unique, read.report) == (
+        RESUME_INCREMENT,
+        stored.unique,
+        stored.report,
+    )
     for start in (stored, read):
-        rest = resumed(again, steps, start)
-        assert distance(rest, states[RESUMED:], states) < SAME
-        assert [state.increment for state in rest] == list(range(RESUMED + 1, len(steps) + 1))
+        rest = resume_history(again, steps, start)
+        assert distance(rest, states[RESUME_INCREMENT:], states) < SAME
+        assert [state.increment for state in rest] == list(
+            range(RESUME_INCREMENT + 1, len(steps) + 1)
+        )
 
 
 def test_a_step_changes_no_state_and_can_be_repeated():
-    problem, steps = histories["block"]()
+    problem, steps = HISTORIES["block"]()
     first = problem.step(problem.undeformed, *steps[0])
-    kept = {name: values.copy() for name, values in fields(first).items()}
+    kept = {name: values.copy() for name, values in state_fields(first).items()}
     second, other, again = (problem.step(first, *steps[k]) for k in (1, -2, 1))
     assert distance([again], [second]) < 1e-12
     assert distance([other], [second]) > 1e-3
-    for name, values in fields(first).items():
+    for name, values in state_fields(first).items():
         assert np.array_equal(values, kept[name])
     with pytest.raises(ValueError, match="read-only"):
         first.pairs[0].force_normal[:] = 0.0
@@ -95,16 +111,20 @@ def test_files_that_are_no_state_of_this_problem(tmp_path):
     PROBLEM.save(PROBLEM.undeformed, path)
     np.savez(path, state=np.load(io.BytesIO(content))["state"])  # without its arrays
     refused(r"state\.npz holds no contact state")
-    half = ContactPair(lambda x: at(1, 0.0)(x) & (x[0] < 2.1), Plane((0, 0), (0, 1)), 0.3)
+    half = ContactPair(lambda x: on_plane(1, 0.0)(x) & (x[0] < 2.1), Plane((0, 0), (0, 1)), 0.3)
     for case, pair, message in (
-        (Block(6), BLOCK.pair(0.3), "the state of another mesh"),
+        (BlockOnFloor(6), BLOCK.floor_pair(0.3), "the state of another mesh"),
         (BLOCK, half, "of a problem with another surface"),
-        (BLOCK, replace(BLOCK.pair(0.3), friction=0.3), "of a problem with another friction"),
-        (BLOCK, BLOCK.pair(0.4), "of a problem with another friction"),
-        (BLOCK, replace(BLOCK.pair(0.3), surface=LOWER), "of a problem with another surface"),
-        (Elastic(BLOCK.mesh, GALERKIN, "plane stress"), BLOCK.pair(0.3), "with another stiffness"),
+        (BLOCK, replace(BLOCK.floor_pair(0.3), friction=0.3), "of a problem with another friction"),
+        (BLOCK, BLOCK.floor_pair(0.4), "of a problem with another friction"),
+        (BLOCK, replace(BLOCK.floor_pair(0.3), surface=LOWER), "of a problem with another surface"),
+        (
+            ElasticBody(BLOCK.mesh, GALERKIN, "plane stress"),
+            BLOCK.floor_pair(0.3),
+            "with another stiffness",
+        ),
     ):
-        other = case.problem(pair)
+        other = case.contact_problem(pair)
         other.save(other.undeformed, path)
         refused(message)
     with pytest.raises(OSError, match="missing"):
@@ -114,7 +134,7 @@ def test_files_that_are_no_state_of_this_problem(tmp_path):
 
 def test_any_change_of_a_file_is_seen(tmp_path):
     path, random = tmp_path / "state.npz", np.random.default_rng(5)
-    state = PROBLEM.step(PROBLEM.undeformed, BLOCK.pressure)
+    state = PROBLEM.step(PROBLEM.undeformed, BLOCK.pressure_load)
     PROBLEM.save(state, path)
     content = path.read_bytes()
     with np.load(path) as archive:
@@ -191,8 +211,8 @@ def test_full_disk_and_another_writer_leave_the_file_whole(tmp_path, monkeypatch
 def test_nodes_that_coincide_keep_their_displacements(tmp_path):
     """Two blocks that touch have nodes in one place, which a file has to tell apart."""
     blocks = Blocks()
-    problem = blocks.problem(blocks.pair(), blocks.foot)
-    state = problem.step(problem.undeformed, blocks.load((0.0, -3.0)))
+    problem = blocks.contact_problem(blocks.make_pair(), blocks.base_supports)
+    state = problem.step(problem.undeformed, blocks.traction_load((0.0, -3.0)))
     problem.save(state, tmp_path / "state.npz")
     read = problem.load(tmp_path / "state.npz")
     assert np.array_equal(read.displacement.array_r, state.displacement.array_r)
@@ -201,7 +221,7 @@ def test_nodes_that_coincide_keep_their_displacements(tmp_path):
 def test_uniqueness_is_not_examined_without_determinants():
     solver = Direct({"pc_factor_mat_solver_type": "superlu_dist"})
     state, by_mumps = (
-        BLOCK.contact(BLOCK.pair(0.3), loads=BLOCK.pressure, **options)[0]
+        BLOCK.solve_contact(BLOCK.floor_pair(0.3), loads=BLOCK.pressure_load, **options)[0]
         for options in ({"solver": solver}, {})
     )
     assert (state.unique, state.report.method) == (None, "LU by superlu_dist")
@@ -215,7 +235,7 @@ FACTORISATIONS = 4  # at most, for 51 linear systems
 
 def test_old_factors_serve_while_few_rows_change():
     """On a mesh large enough for it, most increments of a slow pull need no new factors."""
-    states = Block(48).solve(0.3, 60.0, increments=10)
+    states = BlockOnFloor(48).solve(0.3, 60.0, increments=10)
     reports = [state.report for state in states]
     assert reports[0].factorisations >= 1
     assert sum(report.factorisations for report in reports) <= FACTORISATIONS
@@ -223,8 +243,11 @@ def test_old_factors_serve_while_few_rows_change():
 
 
 def test_motions_and_forces_may_alternate():
-    punch = Punch()
-    problem, nothing = punch.problem(punch.pair(0.0), punch.foot), punch.nothing
+    punch = PunchedBlock()
+    problem, nothing = (
+        punch.contact_problem(punch.punch_pair(0.0), punch.base_supports),
+        punch.zero_load,
+    )
     driven = problem.step(problem.undeformed, nothing, [Motion((0, -0.2))])
     pushed = Motion((0, None), (0, driven.pairs[0].force[1]))
     loaded = problem.step(driven, nothing, [pushed])

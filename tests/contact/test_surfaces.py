@@ -16,7 +16,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import step_error
 from pw_elements.meshes import triangles
-from tests.contact.cases import Elastic, at
+from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.polyline import Polyline
 
 RANDOM = np.random.default_rng(5)
@@ -136,8 +136,8 @@ def test_a_centre_has_no_closest_point(dim):
 
 def test_a_step_of_differences_that_is_too_large_is_told(caplog):
     """Differences of a distance err by a sixth of (step / radius)^2 at most points of a circle."""
-    body = Elastic(triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2)))
-    held = body.clamped(at(1, 0.0))
+    body = ElasticBody(triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2)))
+    held = body.clamp(on_plane(1, 0.0))
 
     def distance(x):
         return np.hypot(x[:, 0], x[:, 1] - 4.0) - 3.0
@@ -148,7 +148,7 @@ def test_a_step_of_differences_that_is_too_large_is_told(caplog):
 
     def force(surface):
         caplog.clear()
-        problem = body.problem(ContactPair(at(1, 1.0), surface), held)
+        problem = body.contact_problem(ContactPair(on_plane(1, 1.0), surface), held)
         state = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
         return state.pairs[0].force[1], "half the step of differences" in caplog.text
 

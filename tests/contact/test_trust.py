@@ -26,41 +26,41 @@ from pw_elements.contact.model import Residuals
 from pw_elements.contact.steps.stepping import IncrementTarget, Stepping
 from pw_elements.meshes import triangles
 from pw_elements.solvers import SolverReport
-from pw_elements.spaces import Assembled
-from tests.contact.cases import Block, Elastic, Punch, at
-from tests.contact.two_bodies import Stack
-from tests.oracle.random_contact import problem
+from pw_elements.spaces import AssemblyRecord
+from tests.contact.cases import BlockOnFloor, ElasticBody, PunchedBlock, on_plane
+from tests.contact.two_bodies import StackedBlocks
+from tests.oracle.random_contact import make_problem
 
 # -- what a stiffness and a surface are ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron", "hexahedron"])
 def test_a_surface_with_an_edge_is_refused(cell):
-    stack = Stack((3, 2), cell)
+    stack = StackedBlocks((3, 2), cell)
     below, up = stack.x[:, stack.up] < 1 + 1e-9, np.isclose(stack.x[:, stack.up], 1.0)
-    nodes = below & ~stack.nodes("upper") & (up | np.isclose(stack.x[:, 0], 1.0))
+    nodes = below & ~stack.side_nodes("upper") & (up | np.isclose(stack.x[:, 0], 1.0))
     pair = ContactPair(nodes, DeformableSurface(stack.sides["upper"]))
     with pytest.raises(ValueError, match=r"has an edge at .*1\)"):
-        stack.problem(pair)
+        stack.contact_problem(pair)
 
 
 def test_a_stiffness_by_hand_does_not_tell_whether_it_is_axisymmetric():
-    stack = Stack((3, 2), state="axisymmetric")
-    free, pair = stack.held(), stack.pair()
+    stack = StackedBlocks((3, 2), state="axisymmetric")
+    free, pair = stack.make_supports(), stack.make_pair()
     with pytest.raises(ValueError, match="give DeformableSurface"):
-        ContactProblem(Assembled().mark(stack.K.copy()), free, pair, stack.space)
+        ContactProblem(AssemblyRecord().attach(stack.K.copy()), free, pair, stack.space)
     pair = ContactPair(pair.nodes, DeformableSurface(pair.surface.where, revolved=False))
     with pytest.raises(ValueError, match="the stiffness is one in axisymmetric"):
-        stack.problem(pair)
+        stack.contact_problem(pair)
 
 
 def test_a_stiffness_that_is_scaled_between_steps_is_noticed():
-    block = Block(8)
-    problem = block.problem(block.pair(0.3))
-    problem.step(problem.undeformed, block.pressure)
+    block = BlockOnFloor(8)
+    problem = block.contact_problem(block.floor_pair(0.3))
+    problem.step(problem.undeformed, block.pressure_load)
     block.K.scale(3.0)
-    state = problem.step(problem.undeformed, block.pressure)
-    (fresh,) = block.contact(block.pair(0.3), loads=block.pressure)
+    state = problem.step(problem.undeformed, block.pressure_load)
+    (fresh,) = block.solve_contact(block.floor_pair(0.3), loads=block.pressure_load)
     assert np.abs(state.displacement.array - fresh.displacement.array).max() < 1e-12
     assert state.residuals.largest() < 1e-9
 
@@ -70,9 +70,12 @@ def test_a_stiffness_that_is_scaled_between_steps_is_noticed():
 
 def test_a_slave_node_on_the_axis_neither_sticks_nor_slips():
     """Its weighted slip has that of its neighbours, which their friction allows or not."""
-    stack = Stack((4, 3), state="axisymmetric", ratio=30.0)
-    supports, load = stack.held((0, at(0, 0.0)), (1, at(1, 0.0))), stack.load((0.0, -0.01))
-    (state,) = stack.contact(stack.pair(friction=5.0), supports, load)
+    stack = StackedBlocks((4, 3), state="axisymmetric", modulus_ratio=30.0)
+    supports, load = (
+        stack.make_supports((0, on_plane(0, 0.0)), (1, on_plane(1, 0.0))),
+        stack.traction_load((0.0, -0.01)),
+    )
+    (state,) = stack.solve_contact(stack.make_pair(friction=5.0), supports, load)
     (pair,) = state.pairs
     on_axis = np.isclose(pair.position[:, 0], 0.0)
     assert np.array_equal(pair.status == HELD, on_axis)
@@ -85,9 +88,9 @@ def test_a_slave_node_on_the_axis_neither_sticks_nor_slips():
 def test_residuals_of_two_bodies_that_stick_are_round_off(caplog):
     """Lengths are over both bodies' displacements, not over what is next to nothing."""
     caplog.set_level(logging.INFO)
-    stack = Stack((3, 2))
-    pair, load = stack.pair(friction=10.0), stack.load((0.0, -0.01))
-    (state,) = stack.contact(pair, stack.clamped(at(1, 0.0)), load, solver=Iterative())
+    stack = StackedBlocks((3, 2))
+    pair, load = stack.make_pair(friction=10.0), stack.traction_load((0.0, -0.01))
+    (state,) = stack.solve_contact(pair, stack.clamp(on_plane(1, 0.0)), load, solver=Iterative())
     assert set(state.pairs[0].status) == {STICK}
     assert state.residuals.largest() < 1e-8
 
@@ -95,11 +98,11 @@ def test_residuals_of_two_bodies_that_stick_are_round_off(caplog):
 @pytest.fixture(scope="module")
 def accepted():
     """An increment with open, sticking and slipping nodes, and a free surface; its solution."""
-    punch = Punch()
-    stated = punch.problem(punch.pair(0.6), punch.foot)
+    punch = PunchedBlock()
+    stated = punch.contact_problem(punch.punch_pair(0.6), punch.base_supports)
     stepping, motion = stated._stepping, Motion((0.02, None), (0, -217.3))
     start = stated.undeformed
-    target = IncrementTarget.from_motions(punch.nothing, [motion], stepping.interface)
+    target = IncrementTarget.from_motions(punch.zero_load, [motion], stepping.interface)
     increment, kinematics = stepping._start_increment(start, target)
     linearised = stepping._linearise_start(increment, kinematics, start, target)
     rigid = stepping._system_for(target.free)[1]
@@ -153,7 +156,7 @@ def test_no_state_is_accepted_that_its_residuals_reject(accepted, name):
 @pytest.mark.parametrize(("share", "unique"), [(0.9, True), (1.0, False)])
 def test_a_block_drawn_by_all_its_friction_is_not_unique(share, unique):
     """It may slide as far as it likes."""
-    block = Block(8)
+    block = BlockOnFloor(8)
     states = block.solve(0.3, share * 120.0, increments=1, smooth=0.0)
     assert states[-1].unique is unique
 
@@ -161,10 +164,10 @@ def test_a_block_drawn_by_all_its_friction_is_not_unique(share, unique):
 @pytest.mark.parametrize("mu", [0.0, 0.3])
 def test_a_ball_without_force_just_touches(mu):
     """From a start in which it does, not from what it touched before: no remedy is needed."""
-    body = Elastic(triangles(MPI.COMM_SELF, (-2.0, 0.0), (2.0, 2.0), (9, 4)))
+    body = ElasticBody(triangles(MPI.COMM_SELF, (-2.0, 0.0), (2.0, 2.0), (9, 4)))
     motions = [Motion((0, None), (0, force)) for force in (-300.0, -20.0, 0.0)]
-    pair = ContactPair(at(1, 2.0), Sphere((0.37, 7.0), 5.0), mu, motions)
-    states = body.contact(pair, body.clamped(at(1, 0.0)), remedies=())
+    pair = ContactPair(on_plane(1, 2.0), Sphere((0.37, 7.0), 5.0), mu, motions)
+    states = body.solve_contact(pair, body.clamp(on_plane(1, 0.0)), remedies=())
     assert states[-1].displacement.norm() < 1e-12 * states[0].displacement.norm()
     assert states[-1].pairs[0].gap.min() == pytest.approx(0.0, abs=1e-12)
     assert states[-1].residuals.largest() < 1e-9
@@ -172,7 +175,7 @@ def test_a_ball_without_force_just_touches(mu):
 
 def test_a_refusal_says_what_was_tried_and_how_far_it_got(caplog):
     with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(NotFound) as refused:
-        problem(104).solve()
+        make_problem(104).solve()
     for remedy in ("by springs", "in parts"):
         assert f"{remedy}, for what 150 linear systems take at most" in caplog.text
     share, state = refused.value.reached
@@ -198,7 +201,7 @@ def test_a_remedy_costs_as_many_first_attempts_as_it_may(monkeypatch):
         remedies.clear()
         ends.clear()
         with pytest.raises(NotFound):
-            problem(93).solve(remedies={"springs": multiple, "cutback": multiple})
+            make_problem(93).solve(remedies={"springs": multiple, "cutback": multiple})
         ends.append(remedies[-1][0]())
         assert [most for _, most in remedies] == [50 * multiple] * 2
         assert all(end > -0.5 * 50 * multiple - 10 for end in ends)

@@ -27,22 +27,30 @@ from pw_elements.contact.nodes import (
     RigidSurfacesOnly,
 )
 from pw_elements.contact.steps import finite
-from tests.contact.cases import Block, at, at_large_strains
-from tests.contact.test_large import SOLVERS, SURFACES, Rubber, _at_points, above, numbers, walked
+from tests.contact.cases import BlockOnFloor, finite_strain_residual, on_plane
+from tests.contact.test_large import (
+    SOLVERS,
+    SURFACES,
+    RubberUnderCircle,
+    collect_pair_fields,
+    interface_of_one_surface,
+    on_top,
+    step_through,
+)
 from tests.parallel import assert_same
 
 PIVOT = (0.2, 0.5)
 PRESSED = Motion((0.0, -0.15), rotation=0.1)
 # dragged under a force, and turned by a torque
 FREE = Motion((0.1, None), (0.0, -0.3), rotation=None, torque=-0.02)
-WAY = [PRESSED, Motion((0.1, -0.2), rotation=-0.1), FREE]
-PLACE = ("translation", "rotation", "torque")
+ROLLER_MOTIONS = [PRESSED, Motion((0.1, -0.2), rotation=-0.1), FREE]
+POSE_FIELDS = ("translation", "rotation", "torque")
 
 
-def roller(pivot=PIVOT, mesh=None, friction=0.3, **options):
+def make_roller(pivot=PIVOT, mesh=None, friction=0.3, **options):
     """The block of `Rubber` below a circle with a pivot."""
-    rubber = Rubber(mesh=mesh, friction=friction)
-    rubber.problem = rubber.touching(options=options, pivot=pivot)
+    rubber = RubberUnderCircle(mesh=mesh, friction=friction)
+    rubber.problem = rubber.problem_with(options=options, pivot=pivot)
     return rubber
 
 
@@ -52,8 +60,8 @@ def test_what_turns_is_linearised_consistently(name):
     dim, m, h = (3 if name == "sphere" else 2), 20, 1e-5
     x = rng.normal(size=(m, dim)) * 0.2 + [*[0.3] * (dim - 1), 1.3]
     axis = (1.0, -2.0, 0.5) if dim == 3 else None
-    points = _at_points(surface, x, dim)
-    pair = ContactPair(above, surface, pivot=rng.normal(size=dim), axis=axis)
+    points = interface_of_one_surface(surface, x, dim)
+    pair = ContactPair(on_top, surface, pivot=rng.normal(size=dim), axis=axis)
     surfaces = RigidSurfaceMotion(points, [pair])
     q = np.append(rng.normal(size=dim) * 0.1, 0.7)[None]
     before = np.append(rng.normal(size=dim) * 0.1, 0.5)[None]
@@ -109,10 +117,10 @@ def turned(vectors, angle):
 
 def test_any_pivot_states_the_same_poses():
     """A turn about one point is a turn about another, and moved; torques differ by F x r."""
-    (one,) = walked(roller().problem, [Motion((0.05, -0.15), rotation=0.3)])[-1].pairs
+    (one,) = step_through(make_roller().problem, [Motion((0.05, -0.15), rotation=0.3)])[-1].pairs
     other, shift = (-0.4, 0.1), np.array([-0.6, -0.4])
     moved = turned(shift, 0.3) - shift + [0.05, -0.15]
-    (two,) = walked(roller(pivot=other).problem, [Motion(moved, rotation=0.3)])[-1].pairs
+    (two,) = step_through(make_roller(pivot=other).problem, [Motion(moved, rotation=0.3)])[-1].pairs
     assert np.abs(one.force_vector - two.force_vector).max() < 1e-10
     assert np.abs(one.slip - two.slip).max() < 1e-10
     arm = shift + two.translation - one.translation
@@ -125,8 +133,8 @@ def test_any_pivot_states_the_same_poses():
 def test_a_torque_turns_as_far_as_the_angle_needs():
     """Free angle and height come out as prescribed; Newton's method converges quadratically."""
     seen = []
-    rubber = roller(callback=lambda progress: seen.append(progress.violation))
-    pressed, driven = walked(rubber.problem, [PRESSED, Motion((0.1, -0.2), rotation=-0.1)])
+    rubber = make_roller(callback=lambda progress: seen.append(progress.violation))
+    pressed, driven = step_through(rubber.problem, [PRESSED, Motion((0.1, -0.2), rotation=-0.1)])
     (asked,) = driven.pairs
     free = Motion((0.1, None), (0.0, asked.force[1]), rotation=None, torque=float(asked.torque))
     del seen[:]
@@ -142,13 +150,13 @@ def test_a_torque_turns_as_far_as_the_angle_needs():
 
 def test_what_turns_with_its_body_makes_no_slip():
     """Body and tool, turned by a right angle together: forces turn, and all nodes stick."""
-    rubber = roller()
+    rubber = make_roller()
     base = fem.Function(rubber.space)
     x = rubber.space.tabulate_dof_coordinates()[:, :2]
-    nodes = fem.locate_dofs_geometrical(rubber.space, at(1, -1.0))
+    nodes = fem.locate_dofs_geometrical(rubber.space, on_plane(1, -1.0))
     held = fem.dirichletbc(base, nodes)
-    problem = rubber.touching(held, pivot=PIVOT)
-    pressed = walked(problem, [Motion((0.05, -0.15), rotation=0.1)])[-1]
+    problem = rubber.problem_with(held, pivot=PIVOT)
+    pressed = step_through(problem, [Motion((0.05, -0.15), rotation=0.1)])[-1]
     arm = x - PIVOT - pressed.pairs[0].translation
 
     def load(share):
@@ -166,13 +174,13 @@ def turned_on(problem, pressed, depth, angle, pieces):
     """The state after a turn that is made in equal increments."""
     ends = angle * np.arange(1, pieces + 1) / pieces
     way = [Motion((0.0, -depth), rotation=end) for end in ends]
-    return walked(problem, way, pressed)[-1]
+    return step_through(problem, way, pressed)[-1]
 
 
 @pytest.mark.parametrize("angle", [5.0, 6.0, 2 * np.pi, -2 * np.pi, 4 * np.pi])
 def test_whole_turns_are_not_forgotten(angle):
     """At once as in equal pieces of a quarter turn at most: friction is that of the last ones."""
-    problem = roller((0.0, 0.6)).problem
+    problem = make_roller((0.0, 0.6)).problem
     pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
     pieces = 4 if abs(angle) < 7 else 8
     at_once, in_pieces = (turned_on(problem, pressed, 0.1, angle, count) for count in (1, pieces))
@@ -189,7 +197,7 @@ def test_whole_turns_are_not_forgotten(angle):
 
 def test_a_turn_that_slip_does_not_see_would_be_told(caplog, monkeypatch):
     """The path knows whole turns."""
-    problem = roller((0.0, 0.6)).problem
+    problem = make_roller((0.0, 0.6)).problem
     pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
         (pair,) = turned_on(problem, pressed, 0.1, 2 * np.pi, 1).pairs
@@ -209,13 +217,13 @@ def test_a_turn_that_slip_does_not_see_would_be_told(caplog, monkeypatch):
 
 def test_rolling_in_smaller_and_smaller_pieces_converges():
     """A wheel that rolls with 5 % of slip sticks in places: shears depend on the pieces."""
-    problem = roller((0.0, 0.6), friction=0.9).problem
+    problem = make_roller((0.0, 0.6), friction=0.9).problem
     pressed = problem.step(problem.undeformed, motions=Motion((-0.4, -0.1)))
     shears = []
     for pieces in (1, 2, 4, 8, 16, 32):
         shares = np.arange(1, pieces + 1) / pieces
         way = [Motion((-0.4 + 0.8 * k, -0.1), rotation=-0.95 * 0.8 / 0.6 * k) for k in shares]
-        (pair,) = walked(problem, way, pressed)[-1].pairs
+        (pair,) = step_through(problem, way, pressed)[-1].pairs
         shears.append(pair.force_vector / np.abs(pair.force_vector).max())
     apart = [np.abs(one - other).max() for one, other in pairwise(shears)]
     assert apart[0] < 1e-8  # as it is cut in two at once
@@ -225,22 +233,22 @@ def test_rolling_in_smaller_and_smaller_pieces_converges():
 
 def on_a_turning_base(pivot, angle):
     """The problem of a block, and a load that turns its base about the tool's pivot, .1 deep."""
-    rubber = roller(pivot)
+    rubber = make_roller(pivot)
     base = fem.Function(rubber.space)
     x = rubber.space.tabulate_dof_coordinates()[:, :2]
-    held = fem.dirichletbc(base, fem.locate_dofs_geometrical(rubber.space, at(1, -1.0)))
+    held = fem.dirichletbc(base, fem.locate_dofs_geometrical(rubber.space, on_plane(1, -1.0)))
     arm = x - pivot - [0.0, -0.1]
 
     def load(share):
         base.x.array[:] = (turned(arm, share * angle) - arm).ravel()
 
-    return rubber.touching(held, pivot=pivot), load
+    return rubber.problem_with(held, pivot=pivot), load
 
 
 def test_supports_that_turn_the_body_are_not_forgotten():
     """A body that goes round a tool at rest is as under one that turns the other way."""
     angle, pivot = 2 * np.pi, np.array([0.0, 0.6])
-    problem = roller(pivot).problem
+    problem = make_roller(pivot).problem
     pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
     (known,) = turned_on(problem, pressed, 0.1, -angle, 8).pairs
     problem, load = on_a_turning_base(pivot, angle)
@@ -253,7 +261,7 @@ def test_supports_that_turn_the_body_are_not_forgotten():
 
 def test_a_tool_that_torque_turns_too_far_is_cut(monkeypatch):
     """Its angle is known at the end only: no part has more of it than is allowed."""
-    problem = roller().problem
+    problem = make_roller().problem
     pressed = problem.step(problem.undeformed, motions=PRESSED)
 
     def turns():
@@ -273,24 +281,24 @@ def ball(friction, **options):
     """A cube on a held base below a sphere that turns about its upright diameter."""
     mesh = create_unit_cube(MPI.COMM_SELF, 2, 2, 2, CellType.tetrahedron)
     pair = Spaces.petrov_galerkin(mesh)
-    u, residual = at_large_strains(pair)
-    held = [prescribe(pair.trial, k, at(2, 0.0)) for k in range(3)]
+    u, residual = finite_strain_residual(pair)
+    held = [prescribe(pair.trial, k, on_plane(2, 0.0)) for k in range(3)]
     top = 0.5, 0.4, 1.8
-    pair = ContactPair(at(2, 1.0), Sphere(top, 0.8), friction, pivot=top, axis=(0, 0, 2))
+    pair = ContactPair(on_plane(2, 1.0), Sphere(top, 0.8), friction, pivot=top, axis=(0, 0, 2))
     return ContactProblem.of_residual(residual, u, held, pair, **options)
 
 
 def test_a_ball_turns_about_an_axis():
     """Without friction nothing happens; with it, the torque turns the ball as far."""
     down = (0.0, 0.0, -0.15)
-    smooth = walked(ball(0.0), [Motion(down), Motion(down, rotation=0.7)])
+    smooth = step_through(ball(0.0), [Motion(down), Motion(down, rotation=0.7)])
     still, spun = (state.pairs[0] for state in smooth)
     assert np.abs(still.force_vector - spun.force_vector).max() < 1e-9
     assert abs(spun.torque) < 1e-12
     assert np.abs(spun.slip).max() > 0.1
     assert np.abs(spun.slip - spun.path_slip).max() < 0.03 * np.abs(spun.slip).max()
     rough = ball(0.5)
-    pressed, driven = walked(rough, [Motion(down), Motion(down, rotation=0.05)])
+    pressed, driven = step_through(rough, [Motion(down), Motion(down, rotation=0.05)])
     (pair,) = driven.pairs
     away = pair.position + pair.displacement - [0.5, 0.4, 1.8] - pair.translation
     assert pair.torque == pytest.approx(np.cross(away, pair.force_vector)[:, 2].sum(), rel=1e-12)
@@ -302,7 +310,7 @@ def test_a_ball_turns_about_an_axis():
 def rolled(solver):
     """In the plane, where the last motion is free to rise, too."""
     weighted = Motion((0.1, None), (0.0, -0.3), rotation=-0.1)
-    return roller(solver=solver).problem, [PRESSED, weighted]
+    return make_roller(solver=solver).problem, [PRESSED, weighted]
 
 
 def spun(solver):
@@ -314,7 +322,8 @@ def spun(solver):
 @pytest.mark.parametrize("way", [rolled, spun])
 def test_krylov_turns_as_factors_do(way):
     factors, krylov = (
-        numbers({"end": walked(*way(solver))[-1]}, PLACE) for solver in SOLVERS.values()
+        collect_pair_fields({"end": step_through(*way(solver))[-1]}, POSE_FIELDS)
+        for solver in SOLVERS.values()
     )
     assert_same(factors, krylov, 1e-9, way.__name__)
     problem, (pressed, *_) = way(Iterative())
@@ -324,15 +333,15 @@ def test_krylov_turns_as_factors_do(way):
 
 def test_a_state_with_another_pivot_is_refused(tmp_path):
     """Its angle would mean another pose."""
-    problem, path = roller().problem, tmp_path / "state.npz"
+    problem, path = make_roller().problem, tmp_path / "state.npz"
     problem.save(problem.undeformed, path)
     for pivot in ((-0.4, 0.1), None):
         with pytest.raises(ValueError, match="another pivot"):
-            roller(pivot=pivot).problem.load(path)
+            make_roller(pivot=pivot).problem.load(path)
 
 
 def test_an_increment_that_is_cut_turns_in_parts():
-    rubber = roller(max_iterations=6)
+    rubber = make_roller(max_iterations=6)
     state = rubber.problem.step(
         rubber.problem.undeformed, motions=Motion((0.0, -0.25), rotation=-1.0)
     )
@@ -344,25 +353,28 @@ def test_an_increment_that_is_cut_turns_in_parts():
 
 def test_derivatives_of_what_has_turned_are_refused():
     """They would lack the turn of the frame that slip is seen in."""
-    problem = roller().problem
-    (state,) = walked(problem, [PRESSED])
+    problem = make_roller().problem
+    (state,) = step_through(problem, [PRESSED])
     with pytest.raises(ValueError, match="has turned"):
         problem.sensitivity([problem.undeformed, state], [("force", 0, 0)], [("friction", 0)])
 
 
 def test_wrong_pivots_are_refused():
-    rubber, block = Rubber(), Block(4)
+    rubber, block = RubberUnderCircle(), BlockOnFloor(4)
     surface, step = rubber.pair.surface, rubber.problem.step
     for attempt, words in (
-        (lambda: ContactPair(above, DeformableSurface(above), pivot=PIVOT), "are its supports"),
-        (lambda: ContactPair(above, surface, pivot=(0, 0, 1)), "axis"),
-        (lambda: ContactPair(above, surface, pivot=PIVOT, axis=(0, 0, 1)), "in space"),
+        (lambda: ContactPair(on_top, DeformableSurface(on_top), pivot=PIVOT), "are its supports"),
+        (lambda: ContactPair(on_top, surface, pivot=(0, 0, 1)), "axis"),
+        (lambda: ContactPair(on_top, surface, pivot=PIVOT, axis=(0, 0, 1)), "in space"),
         (lambda: step(rubber.problem.undeformed, motions=PRESSED), "give it a pivot"),
         (
-            lambda: rubber.touching(pivot=(0, 0, 1), axis=(0, 0, 1)),
+            lambda: rubber.problem_with(pivot=(0, 0, 1), axis=(0, 0, 1)),
             "its pivot has 3 components in 2-D",
         ),
-        (lambda: block.problem(replace(block.pair(0.3), pivot=(0.0, -1.0))), "of_residual"),
+        (
+            lambda: block.contact_problem(replace(block.floor_pair(0.3), pivot=(0.0, -1.0))),
+            "of_residual",
+        ),
     ):
         with pytest.raises(ValueError, match=words):
             attempt()

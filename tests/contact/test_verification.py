@@ -11,34 +11,34 @@ from pw_elements.contact.iteration import Increment
 from pw_elements.contact.nodes import DeformedKinematics, UndeformedKinematics
 from pw_elements.contact.steps.verification import Sizes, measure_residuals, places_undeformed
 from pw_elements.meshes import triangles
-from tests.contact.cases import Block, Greco, Punch, at
-from tests.contact.sliding import PATH, die, slid, sliding
-from tests.contact.test_large import Rubber
-from tests.contact.test_refusals import SELF, Stated, block, floor
-from tests.contact.test_turning import WAY, roller
+from tests.contact.cases import BlockOnFloor, GrecoPlate, PunchedBlock, on_plane
+from tests.contact.sliding import DIE_PATH, iterate_along_path, make_die_on_block, slide_along_path
+from tests.contact.test_large import RubberUnderCircle
+from tests.contact.test_refusals import SELF, StatedProblem, floor_pair, make_block
+from tests.contact.test_turning import ROLLER_MOTIONS, make_roller
 
 TOLERANCE = 1e-9
 
 
 def at_large_strains():
-    return roller_states(roller())
+    return roller_states(make_roller())
 
 
 def roller_states(rubber):
     states = [rubber.problem.undeformed]
-    for motion in WAY:
+    for motion in ROLLER_MOTIONS:
         states.append(rubber.problem.step(states[-1], motions=motion))
     return states[1:]
 
 
 def slid_bodies():
-    return list(sliding(die(friction=0.3), PATH))
+    return list(iterate_along_path(make_die_on_block(friction=0.3), DIE_PATH))
 
 
 HISTORIES = {
-    "block": lambda: Block(8).solve(0.3, 20.0, 3),
-    "punch": lambda: Punch().solve(0.3, [Motion((0.0, -0.02)), Motion((0.01, -0.02))]),
-    "friction one": lambda: [Greco(8).solve(1.0)],
+    "block": lambda: BlockOnFloor(8).solve(0.3, 20.0, 3),
+    "punch": lambda: PunchedBlock().solve(0.3, [Motion((0.0, -0.02)), Motion((0.01, -0.02))]),
+    "friction one": lambda: [GrecoPlate(8).solve(1.0)],
     "large strains": at_large_strains,
     "two bodies": slid_bodies,
 }
@@ -105,7 +105,7 @@ WRONG_KERNELS = {
 @pytest.mark.parametrize("wrong", [*WRONG_KERNELS, "slip"])
 def test_kernels_of_two_bodies_that_are_wrong_lead_to_no_state(wrong, monkeypatch):
     """Checks measure gap, normal, slip and forces on the master by code of their own."""
-    bodies = die(friction=0.3)
+    bodies = make_die_on_block(friction=0.3)
     seen, moved = SlidingMortar.meet, Meeting.motions
     if wrong == "slip":
 
@@ -117,25 +117,25 @@ def test_kernels_of_two_bodies_that_are_wrong_lead_to_no_state(wrong, monkeypatc
     else:
         monkeypatch.setattr(SlidingMortar, "meet", lambda *a: WRONG_KERNELS[wrong](seen(*a)))
     with pytest.raises(NotFound, match="computed anew"):
-        slid(bodies, PATH[:2])
+        slide_along_path(bodies, DIE_PATH[:2])
 
 
 def test_residual_of_the_wrong_sign_is_refused_at_once():
-    rubber = Rubber()
+    rubber = RubberUnderCircle()
     rubber.residual = -rubber.residual
     with pytest.raises(ValueError, match=r"negative mean stiffness, -.* wrong; give -F"):
-        rubber.touching()
-    body = block()
+        rubber.problem_with()
+    body = make_block()
     body.K.scale(-1.0)
     with pytest.raises(ValueError, match=r"negative mean stiffness, -.* wrong; give -K"):
-        body.solve(floor(), (0.0, -1.0))
+        body.solve(floor_pair(), (0.0, -1.0))
 
 
 def test_residuals_are_those_of_plain_arithmetic():
     """A solution is disturbed: nothing of the iteration knows of it."""
-    body, mu = Stated(triangles(SELF, (0.0, 0.0), (2.0, 1.0), (4, 2))), 0.3
-    problem = body.problem(ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), mu))
-    load = body.weight((0.1, -1.0))
+    body, mu = StatedProblem(triangles(SELF, (0.0, 0.0), (2.0, 1.0), (4, 2))), 0.3
+    problem = body.contact_problem(ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)), mu))
+    load = body.body_force_load((0.1, -1.0))
     state = problem.step(problem.undeformed, load)
     rng, a = np.random.default_rng(0), state.unknowns.copy()
     a.setArray(a.array_r + np.abs(a.array_r).max() * rng.normal(size=a.getLocalSize()))
@@ -147,7 +147,7 @@ def test_residuals_are_those_of_plain_arithmetic():
         places_undeformed(interface, problem.undeformed, wrong, 0.0),
         unbalanced,
         interface,
-        body.held(),
+        body.make_supports(),
         Sizes(2.0, 0.5, np.ones(len(interface.pair)), 0.0),
         np.empty(0),
     )
@@ -173,7 +173,7 @@ def test_residuals_are_those_of_plain_arithmetic():
 @pytest.mark.parametrize("angle", [2.0, 5.0, 2 * np.pi, 4 * np.pi])
 def test_a_tool_that_turns_in_one_increment_rubs_all_the_way(angle):
     """The pressed circle slips against its turn, so that friction drags the body along with it."""
-    rubber = roller(pivot=(0.0, 0.6))
+    rubber = make_roller(pivot=(0.0, 0.6))
     down = (0.0, -0.15)
     pressed = rubber.problem.step(rubber.problem.undeformed, motions=Motion(down))
     once, whole = (

@@ -25,12 +25,12 @@ from pw_elements.contact.model import Smallness
 from pw_elements.contact.steps.smallness import Gradients
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from study.elements import composite, serendipity
-from tests.contact.cases import Block, Elastic, Punch, at
+from tests.contact.cases import BlockOnFloor, ElasticBody, PunchedBlock, on_plane
 from tests.contact.polyline import Polyline
 from tests.contact.test_matching import Blocks
 
-BLOCK = Block(16)  # 4 x 2, on a clamped base in these tests
-FOOT = BLOCK.clamped(at(1, 0.0))
+BLOCK = BlockOnFloor(16)  # 4 x 2, on a clamped base in these tests
+FOOT = BLOCK.clamp(on_plane(1, 0.0))
 BALL = Sphere((2, 3), 1)
 PLATE = Plane((0, 2), (0, -1))
 
@@ -38,8 +38,8 @@ PLATE = Plane((0, 2), (0, -1))
 def driven(surface, *motions, friction=0.0, body=BLOCK, supports=FOOT, level=2.0):
     """States of the block under a surface that takes these translations."""
     motions = [m if isinstance(m, Motion) else Motion(m) for m in motions]
-    up = at(len(motions[0].translation) - 1, level)
-    return body.contact(ContactPair(up, surface, friction, motions), supports)
+    up = on_plane(len(motions[0].translation) - 1, level)
+    return body.solve_contact(ContactPair(up, surface, friction, motions), supports)
 
 
 # -- strain and rotation ---------------------------------------------------------------------
@@ -97,7 +97,7 @@ def test_uniform_gradients_are_met_exactly(name):
 
 def test_states_report_strain_rotation_and_slip():
     """Uniaxial stress: strain d/h, no rotation; the plate slips along and the block widens."""
-    sides = BLOCK.held((1, at(1, 0.0)), (0, at(0, 0.0)))
+    sides = BLOCK.make_supports((1, on_plane(1, 0.0)), (0, on_plane(0, 0.0)))
     aside = Motion((-0.3, -0.02))
     state, rested, lifted = driven(PLATE, aside, aside, (3.0, 1.0), supports=sides)
     widened, edge = 0.3 * 0.01 * 4, 4 / 16
@@ -110,10 +110,10 @@ def test_states_report_strain_rotation_and_slip():
 def test_matching_nodes_slip_away_from_their_partners():
     """They keep them, so that all slip counts that there ever was."""
     blocks = Blocks()
-    problem = blocks.problem(blocks.pair(0.0), blocks.foot)
+    problem = blocks.contact_problem(blocks.make_pair(0.0), blocks.base_supports)
     state, slips = problem.undeformed, []
     for aside in (0.02, 0.05):
-        state = problem.step(state, blocks.load((0.0, -0.1)), [Motion((aside, 0.0))])
+        state = problem.step(state, blocks.traction_load((0.0, -0.1)), [Motion((aside, 0.0))])
         (pair,) = state.pairs
         relative = np.abs(pair.displacement[:, 0] - aside).max()
         assert state.smallness.slip == pytest.approx(relative * 3)  # edges of 1/3
@@ -187,7 +187,7 @@ def test_surfaces_may_go_where_they_like_outside(name):
 
 
 def test_a_plate_from_below_may_come_as_near_to_the_far_side_as_one_from_above():
-    options = {"supports": BLOCK.clamped(at(1, 2.0)), "level": 0.0}
+    options = {"supports": BLOCK.clamp(on_plane(1, 2.0)), "level": 0.0}
     assert driven(Plane((0, 0), (0, 1)), (0, 1.999998), **options)
     with pytest.raises(SurfacePassed, match="whole thickness"):
         driven(Plane((0, 0), (0, 1)), (0, 2.000002), **options)
@@ -196,8 +196,8 @@ def test_a_plate_from_below_may_come_as_near_to_the_far_side_as_one_from_above()
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
 def test_thickness_in_space(cell):
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (2, 2, 1)], (4, 4, 2), cell)
-    body = Elastic(mesh, state="solid")
-    options = {"body": body, "supports": body.clamped(at(2, 0.0)), "level": 1.0}
+    body = ElasticBody(mesh, state="solid")
+    options = {"body": body, "supports": body.clamp(on_plane(2, 0.0)), "level": 1.0}
     plate, ball = Plane((0, 0, 1), (0, 0, -1)), Sphere((1, 1, 1.5), 0.5)
     assert driven(plate, (0, 0, -0.9), **options)[0].smallness.strain > 0.9
     assert driven(ball, (0, 0, -0.02), **options)
@@ -241,12 +241,12 @@ def test_ways_through_the_body_by_brute_force():
 
 def test_histories_carry_their_scale(tmp_path):
     """Pressed, and released by a ten-thousandth at a time until nothing is left."""
-    case = Punch()
-    problem = case.problem(case.pair(0.6), case.foot)
+    case = PunchedBlock()
+    problem = case.contact_problem(case.punch_pair(0.6), case.base_supports)
     depths, states = (-0.2, -0.1, -1e-5, -1e-9, -1e-13, 0.0, 5.0, -0.05), [problem.undeformed]
     for depth in depths:
         motion = [Motion((0.01 if depth < -0.01 else 0.0, depth))]
-        states.append(problem.step(states[-1], case.nothing, motion))
+        states.append(problem.step(states[-1], case.zero_load, motion))
     for before, after in pairwise(states):
         assert after.scale.force >= before.scale.force
         assert after.residuals.largest() < 1e-10

@@ -1,4 +1,4 @@
-"""Two blocks on each other, parts of one mesh that need not match where they meet."""
+"""Two stacked blocks, parts of one mesh, whose nodes need not match at the interface."""
 
 from mpi4py import MPI
 
@@ -17,17 +17,17 @@ from pw_elements import Material, Spaces
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
 from pw_elements.elasticity import facet_nodes
-from pw_elements.spaces import exterior_facets
+from pw_elements.spaces import locate_exterior_facets
 from study.elements import composite, taylor_hood
-from tests.contact.cases import Elastic, at
+from tests.contact.cases import ElasticBody, on_plane
 
 PRESSURE = 1e-3
-PLANE = ("triangle", "quadrilateral")
-RIVALS = {"composite": composite, "taylor_hood": taylor_hood}
+PLANE_CELLS = ("triangle", "quadrilateral")
+COMPARISON_ELEMENTS = {"composite": composite, "taylor_hood": taylor_hood}
 
 
-def joined(lower, upper, comm=MPI.COMM_SELF):
-    """One mesh of two meshes, on any communicator."""
+def join_meshes(lower, upper, comm=MPI.COMM_SELF):
+    """Return one mesh of the cells of two meshes of COMM_SELF, distributed over a communicator."""
     a, b = lower.geometry.x, upper.geometry.x
     cells = np.concatenate([cell_nodes(lower), cell_nodes(upper) + len(a)]).astype(np.int64)
     x = np.ascontiguousarray(np.concatenate([a, b])[:, : lower.geometry.dim])
@@ -36,37 +36,40 @@ def joined(lower, upper, comm=MPI.COMM_SELF):
     return create_mesh(comm, cells=cells, x=x, e=lower.ufl_domain().ufl_coordinate_element())
 
 
-def two_sides(elastic, marker, is_beyond):
-    """Facets of a marker, of the cells whose middles (n, dim) are on this side, and beyond."""
-    facets = exterior_facets(elastic.mesh, marker)
-    beyond = is_beyond(elastic.x[elastic.displacements.dofmap.list].mean(axis=1))
+def split_facets_by_side(elastic, marker, is_beyond):
+    """Return the marked exterior facets of the cells before and beyond an interface.
+
+    `is_beyond` takes midpoints (n, dim) of cells.
+    """
+    facets = locate_exterior_facets(elastic.mesh, marker)
+    is_beyond_cell = is_beyond(elastic.x[elastic.displacements.dofmap.list].mean(axis=1))
     cells = elastic.mesh.topology.connectivity(elastic.dim - 1, elastic.dim)
-    behind = np.array([beyond[cells.links(f)[0]] for f in facets], dtype=bool)
-    return facets[~behind], facets[behind]
+    is_beyond_facet = np.array([is_beyond_cell[cells.links(f)[0]] for f in facets], dtype=bool)
+    return facets[~is_beyond_facet], facets[is_beyond_facet]
 
 
-class Stack(Elastic):
-    """A block on another one; they meet near x_up = 1.
+class StackedBlocks(ElasticBody):
+    """One block on another one; they meet near x_up = 1.
 
-    `lower` and `upper` are their first and last coordinate across, `element` is a method of
-    `Spaces` or a rival, `shape` maps the upper block's nodes (n, 3), and `ratio` is of the upper
-    modulus to the lower one, which is 1.
+    `lower_range` and `upper_range` are the first and last coordinate across, `element` is the name
+    of a method of `Spaces` or of a comparison element, `map_upper` maps the nodes (n, 3) of the
+    upper block, and `modulus_ratio` is the upper modulus over the lower one, which is 1.
     """
 
     def __init__(
         self,
         divisions,
         cell="triangle",
-        lower=(0.0, 1.0),
-        upper=(0.0, 1.0),
+        lower_range=(0.0, 1.0),
+        upper_range=(0.0, 1.0),
         element="petrov_galerkin",
-        shape=None,
+        map_upper=None,
         nu=0.3,
-        ratio=1.0,
+        modulus_ratio=1.0,
         state=None,
         comm=MPI.COMM_SELF,
     ):
-        dim = 2 if cell in PLANE else 3
+        dim = 2 if cell in PLANE_CELLS else 3
         self.up = dim - 1
 
         def block(n, sides, bottom):
@@ -75,61 +78,70 @@ class Stack(Elastic):
             build = create_box if dim == 3 else create_rectangle
             return build(MPI.COMM_SELF, [low, high], [n, n + 1, n][:dim], CellType[cell])
 
-        below, above = block(divisions[0], lower, 0.0), block(divisions[1], upper, 1.0)
-        if shape is not None:
-            above.geometry.x[:] = shape(above.geometry.x)
-        mesh, material = joined(below, above, comm), Material(1.0, nu)
-        if ratio != 1:
+        lower_mesh, upper_mesh = (
+            block(divisions[0], lower_range, 0.0),
+            block(divisions[1], upper_range, 1.0),
+        )
+        if map_upper is not None:
+            upper_mesh.geometry.x[:] = map_upper(upper_mesh.geometry.x)
+        mesh, material = join_meshes(lower_mesh, upper_mesh, comm), Material(1.0, nu)
+        if modulus_ratio != 1:
             cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
-            above = compute_midpoints(mesh, dim, cells)[:, self.up] > 1
-            tags = meshtags(mesh, dim, cells, above.astype(np.int32))
-            material = Material.by_tag(mesh, tags, {0: material, 1: Material(ratio, nu)})
+            is_upper = compute_midpoints(mesh, dim, cells)[:, self.up] > 1
+            tags = meshtags(mesh, dim, cells, is_upper.astype(np.int32))
+            material = Material.by_tag(mesh, tags, {0: material, 1: Material(modulus_ratio, nu)})
         state = state or ("solid" if dim == 3 else "plane strain")
-        spaces = RIVALS.get(element) or getattr(Spaces, element)
+        spaces = COMPARISON_ELEMENTS.get(element) or getattr(Spaces, element)
         super().__init__(mesh, spaces, state, material=material)
-        low, high = two_sides(
+        low, high = split_facets_by_side(
             self, lambda x: np.abs(x[self.up] - 1.0) < 0.1, lambda x: x[:, self.up] > 1.0
         )
-        self.sides = {"upper": self._flat(high), "lower": self._flat(low)}
+        self.sides = {"upper": self._along_interface(high), "lower": self._along_interface(low)}
 
-    def _flat(self, facets):
-        """Facets that lie rather than stand, for the sides' may be among them."""
+    def _along_interface(self, facets):
+        """Return the facets along the interface, without those of the sides."""
         extent = np.ptp(self.x[facet_nodes(self.displacements, facets)], axis=1)
         return facets[extent[:, self.up] < extent[:, : self.up].max(axis=1)]
 
-    def nodes(self, side):
+    def side_nodes(self, side):
+        """Return the mask (n,) of the nodes of the "upper" or "lower" side of the interface."""
         mask = np.zeros(len(self.x), dtype=bool)
         facets = self.sides[side]
         mask[fem.locate_dofs_topological(self.displacements, self.up, facets)] = True
         return mask
 
-    def load(self, traction, where=None):
-        """Load vector of a traction, on top unless told otherwise."""
-        return super().load(traction, where or at(self.up, 2.0))
+    def traction_load(self, traction, where=None):
+        """Assemble the load vector of a traction, by default on the top."""
+        return super().traction_load(traction, where or on_plane(self.up, 2.0))
 
-    def pair(self, slave="upper", friction=0.0, motions=()):
+    def make_pair(self, slave="upper", friction=0.0, motions=()):
+        """Return the contact pair whose slave is the given side."""
         master = "lower" if slave == "upper" else "upper"
         surface = DeformableSurface(self.sides[master])
-        return ContactPair(self.nodes(slave), surface, friction, motions)
+        return ContactPair(self.side_nodes(slave), surface, friction, motions)
 
-    def moved_top(self, by, sides=()):
-        """Supports: the base held, the top moved."""
-        ends = [(i, at(self.up, 2.0), by[i]) for i in range(self.dim)]
-        return self.held(*((i, at(self.up, 0.0)) for i in range(self.dim)), *ends, *sides)
+    def moved_top_supports(self, translation, side_conditions=()):
+        """Return supports that fix the base and translate the top."""
+        top_conditions = [(i, on_plane(self.up, 2.0), translation[i]) for i in range(self.dim)]
+        return self.make_supports(
+            *((i, on_plane(self.up, 0.0)) for i in range(self.dim)),
+            *top_conditions,
+            *side_conditions,
+        )
 
-    def askew(self, slave="upper", friction=0.2, **options):
-        """The state of an uneven contact: pressed and pushed on by the top."""
-        supports = self.moved_top([0.01, -0.02] if self.dim == 2 else [0.01, -0.02, -0.02])
-        return self.contact(self.pair(slave, friction), supports, **options)[0]
+    def solve_shifted_top(self, slave="upper", friction=0.2, **options):
+        """Return the state of a non-uniform contact: the top is moved down and sideways."""
+        supports = self.moved_top_supports([0.01, -0.02] if self.dim == 2 else [0.01, -0.02, -0.02])
+        return self.solve_contact(self.make_pair(slave, friction), supports, **options)[0]
 
-    def pressed(self, slave="upper", friction=0.0, load=None):
-        """The state of uniaxial stress: symmetry planes, a base that slides, pressure on top."""
-        load = self.load(-PRESSURE * np.eye(self.dim)[self.up]) if load is None else load
-        supports = self.held(*((i, at(i, 0.0)) for i in range(self.dim)))
-        return self.contact(self.pair(slave, friction), supports, load)[0]
+    def solve_uniaxial(self, slave="upper", friction=0.0, load=None):
+        """Return the state of uniaxial stress: symmetry planes and a pressure on top."""
+        load = self.traction_load(-PRESSURE * np.eye(self.dim)[self.up]) if load is None else load
+        supports = self.make_supports(*((i, on_plane(i, 0.0)) for i in range(self.dim)))
+        return self.solve_contact(self.make_pair(slave, friction), supports, load)[0]
 
-    def uniaxial(self, nu=0.3):
-        """Its displacements (nodes, dim)."""
+    def uniaxial_displacement(self, nu=0.3):
+        """Return the exact displacements (nodes, dim) of uniaxial stress."""
         modulus = 1.0
         if self.body.state.value == "plane strain":
             modulus, nu = 1 / (1 - nu**2), nu / (1 - nu)

@@ -32,10 +32,10 @@ from pw_elements import (
 )
 from pw_elements.contact import ContactFields, ContactProblem, Motion, Plane
 from pw_elements.meshes import triangles
-from tests.contact.cases import Block, at
+from tests.contact.cases import BlockOnFloor, on_plane
 
 ROOT = Path(__file__).parents[2]
-FOOT, TOP = at(1, 0.0), at(1, 2.0)
+FOOT, TOP = on_plane(1, 0.0), on_plane(1, 2.0)
 
 
 def public():
@@ -57,9 +57,9 @@ def public():
 
 def calls(comm):
     """A function, and right arguments by name, of each call."""
-    block = Block(8, comm=comm)
+    block = BlockOnFloor(8, comm=comm)
     w = SimpleNamespace(block=block, body=block.body, U=block.space, K=block.K, mesh=block.mesh)
-    w.spaces, w.load, w.pair = block.body.spaces, block.pressure, block.pair(0.3)
+    w.spaces, w.load, w.pair = block.body.spaces, block.pressure_load, block.floor_pair(0.3)
     w.foot = [prescribe(w.U, i, FOOT) for i in (0, 1)]
     w.held = Reduction.dirichlet(w.U, w.foot)
     w.M = assemble_matrix(w.body.mass())
@@ -70,11 +70,11 @@ def calls(comm):
     galerkin = Body(Spaces.galerkin(w.mesh), Material(1000.0, 0.3), "plane strain")
     V = galerkin.spaces.trial
     K, M = assemble_matrix(galerkin.stiffness()), assemble_matrix(galerkin.mass())
-    sibling = Sibling.of(V)
+    sibling = Sibling.from_space(V)
     S, lumped = sibling.matrix(K), lumped_mass(sibling.matrix(M), V)
     still = S.createVecRight()
     ds = boundary_measure(w.mesh, TOP)
-    problem = ContactProblem(w.K, w.block.free, w.pair, w.U)
+    problem = ContactProblem(w.K, w.block.no_supports, w.pair, w.U)
     state = problem.step(problem.undeformed, w.load)
     u, v = fem.Function(w.U), ufl.TestFunction(w.spaces.test)
     depth = fem.Constant(w.mesh, 0.01)
@@ -89,7 +89,7 @@ def calls(comm):
     x = ufl.SpatialCoordinate(w.mesh)
     rectangle = {"comm": comm, "lower": (0, 0), "upper": (1, 1), "divisions": (4, 3)}
     system = {"K": w.K, "M": w.M, "reduction": w.held, "count": 1, "symmetrised": False}
-    contact = {"K": w.K, "reduction": block.free, "pairs": w.pair, "space": w.U}
+    contact = {"K": w.K, "reduction": block.no_supports, "pairs": w.pair, "space": w.U}
     shared = {"max_iterations": 50, "solver": None, "remedies": ("springs",)}
     steel = {"mesh": w.mesh, "material": Material(1.0, 0.3), "state": "plane strain"}
     impact = {"K": S, "M": lumped, "reduction": sibling.dirichlet([]), "pairs": floor, "space": V}
@@ -137,10 +137,10 @@ def calls(comm):
         "Reduction.condensation": (
             Reduction.condensation,
             {"K": w.K, "space": w.U, "nodes": condensed, "conditions": w.foot}),
-        "Reduction.under": (w.held.under, {"K": w.K, "f": w.load}),
+        "Reduction.for_load": (w.held.for_load, {"K": w.K, "f": w.load}),
         "Reduction.matrix": (w.held.matrix, {"K": w.K}),
         "Reduction.load": (w.held.load, {"K": w.K, "f": w.load}),
-        "Sibling.of": (Sibling.of, {"space": V}),
+        "Sibling.from_space": (Sibling.from_space, {"space": V}),
         "Sibling.matrix": (sibling.matrix, {"standard": K}),
         "Sibling.load": (sibling.load, {"standard": still}),
         "Sibling.displacement": (sibling.displacement, {"coefficients": still}),
@@ -150,9 +150,11 @@ def calls(comm):
         "Spaces.petrov_galerkin": (Spaces.petrov_galerkin, {"mesh": w.mesh, "components": 2}),
         "Spaces.galerkin": (Spaces.galerkin, {"mesh": w.mesh, "components": None}),
         "Spaces.hybrid": (Spaces.hybrid, {"mesh": w.mesh, "parts": w.tags}),
-        "SurfaceNodes.of": (SurfaceNodes.of, {"body": w.body, "where": FOOT, "stretch": None}),
-        "SurfaceNodes.scalar": (
-            SurfaceNodes.scalar,
+        "SurfaceNodes.from_body": (
+            SurfaceNodes.from_body,
+            {"body": w.body, "where": FOOT, "stretch": None}),
+        "SurfaceNodes.from_scalar_spaces": (
+            SurfaceNodes.from_scalar_spaces,
             {"spaces": Spaces.galerkin(w.mesh, 0), "where": FOOT, "depth": 2.0}),
         "as_function": (as_function, {"space": w.U, "values": w.a, "name": "u", "out": one}),
         "assemble_matrix": (

@@ -149,7 +149,7 @@ def random_cell_points(cell, count, seed):
     rng, corners = np.random.default_rng(seed), basix.geometry(basix.CellType[cell])
     if cell != "tetrahedron":
         return rng.dirichlet(np.ones(len(corners)), count) @ corners
-    nodes, parts = np.array(ELEMENTS["T10"].nodes) / 2, np.array(ELEMENTS["T10"].parts)
+    nodes, parts = np.array(ELEMENTS["T10"].nodes) / 2, np.array(ELEMENTS["T10"].sub_cells)
     nodes = np.vstack([nodes, nodes[4:].mean(axis=0)])
     weights = rng.dirichlet(np.ones(4), (len(parts), -(-count // len(parts))))
     return (weights @ nodes[parts]).reshape(-1, 3)

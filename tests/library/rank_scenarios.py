@@ -58,10 +58,10 @@ from pw_elements.contact import (
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved_mesh, move_nodes, triangles
-from tests.contact.cases import Block, at
+from tests.contact.cases import BlockOnFloor, on_plane
 
 COMM = MPI.COMM_WORLD
-FOOT, TOP, FLOOR, STILL = at(1, 0.0), at(1, 2.0), Plane((0, 0), (0, 1)), Motion((0, 0))
+FOOT, TOP, FLOOR, STILL = on_plane(1, 0.0), on_plane(1, 2.0), Plane((0, 0), (0, 1)), Motion((0, 0))
 NAN, INF = float("nan"), float("inf")
 
 
@@ -69,12 +69,12 @@ class RankProblem:
     """A block on a floor, and the process that differs: the last one with nodes on the floor."""
 
     def __init__(self):
-        self.block = Block(8, comm=COMM)
+        self.block = BlockOnFloor(8, comm=COMM)
         self.U, self.K, self.mesh = self.block.space, self.block.K, self.block.mesh
         self.spaces, self.load, self.free = (
             self.block.body.spaces,
-            self.block.pressure,
-            self.block.free,
+            self.block.pressure_load,
+            self.block.no_supports,
         )
         owned = self.block.x[: self.U.dofmap.index_map.size_local]
         mine = COMM.rank if np.isclose(owned[:, 1], 0.0).any() else -1
@@ -346,7 +346,7 @@ DIFFERENT_ON_ONE = {
     "marker of supports": lambda w: prescribe(w.U, 0, w.one(TOP, FOOT)),
     "marker of a load": lambda w: nodal_load(w.U, w.one(TOP, FOOT), (1.0, 0.0)),
     "marker of facets": lambda w: boundary_measure(w.mesh, w.one(TOP, FOOT)),
-    "marker of a surface": lambda w: SurfaceNodes.of(w.block.body, w.one(TOP, FOOT)),
+    "marker of a surface": lambda w: SurfaceNodes.from_body(w.block.body, w.one(TOP, FOOT)),
     "marker of forces": lambda w: forces_along(w.U, w.load, w.one(FOOT, TOP)),
     "prescribed value": lambda w: prescribe(w.U, 0, FOOT, w.one(0.1, 0.0)),
     "prescribed component": lambda w: prescribe(w.U, w.one(1, 0), FOOT),
@@ -421,7 +421,8 @@ NAN_ON_ONE = {
         ufl.as_vector([0.0, 1.0]) * w.function(w.one(NAN, 1.0)))), w.held),
     "thickness": lambda w: Body(
         w.spaces, Material(1.0), "plane stress", w.function(w.one(NAN, 1.0))),
-    "coefficients": lambda w: Sibling.of(Spaces.galerkin(w.mesh).trial).displacement(w.vector(NAN)),
+    "coefficients": lambda w: Sibling.from_space(Spaces.galerkin(w.mesh).trial).displacement(
+        w.vector(NAN)),
     "mass": lambda w: lumped_mass(diagonal(w, w.vector(NAN)), w.U),
     "force": lambda w: reactions(w.K, w.vector(NAN), w.load),
 }
@@ -489,5 +490,5 @@ def constant_load(w, value):
         load.value = value * share
 
     return w.residual(
-        load=act, conditions=[prescribe(w.U, 0, lambda x: at(0, 0.0)(x) & (x[1] > 1), load)]
+        load=act, conditions=[prescribe(w.U, 0, lambda x: on_plane(0, 0.0)(x) & (x[1] > 1), load)]
     )

@@ -37,8 +37,8 @@ from pw_elements.contact import (
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from pw_elements.solvers import SolverReport
-from tests.contact.cases import Block, at
-from tests.contact.iterative import Solid
+from tests.contact.cases import BlockOnFloor, on_plane
+from tests.contact.iterative import SolidBlock
 from tests.library.faces import ROOT, calls, otherwise, public
 from tests.parallel import run_on
 
@@ -46,9 +46,9 @@ from tests.parallel import run_on
 WAITING = 600
 
 COMM = MPI.COMM_WORLD
-BLOCK = Block(8, comm=COMM)
-U, K, MESH, LOAD = BLOCK.space, BLOCK.K, BLOCK.body.spaces.mesh, BLOCK.pressure
-FOOT, FLOOR, STILL = at(1, 0.0), Plane((0, 0), (0, 1)), Motion((0, 0))
+BLOCK = BlockOnFloor(8, comm=COMM)
+U, K, MESH, LOAD = BLOCK.space, BLOCK.K, BLOCK.body.spaces.mesh, BLOCK.pressure_load
+FOOT, FLOOR, STILL = on_plane(1, 0.0), Plane((0, 0), (0, 1)), Motion((0, 0))
 # The process where things go wrong: the last one that owns nodes of the floor
 OWNED = BLOCK.x[: BLOCK.space.dofmap.index_map.size_local]
 WRONG = max(COMM.allgather(COMM.rank if np.isclose(OWNED[:, 1], 0.0).any() else -1))
@@ -82,8 +82,8 @@ def square(n):
     return triangles(COMM, (0, 0), (1, 1), (4, n))
 
 
-def contact(pair=None, loads=LOAD, reduction=BLOCK.free, K=K, **options):
-    return solve_contact(K, loads, reduction, pair or BLOCK.pair(0.3), U, **options)
+def contact(pair=None, loads=LOAD, reduction=BLOCK.no_supports, K=K, **options):
+    return solve_contact(K, loads, reduction, pair or BLOCK.floor_pair(0.3), U, **options)
 
 
 class Unreached(Plane):
@@ -110,7 +110,7 @@ class Law:
 class Foreign:
     """A Krylov method that fails on one process, after some products."""
 
-    matrix_free, orientations, report = True, (), SolverReport("steepest descent", 0)
+    matrix_free, determinant_signs, report = True, (), SolverReport("steepest descent", 0)
 
     def __init__(self, products, steps=3):
         self._products, self._steps = products, steps
@@ -130,14 +130,14 @@ class Foreign:
 
 
 def by(solver):
-    solid = Solid(n=2, comm=COMM)
-    plate = solid.arguments("plate by forces")
+    solid = SolidBlock(n=2, comm=COMM)
+    plate = solid.case_arguments("plate by forces")
     return solve_contact(*plate, solver=solver)
 
 
 def slid(surface=FLOOR, load=None, conditions=(), **options):
     u, v = fem.Function(U), ufl.TestFunction(BLOCK.body.spaces.test)
-    top = [prescribe(U, i, at(1, 2.0)) for i in (0, 1)]
+    top = [prescribe(U, i, on_plane(1, 2.0)) for i in (0, 1)]
     stretched = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
     held = [*top, *conditions]
     problem = ContactProblem.of_residual(stretched, u, held, ContactPair(FOOT, surface), **options)
@@ -155,7 +155,7 @@ def singular(*_):
 def dragged_off():
     """What process 0 does by itself where the iteration has failed."""
     with patch("pw_elements.contact.rescue.refusals._combine_proofs", singular):
-        return contact(loads=BLOCK.pulled(1e3, 1))
+        return contact(loads=BLOCK.pull_loads(1e3, 1))
 
 
 class Gap:
@@ -214,7 +214,7 @@ def ones():
 
 
 def problem(block=BLOCK):
-    return ContactProblem(block.K, block.free, block.pair(0.3), block.space)
+    return ContactProblem(block.K, block.no_supports, block.floor_pair(0.3), block.space)
 
 
 def step(motions):
@@ -222,7 +222,7 @@ def step(motions):
 
 
 def other_state():
-    here, small = problem(), problem(Block(4, comm=COMM))
+    here, small = problem(), problem(BlockOnFloor(4, comm=COMM))
     return here.step((small if BAD else here).undeformed, LOAD)
 
 
@@ -235,7 +235,7 @@ def step_from(**values):
 
 
 def impact(duration=1.0, velocity=None, pair=None, **stated):
-    body = symmetric_part(K), diagonal(ones()), BLOCK.free, pair or BLOCK.pair(0.3), U
+    body = symmetric_part(K), diagonal(ones()), BLOCK.no_supports, pair or BLOCK.floor_pair(0.3), U
     return solve_impact(*body, duration, velocity or ones(), **stated)
 
 
@@ -270,7 +270,7 @@ SCENARIOS = [
     ("TypeError: the reduction is of the type Thing", lambda: solve(K, LOAD, Thing())),
     (f"the nodes of contact pair 0 have the numbers 1000000 to {FAR}",
      lambda: contact(ContactPair([10**6] if BAD else FOOT, FLOOR))),
-    (f"pairs: {DIFFERS}", lambda: contact([BLOCK.pair(0.3)] * (1 + BAD))),
+    (f"pairs: {DIFFERS}", lambda: contact([BLOCK.floor_pair(0.3)] * (1 + BAD))),
     ("the friction of contact pair 0 gave float64 of the shape",
      lambda: contact(floor(lambda x: x[0] if not BAD else x[0, :-1]))),
     (f"pairs: {DIFFERS}", lambda: contact(floor(0.3 + BAD))),
@@ -300,7 +300,7 @@ USERS = {
     "marker of loaded nodes": lambda: nodal_load(U, errs_below, (1.0, 0.0)),
     "marker of facets": lambda: boundary_measure(MESH, errs_below),
     "marker of a line": lambda: forces_along(U, LOAD, errs_below),
-    "marker of a surface": lambda: SurfaceNodes.of(BLOCK.body, errs_below),
+    "marker of a surface": lambda: SurfaceNodes.from_body(BLOCK.body, errs_below),
     "marker of a pair": lambda: contact(ContactPair(errs_below, FLOOR)),
     "image": lambda: move_nodes(square(4), errs),
     "image of a curved mesh": lambda: curved_mesh(square(4), errs),
@@ -412,7 +412,7 @@ def test_only_a_writer_that_others_wait_for_ends_them_all():
 
 def shares(comm):
     """Time of digests and of comparing them, over that of a contact solution."""
-    body = Block(80, comm=comm)
+    body = BlockOnFloor(80, comm=comm)
     assert body.K.getSize()[0] > 25_600
     spent, within, compare = [], [], guard._digest
 

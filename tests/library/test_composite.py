@@ -15,7 +15,7 @@ from pw_elements.spaces import macro_element
 from study.elements import composite
 from study.matrices import dense
 from study.verification.t_identity import distorted
-from tests.contact.cases import Elastic
+from tests.contact.cases import ElasticBody
 
 E, NU = 2.0, 0.3
 MESH = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), distorted)
@@ -26,7 +26,7 @@ MESH = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), dist
 )
 def test_stiffness_is_that_of_the_assumed_strain_method(state, reduced):
     """G = (q, eps(u)) with discontinuous linear q, K = G^T (D x M^-1) G."""
-    K = dense(Elastic(MESH, composite, state, E).K)
+    K = dense(ElasticBody(MESH, composite, state, E).K)
     W = fem.functionspace(MESH, macro_element("triangle", (2,)))
     Q = fem.functionspace(MESH, basix.ufl.element("DG", "triangle", 1, shape=(2, 2)))
     u, strain, q = ufl.TrialFunction(W), ufl.TrialFunction(Q), ufl.TestFunction(Q)

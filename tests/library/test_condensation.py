@@ -12,7 +12,7 @@ from study.discretisation import discretise
 from study.inner_nodes import centre_nodes, mid_diagonal_nodes
 from study.matrices import dense
 from study.verification.t_identity import distorted
-from tests.contact.cases import GALERKIN, Q8, Elastic, at
+from tests.contact.cases import GALERKIN, Q8, ElasticBody, on_plane
 from tests.library.properties import dense_solution
 
 MATERIAL = Material(7.0, 0.3)
@@ -28,7 +28,7 @@ def square(cell, divisions=(3, 2), pattern="right"):
     )
 
 
-left = at(0, 0.0)
+left = on_plane(0, 0.0)
 
 
 def in_order(points):
@@ -135,6 +135,6 @@ def test_refuses_what_cannot_be_condensed(problem):
 
 
 def test_two_galerkin_triangles_condense_symmetrically():
-    body = Elastic(square("triangle"), GALERKIN)
+    body = ElasticBody(square("triangle"), GALERKIN)
     reduction = Reduction.condensation(body.K, body.space, mid_diagonal_nodes(body.space))
     assert np.abs(dense(reduction.left) - dense(reduction.right)).max() < 1e-13

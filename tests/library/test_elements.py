@@ -28,13 +28,13 @@ from pw_elements import (
     solve,
 )
 from pw_elements.meshes import curved_mesh
-from pw_elements.spaces import macro_element, quadratic_element, with_cell_rules
+from pw_elements.spaces import add_sub_cell_rules, macro_element, quadratic_element
 from pw_elements.spaces.elements import CELLS, twelve_cell_rule
 from study.elements import one_cut, one_cut_element, serendipity_element
 from study.matrices import dense
 from tests.contact.cases import PW
 from tests.library.random_meshes import Grid, random_cell_points, structured_grid
-from tests.oracle.elements import ELEMENTS, gauss, shapes
+from tests.oracle.elements import ELEMENTS, gauss_rule, shape_functions
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -126,7 +126,7 @@ def brute_force(integrand):
 
     The integrand takes weights (q, 10), their slopes (d, 10) and points (q, d).
     """
-    points, measure = gauss(True, 3, 4)
+    points, measure = gauss_rule(True, 3, 4)
     hats = np.column_stack([1 - points.sum(axis=1), points])
     total = 0.0
     for cells in cuts():
@@ -150,8 +150,10 @@ def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
     K = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))[np.ix_(cell, cell)]
     M = dense(assemble_matrix(u * v * ufl.dx))[np.ix_(cell, cell)]
     f = assemble_vector(v * ufl.dx).array[cell]
-    exact_K = brute_force(lambda _, dw, x: np.einsum("dm,qnd->qmn", dw, shapes("T10", x)[1]))
-    exact_M = brute_force(lambda w, _, x: np.einsum("qm,qn->qmn", w, shapes("T10", x)[0]))
+    exact_K = brute_force(
+        lambda _, dw, x: np.einsum("dm,qnd->qmn", dw, shape_functions("T10", x)[1])
+    )
+    exact_M = brute_force(lambda w, _, x: np.einsum("qm,qn->qmn", w, shape_functions("T10", x)[0]))
     assert np.abs(K - exact_K).max() < 1e-14 * np.abs(K).max()
     assert np.abs(M - exact_M).max() < 1e-14 * np.abs(M).max()
     volume = 1 / 6
@@ -163,7 +165,7 @@ def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
 def test_rule_is_exact_on_each_cell_of_every_cut(degree):
     points, weights = twelve_cell_rule(degree)
     assert len(points) % 12 == 0
-    gauss_points, gauss_weights = gauss(True, 3, (degree + 4) // 2)
+    gauss_points, gauss_weights = gauss_rule(True, 3, (degree + 4) // 2)
     hats = np.column_stack([1 - gauss_points.sum(axis=1), gauss_points])
     along = np.array([0.3, -0.7, 0.5])
     for cells in cuts():
@@ -222,7 +224,7 @@ def test_own_forms_are_integrated_on_the_twelve_cells():
     # four points do for slopes times linear functions, of straight cells
     slopes = x[0] * v.dx(1)
     for number, integrand in ((4, slopes), (12, slopes + v), (48, x[1] * slopes)):
-        (integral,) = with_cell_rules(integrand * ufl.dx).integrals()
+        (integral,) = add_sub_cell_rules(integrand * ufl.dx).integrals()
         assert len(integral.metadata()["quadrature_points"]) == number
 
     # a degree the user gives is taken

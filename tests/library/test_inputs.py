@@ -23,17 +23,17 @@ from pw_elements.checks import call_user_function, collective_errors
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Plane, Sphere, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes, triangles
-from pw_elements.spaces import marked
-from tests.contact.cases import Block, at
+from pw_elements.spaces import evaluate_marker
+from tests.contact.cases import BlockOnFloor, on_plane
 
-BLOCK = Block(4)
+BLOCK = BlockOnFloor(4)
 U, K, MESH = BLOCK.space, BLOCK.K, BLOCK.body.spaces.mesh
-FLOOR, BOTTOM = Plane((0, 0), (0, 1)), at(1, 0.0)
+FLOOR, BOTTOM = Plane((0, 0), (0, 1)), on_plane(1, 0.0)
 FACETS = exterior_facet_indices(MESH.topology)
 
 
 def contact(pair, **options):
-    (state,) = solve_contact(K, BLOCK.pressure, BLOCK.free, pair, U, **options)
+    (state,) = solve_contact(K, BLOCK.pressure_load, BLOCK.no_supports, pair, U, **options)
     return state.pairs[0]
 
 
@@ -57,7 +57,9 @@ def test_a_marker_may_give_every_second_value_of_an_array():
 
 def test_a_process_without_points_does_not_ask_a_marker():
     """There the largest coordinate is not defined."""
-    assert marked(MPI.COMM_SELF, "it", lambda x: x[0] == x[0].max(), np.zeros((3, 0))).shape == (0,)
+    assert evaluate_marker(
+        MPI.COMM_SELF, "it", lambda x: x[0] == x[0].max(), np.zeros((3, 0))
+    ).shape == (0,)
 
 
 def test_nodes_of_tagged_facets_as_the_refusal_of_tags_says():
@@ -81,12 +83,12 @@ def test_images_in_the_plane_may_have_two_components_and_wrong_ones_leave_the_me
 def test_one_of_a_kind_needs_no_list():
     pair = contact(ContactPair(BOTTOM, FLOOR, 0.3, Motion((0, 0.1))))
     assert pair.translation == pytest.approx((0, 0.1))
-    problem = ContactProblem(K, BLOCK.free, ContactPair(BOTTOM, FLOOR, 0.3), U)
-    same = problem.step(problem.undeformed, BLOCK.pressure, Motion((0, 0.1)))
+    problem = ContactProblem(K, BLOCK.no_supports, ContactPair(BOTTOM, FLOOR, 0.3), U)
+    same = problem.step(problem.undeformed, BLOCK.pressure_load, Motion((0, 0.1)))
     assert np.array_equal(same.pairs[0].force_normal, pair.force_normal)
-    still = problem.step(problem.undeformed, BLOCK.pressure, None)
+    still = problem.step(problem.undeformed, BLOCK.pressure_load, None)
     assert still.pairs[0].translation == pytest.approx((0, 0))
-    left = prescribe(U, 0, at(0, 0.0))
+    left = prescribe(U, 0, on_plane(0, 0.0))
     one, several = (Reduction.dirichlet(U, given).right.getSize() for given in (left, [left]))
     assert one == several
 
@@ -114,7 +116,7 @@ def test_conditions_that_say_the_same_do_not_contradict():
     """Nor do those on the test space, whose nodes are the same."""
     one = prescribe(BLOCK.body.spaces.test, 0, BOTTOM)
     assert Reduction.dirichlet(U, one).right.getSize()[1] < K.getSize()[0]
-    both = [prescribe(U, 0, marker, 0.0) for marker in (at(0, 0.0), BOTTOM)]
+    both = [prescribe(U, 0, marker, 0.0) for marker in (on_plane(0, 0.0), BOTTOM)]
     assert Reduction.dirichlet(U, both).right.getSize()[1] < K.getSize()[0]
 
 
@@ -127,14 +129,14 @@ def test_errors_of_users_functions_are_the_cause_of_the_librarys():
 
 
 def scaled_load(size):
-    load = BLOCK.pressure.copy()
+    load = BLOCK.pressure_load.copy()
     load.scale(size / load.norm(3))
     return load
 
 
 def stretched_by(value):
-    held = [prescribe(U, k, at(1, 0.0)) for k in (0, 1)]
-    return Reduction.dirichlet(U, [*held, prescribe(U, 1, at(1, 1.0), value)])
+    held = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
+    return Reduction.dirichlet(U, [*held, prescribe(U, 1, on_plane(1, 1.0), value)])
 
 
 def rubber(modulus=1.0, load=0.0, depth=0.0, contact=False):
@@ -143,23 +145,23 @@ def rubber(modulus=1.0, load=0.0, depth=0.0, contact=False):
     E, pull = fem.Constant(mesh, modulus), fem.Constant(mesh, load)
     u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
     residual = E * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) * ufl.dx - pull * v[0] * ufl.dx
-    held = [prescribe(spaces.trial, k, at(1, 0.0)) for k in (0, 1)]
+    held = [prescribe(spaces.trial, k, on_plane(1, 0.0)) for k in (0, 1)]
     if not contact:
-        held.append(prescribe(spaces.trial, 1, at(1, 1.0), depth))
+        held.append(prescribe(spaces.trial, 1, on_plane(1, 1.0), depth))
         return PetrovGalerkinProblem(residual, u, held).solve()
-    above = ContactPair(at(1, 1.0), Plane((0, 1), (0, -1)))
+    above = ContactPair(on_plane(1, 1.0), Plane((0, 1), (0, -1)))
     problem = ContactProblem.of_residual(residual, u, held, above)
     return problem.step(problem.undeformed, motions=Motion((0.0, -depth)))
 
 
 OUT_OF_RANGE = {
-    "a small load": lambda: solve(K, scaled_load(1e-300), BLOCK.clamped(BOTTOM)),
-    "a large load": lambda: solve(K, scaled_load(1e300), BLOCK.clamped(BOTTOM)),
+    "a small load": lambda: solve(K, scaled_load(1e-300), BLOCK.clamp(BOTTOM)),
+    "a large load": lambda: solve(K, scaled_load(1e300), BLOCK.clamp(BOTTOM)),
     "a load of contact": lambda: contact_under(scaled_load(1e-300)),
     "a modulus": lambda: Material(1e-300),
     "a modulus's nodal values": lambda: Material(constant_function(1e-300)),
-    "a stiffness": lambda: solve(1e-300 * K, BLOCK.pressure, BLOCK.clamped(BOTTOM)),
-    "a large stiffness": lambda: solve(1e300 * K, BLOCK.pressure, BLOCK.clamped(BOTTOM)),
+    "a stiffness": lambda: solve(1e-300 * K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM)),
+    "a large stiffness": lambda: solve(1e300 * K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM)),
     "a prescribed displacement": lambda: stretched_by(1e300),
     "a motion": lambda: Motion((0.0, 1e300)),
     "a force on a surface": lambda: Motion((0.0, None), (0.0, 1e300)),
@@ -173,7 +175,7 @@ OUT_OF_RANGE = {
 
 
 def contact_under(load):
-    solve_contact(K, load, BLOCK.free, ContactPair(BOTTOM, FLOOR, 0.3), U)
+    solve_contact(K, load, BLOCK.no_supports, ContactPair(BOTTOM, FLOOR, 0.3), U)
 
 
 def constant_function(value):
@@ -191,8 +193,8 @@ def test_numbers_that_lose_their_digits_are_refused(what):
 
 @pytest.mark.parametrize("unit", [1e-60, 1e60])
 def test_numbers_in_range_keep_their_digits(unit):
-    known = solve(K, BLOCK.pressure, BLOCK.clamped(BOTTOM))
-    found = solve(unit * K, BLOCK.pressure, BLOCK.clamped(BOTTOM))
+    known = solve(K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM))
+    found = solve(unit * K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM))
     found.scale(unit)
     assert (found - known).norm() < 1e-10 * known.norm()
     small = min(unit, 1 / unit)

@@ -12,14 +12,14 @@ from dolfinx.mesh import create_rectangle, create_unit_square
 from pw_elements import Direct, SingularSystem, prescribe, solve, vibration_modes
 from pw_elements.algebra import factorise, symmetric_part
 from pw_elements.meshes import triangles
-from tests.contact.cases import GALERKIN, PW, Elastic, at
+from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 from tests.library.properties import dense, dense_solution
 
 COMM, N = MPI.COMM_SELF, 200
 
 
 def unit_square(method=PW, n=3):
-    return Elastic(create_unit_square(COMM, n, n), method, "plane stress", 7.0)
+    return ElasticBody(create_unit_square(COMM, n, n), method, "plane stress", 7.0)
 
 
 @pytest.fixture(params=[GALERKIN, PW])
@@ -28,9 +28,9 @@ def square(request):
 
 
 def test_prescribed_values_against_dense_algebra(square):
-    given = [(0, at(0, 0.0)), (1, at(0, 0.0)), (0, at(0, 1.0), 0.03)]
-    f = square.load((1.0, 0.2), at(0, 1.0))
-    a = solve(square.K, f, square.held(*given)).array
+    given = [(0, on_plane(0, 0.0)), (1, on_plane(0, 0.0)), (0, on_plane(0, 1.0), 0.03)]
+    f = square.load((1.0, 0.2), on_plane(0, 1.0))
+    a = solve(square.K, f, square.make_supports(*given)).array
     conditions = [prescribe(square.space, *one) for one in given]
     assert np.abs(a - dense_solution(square.K, f, conditions)).max() < 1e-12
 
@@ -38,19 +38,21 @@ def test_prescribed_values_against_dense_algebra(square):
 @pytest.mark.parametrize("components", [(), (0,), (1,)])
 def test_missing_supports_end_in_an_error(square, components):
     """A balanced load does not hide one, though the residual alone would be small."""
-    supports = square.held(*((i, at(0, 0.0)) for i in components))
-    pull = square.load((1.0, 0.0), at(0, 1.0))
-    for f in (pull, pull + square.load((-1.0, 0.0), at(0, 0.0))):
+    supports = square.make_supports(*((i, on_plane(0, 0.0)) for i in components))
+    pull = square.load((1.0, 0.0), on_plane(0, 1.0))
+    for f in (pull, pull + square.load((-1.0, 0.0), on_plane(0, 0.0))):
         with pytest.raises(SingularSystem, match="rigid motion"):
             solve(square.K, f, supports)
 
 
 def test_bad_conditioning_alone_is_no_singularity():
     """A slender cantilever, entries over 1e11 and a tip that moves 1e5 times its strain."""
-    beam = Elastic(
+    beam = ElasticBody(
         create_rectangle(COMM, [(0, 0), (100, 1)], [200, 1]), PW, "plane stress", 2e11, 0
     )
-    a = solve(beam.K, beam.load((0.0, -1.0), at(0, 100.0)), beam.clamped(at(0, 0.0)))
+    a = solve(
+        beam.K, beam.traction_load((0.0, -1.0), on_plane(0, 100.0)), beam.clamp(on_plane(0, 0.0))
+    )
     assert a.array.min() == pytest.approx(-(100**3) / (3 * 2e11 / 12), rel=2e-3)
 
 
@@ -58,7 +60,7 @@ def test_symmetric_part_and_inertia(square):
     part, K = dense(symmetric_part(square.K)), dense(square.K)
     assert np.abs(part - part.T).max() == 0
     assert np.abs(part - (K + K.T) / 2).max() < 1e-15
-    reduced = symmetric_part(square.clamped(at(0, 0.0)).matrix(square.K))
+    reduced = symmetric_part(square.clamp(on_plane(0, 0.0)).matrix(square.K))
     eigenvalues = np.linalg.eigvalsh(dense(reduced))
     assert factorise(reduced, symmetric=True).negative_pivots == (eigenvalues < 0).sum()
 
@@ -66,7 +68,7 @@ def test_symmetric_part_and_inertia(square):
 def test_matrices_and_vectors_outlive_their_mesh():
     def system():
         square = unit_square(n=8)
-        return square.K, square.weight((0.0, -1.0)), square.clamped(at(0, 0.0))
+        return square.K, square.body_force_load((0.0, -1.0)), square.clamp(on_plane(0, 0.0))
 
     systems = [system() for _ in range(5)]
     gc.collect()
@@ -103,15 +105,15 @@ def test_one_factorisation_serves_after_small_changes():
     A[7] = -A[7]
     A[8, 3] += 5.0
     changed(matrix, [7, 8], A[[7, 8]])
-    corrected = factors.solve_changed(right, np.array([7, 8]))
+    corrected = factors.solve_with_changed_rows(right, np.array([7, 8]))
     assert A @ corrected.array_r == pytest.approx(right.array_r, abs=1e-10)
     assert factors.report.factorisations == 1
     assert 0 < factors.report.krylov_iterations <= 3
-    assert factors.orientations == (sign, int(np.sign(np.linalg.det(A)))) == (1, -1)
-    assert factors.solve_changed(right, np.arange(N)) is None
+    assert factors.determinant_signs == (sign, int(np.sign(np.linalg.det(A)))) == (1, -1)
+    assert factors.solve_with_changed_rows(right, np.arange(N)) is None
     assert A @ factors.solve(right).array_r == pytest.approx(right.array_r, abs=1e-11)
     assert factors.report.factorisations == 2
-    assert set(factors.orientations) == {-1, 1}  # a row has changed its sign
+    assert set(factors.determinant_signs) == {-1, 1}  # a row has changed its sign
 
 
 def test_more_changes_than_said_are_not_passed_off_as_a_solution():
@@ -120,7 +122,7 @@ def test_more_changes_than_said_are_not_passed_off_as_a_solution():
     factors = Direct().prepare(matrix)
     factors.solve(right)
     changed(matrix, range(N), random_matrix(6))
-    assert factors.solve_changed(right, np.array([7])) is None
+    assert factors.solve_with_changed_rows(right, np.array([7])) is None
 
 
 @pytest.mark.parametrize("package", ["mumps", "superlu_dist", "petsc"])
@@ -147,8 +149,8 @@ def test_a_matrix_that_is_not_finite_spoils_no_later_one():
 @pytest.fixture(scope="module")
 def beam():
     mesh = triangles(COMM, (0.0, -0.5), (8.0, 0.5), (16, 4))
-    beam = Elastic(mesh, PW, "plane stress", 2.0)
-    beam.foot = beam.clamped(at(0, 0.0))
+    beam = ElasticBody(mesh, PW, "plane stress", 2.0)
+    beam.foot = beam.clamp(on_plane(0, 0.0))
     return beam
 
 
@@ -162,7 +164,7 @@ def beam():
     ],
 )
 def test_every_computation_takes_a_solver_and_says_what_ran(beam, solver, package):
-    f = beam.load((-1.0, 0.0), at(0, 8.0))
+    f = beam.load((-1.0, 0.0), on_plane(0, 8.0))
     a, reference = solve(beam.K, f, beam.foot, solver=solver), solve(beam.K, f, beam.foot)
     assert (a - reference).norm() < 1e-10 * reference.norm()
     report = a.getAttr("report")

@@ -17,7 +17,7 @@ from dolfinx.mesh import (
 from pw_elements import Body, Material, assemble_matrix, assemble_scalar, solve
 from pw_elements.meshes import move_nodes, triangles
 from study.verification.t_identity import distorted
-from tests.contact.cases import GALERKIN, PW, Elastic, at
+from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 
 MATERIAL = Material(10.0, 0.3, density=2.0)
 
@@ -42,7 +42,7 @@ def cube(cell):
     ],
 )
 def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains(field, energies):
-    body = Elastic(square(), GALERKIN, "plane stress", 10.0)
+    body = ElasticBody(square(), GALERKIN, "plane stress", 10.0)
     moved = fem.Function(body.space)
     moved.interpolate(lambda x: np.array(field(x)))
     u, stress = moved.x.petsc_vec, ufl.as_tensor([[5.0, 0.0], [0.0, 2.0]])
@@ -101,9 +101,9 @@ def test_a_material_per_tag():
     mesh = square(4)
     parts = {3: Material(2.0, 0.0, 1.0), 7: Material(5.0, 0.0, 4.0)}
     material = Material.by_tag(mesh, halves(mesh), parts)
-    bar = Elastic(mesh, GALERKIN, "plane stress", material=material)
-    held = bar.held((0, at(0, 0.0)), (1, at(1, 0.0)))
-    moved = solve(bar.K, bar.load((1.0, 0.0), at(0, 1.0)), held)
+    bar = ElasticBody(mesh, GALERKIN, "plane stress", material=material)
+    held = bar.make_supports((0, on_plane(0, 0.0)), (1, on_plane(1, 0.0)))
+    moved = solve(bar.K, bar.traction_load((1.0, 0.0), on_plane(0, 1.0)), held)
     x = bar.x[:, 0]
     exact = np.minimum(x, 0.5) / 2.0 + np.maximum(x - 0.5, 0.0) / 5.0
     assert moved.array_r.reshape(-1, 2)[:, 0] == pytest.approx(exact, abs=1e-13)

@@ -22,7 +22,7 @@ from pw_elements.elasticity.incompressibility import (
     max_bulk_over_shear,
 )
 from pw_elements.meshes import curved_mesh, triangles
-from tests.contact.cases import at_large_strains, neo_hookean
+from tests.contact.cases import finite_strain_residual, neo_hookean_stress
 from tests.library.near_incompressible import DIVISIONS, distorted_mesh, samples
 
 WORDS = "may be singular there"
@@ -124,7 +124,7 @@ def test_ratio_of_a_linear_elastic_tangent_is_that_of_its_moduli(cell, nu):
 
 
 def energy(F, shear, lame):
-    """Per volume, of `neo_hookean`."""
+    """Per volume, of `neo_hookean_stress`."""
     log = np.log(np.linalg.det(F))
     return shear * (np.sum(F**2) / 2 - log) + lame * log**2 / 2
 
@@ -153,7 +153,7 @@ def test_ratio_of_a_deformed_tangent_is_that_of_the_energy(seed):
     dim, lame = 2 + seed % 2, 10 ** rng.uniform(0, 3)
     mesh = distorted_mesh("triangle" if dim == 2 else "tetrahedron", 1, 0.0, 0)
     spaces = Spaces.petrov_galerkin(mesh)
-    u, residual = at_large_strains(spaces, lambda F: neo_hookean(F, 1.0, lame))
+    u, residual = finite_strain_residual(spaces, lambda F: neo_hookean_stress(F, 1.0, lame))
     F = np.eye(dim) + rng.uniform(-0.3, 0.3, (dim, dim))
     u.interpolate(lambda x: (F - np.eye(dim)) @ x[:dim] + 2.0)
     found = TangentRatio(residual, u).of_cells()
@@ -169,7 +169,9 @@ def test_pressure_alone_is_no_stiffness_of_shape():
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     spaces = Spaces.petrov_galerkin(mesh)
     for lame, scale in ((100.0, 0.9), (100.0, 1.05), (5.0, 0.5)):
-        u, residual = at_large_strains(spaces, lambda F, lame=lame: neo_hookean(F, 1.0, lame))
+        u, residual = finite_strain_residual(
+            spaces, lambda F, lame=lame: neo_hookean_stress(F, 1.0, lame)
+        )
         u.interpolate(lambda x, scale=scale: (scale - 1) * x[:2])
         expected = ratio_by_differences(scale * np.eye(2), 1.0, lame)
         found = TangentRatio(residual, u).of_cells()

@@ -38,9 +38,9 @@ from pw_elements.solvers import iterative
 from study.discretisation import discretise, mass_left
 from study.verification.t_identity import distorted
 from study.verification.v15_layers import error, layered
-from tests.contact.cases import GALERKIN, PW, Elastic, at, at_large_strains
-from tests.contact.iterative import STACKED, Solid, nearly_sliding
-from tests.contact.two_bodies import Stack
+from tests.contact.cases import GALERKIN, PW, ElasticBody, finite_strain_residual, on_plane
+from tests.contact.iterative import STACKED_CASES, SolidBlock, nearly_sliding_arguments
+from tests.contact.two_bodies import StackedBlocks
 from tests.parallel import same_numbers
 
 
@@ -50,7 +50,7 @@ def box(comm, size=(1, 1, 2), cells=(3, 3, 5), cell="tetrahedron"):
 
 def foot(body, axis, values=(0.0, 0.0, 0.0)):
     """Supports at the lower end of an axis."""
-    return body.held(*((i, at(axis, 0.0), values[i]) for i in range(body.dim)))
+    return body.make_supports(*((i, on_plane(axis, 0.0), values[i]) for i in range(body.dim)))
 
 
 def sizes(W, a):
@@ -64,23 +64,23 @@ def sizes(W, a):
 
 def beam(comm, method):
     mesh = triangles(comm, (0.0, -0.5), (8.0, 0.5), (16, 4), "crossed")
-    body = Elastic(mesh, method, "plane stress", 2.0)
+    body = ElasticBody(mesh, method, "plane stress", 2.0)
     U, K, M, supports = body.space, body.K, body.M, foot(body, 0, (0.0, 0.01))
-    f = body.load((-1.0, 0.0), at(0, 8.0))
-    f.axpy(1.0, nodal_load(U, lambda x: at(0, 8.0)(x) & at(1, 0.0)(x), (0, 1e-3)))
+    f = body.traction_load((-1.0, 0.0), on_plane(0, 8.0))
+    f.axpy(1.0, nodal_load(U, lambda x: on_plane(0, 8.0)(x) & on_plane(1, 0.0)(x), (0, 1e-3)))
     a = solve(K, f, supports)
-    nodes = fem.locate_dofs_geometrical(U, at(0, 0.0))
+    nodes = fem.locate_dofs_geometrical(U, on_plane(0, 0.0))
     vectors = Reduction.dirichlet(U, [fem.dirichletbc(np.array([0.0, 0.01]), nodes, U)])
-    stresses = {form: body.prestress(f, supports, form) for form in ("G", "J")}
-    free = vibration_modes(K, M, body.held(), 4)
+    stresses = {form: body.initial_stress_matrix(f, supports, form) for form in ("G", "J")}
+    free = vibration_modes(K, M, body.make_supports(), 4)
     parts = symmetric_part(K), symmetric_part(stresses["J"])
     return {
         "displacement norm": a.norm(),
         "held as vectors": solve(K, f, vectors).norm(),
-        "reactions": forces_along(U, reactions(K, a, f), at(0, 0.0)).force,
+        "reactions": forces_along(U, reactions(K, a, f), on_plane(0, 0.0)).force,
         "stiffness norm": K.norm(),
         "mass norm": M.norm(),
-        "rigid": free.rigid,
+        "rigid": free.n_rigid,
         "free frequencies": free.eigenvalues[3:],
         "symmetrised": buckling(*parts, supports, 1, symmetrised=True).factors,
         **{f"buckling {form}": buckling(K, S, supports, 2).factors for form, S in stresses.items()},
@@ -94,7 +94,7 @@ def beam(comm, method):
 def identity(comm):
     """The transfer of the standard element's forces gives the new one's; and a layered block."""
     mesh = move_nodes(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
-    galerkin, pw = (Elastic(mesh, method, "plane stress") for method in (GALERKIN, PW))
+    galerkin, pw = (ElasticBody(mesh, method, "plane stress") for method in (GALERKIN, PW))
     shared = force_transfer(galerkin.space).matMult(galerkin.K)
     assert (shared - pw.K).norm() < 1e-14 * pw.K.norm()
     for cell in (CellType.triangle, CellType.tetrahedron):
@@ -110,9 +110,9 @@ def element(comm, name):
     body = discretise(name, build, Material(1.0, 0.3), StressState.PLANE_STRESS)
     U, K = body.space, body.K
     f = assemble_vector(body.body.body_load((0.3, -1.0)))
-    supports = body.supports([prescribe(U, i, at(0, 0.0), 0.01 * i) for i in range(2)])
+    supports = body.supports([prescribe(U, i, on_plane(0, 0.0), 0.01 * i) for i in range(2)])
     a = solve(K, f, supports)
-    wall = ContactPair(at(0, 0.0), Plane((0.0, 0.0), (1.0, 0.0)), 0.4)
+    wall = ContactPair(on_plane(0, 0.0), Plane((0.0, 0.0), (1.0, 0.0)), 0.4)
     pushed = assemble_vector(body.body.body_load((-0.1, -0.035)))
     (state,) = solve_contact(K, pushed, body.supports([]), [wall], U)
     M = assemble_matrix(body.body.mass())
@@ -126,7 +126,7 @@ def element(comm, name):
     return found | {
         "displacement norm": a.norm(),
         "stiffness norm": supports.matrix(K).norm(),
-        "reactions": forces_along(U, reactions(K, a, f), at(0, 0.0)).force,
+        "reactions": forces_along(U, reactions(K, a, f), on_plane(0, 0.0)).force,
         "contact": state.pairs[0].force_normal,
         "contact displacement norm": state.displacement.norm(),
     }
@@ -135,52 +135,52 @@ def element(comm, name):
 def rubber(comm):
     mesh = box(comm, (1, 1, 1), (3, 3, 3))
     spaces = Spaces.petrov_galerkin(mesh)
-    U, (u, residual) = spaces.trial, at_large_strains(spaces, degree=3)
+    U, (u, residual) = spaces.trial, finite_strain_residual(spaces, degree=3)
     depth = fem.Constant(mesh, -0.3)
-    conditions = [prescribe(U, i, at(2, 0.0)) for i in range(3)]
-    conditions.append(prescribe(U, 2, at(2, 1.0), depth))
+    conditions = [prescribe(U, i, on_plane(2, 0.0)) for i in range(3)]
+    conditions.append(prescribe(U, 2, on_plane(2, 1.0), depth))
     problem = PetrovGalerkinProblem(residual, u, conditions)
     problem.solve(depth, increments=2)
     return {
         "reactions": problem.reactions().norm(),
-        "tractions": nodal_flux(spaces, problem.reactions(), at(2, 0.0)).flux,
+        "tractions": nodal_flux(spaces, problem.reactions(), on_plane(2, 0.0)).flux,
         "volume": assemble_scalar(ufl.det(ufl.Identity(3) + ufl.grad(u)) * ufl.dx),
-        "iterations": [len(part.corrections) for part in problem.increments],
+        "iterations": [len(part.relative_corrections) for part in problem.increments],
     }
 
 
 def hybrid(comm, state):
     square = triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6))
     mesh = box(comm) if state == "solid" else move_nodes(square, distorted)
-    body = Elastic(mesh, Spaces.hybrid, state, 2e9, 0.5)
-    f = body.weight([3e6] * body.dim)
-    f.axpy(1.0, nodal_load(body.space, at(0, 0.0), [2e6] * body.dim))
+    body = ElasticBody(mesh, Spaces.hybrid, state, 2e9, 0.5)
+    f = body.body_force_load([3e6] * body.dim)
+    f.axpy(1.0, nodal_load(body.space, on_plane(0, 0.0), [2e6] * body.dim))
     a = solve(body.K, f, foot(body, 0, (0.0, 0.01, 0.02)))
     return sizes(body.space, a) | {"reactions": reactions(body.K, a, f).norm()}
 
 
 def impact(comm):
-    body = Elastic(box(comm, (2, 1, 1), (6, 3, 3)), GALERKIN, "solid", 10.0)
+    body = ElasticBody(box(comm, (2, 1, 1), (6, 3, 3)), GALERKIN, "solid", 10.0)
     U = body.space
-    sibling = Sibling.of(U)
+    sibling = Sibling.from_space(U)
     K, M = sibling.matrix(body.K), lumped_mass(sibling.matrix(body.M), U)
-    weight = sibling.load(body.weight((0.0, 0.0, -0.5)))
+    weight = sibling.load(body.body_force_load((0.0, 0.0, -0.5)))
     thrown = K.createVecRight()
     thrown.array.reshape(-1, 3)[:] = (0.5, 0.1, -1.0)
-    floor = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
-    ball = ContactPair(at(2, 1.0), Sphere((1, 0.5, 4), 2.9), 0.2)
+    floor = ContactPair(on_plane(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
+    ball = ContactPair(on_plane(2, 1.0), Sphere((1, 0.5, 4), 2.9), 0.2)
     history = solve_impact(
         K, M, sibling.dirichlet([]), [floor, ball], U, 1.5, thrown,
         load=lambda time: weight * (1 + time),
         paths=[None, lambda time: (0.2 * time, 0.0, -0.4 * time)],
         step=0.025, frames=2,
     )  # fmt: skip
-    cut = comm.allgather(np.any(at(2, 0.0)(U.tabulate_dof_coordinates().T)))
+    cut = comm.allgather(np.any(on_plane(2, 0.0)(U.tabulate_dof_coordinates().T)))
     assert comm.size == 1 or sum(cut) > 1, "the partition spares the contact"
     fields = ("force_normal", "force_tangential", "status", "gap", "slip", "displacement")
     # the sibling at rest: supports with values, contact on its gaps
-    held = sibling.dirichlet([prescribe(U, i, at(2, 0.0), 0.02 * i) for i in range(3)])
-    near = ContactPair(at(2, 1.0), Sphere((1, 0.5, 3.91), 2.9), 0.2)
+    held = sibling.dirichlet([prescribe(U, i, on_plane(2, 0.0), 0.02 * i) for i in range(3)])
+    near = ContactPair(on_plane(2, 1.0), Sphere((1, 0.5, 3.91), 2.9), 0.2)
     (state,) = solve_contact(K, weight, held, near, U)
     return {
         "critical step": history.critical_step,
@@ -204,18 +204,20 @@ def impact(comm):
 
 
 def supported(comm, cell):
-    body = Elastic(box(comm, (2, 1, 1), (4, 2, 2), cell), PW, "solid", 1.0)
-    f, supports = body.weight((0.0, 0.3, -1.0)), foot(body, 0, (0.0, 0.1, 0.2))
+    body = ElasticBody(box(comm, (2, 1, 1), (4, 2, 2), cell), PW, "solid", 1.0)
+    f, supports = body.body_force_load((0.0, 0.3, -1.0)), foot(body, 0, (0.0, 0.1, 0.2))
     with pytest.raises(SingularSystem):
-        solve(body.K, f, body.held((0, at(0, 0.0)), (1, at(0, 0.0))), Iterative())
+        solve(
+            body.K, f, body.make_supports((0, on_plane(0, 0.0)), (1, on_plane(0, 0.0))), Iterative()
+        )
     modes = vibration_modes(body.K, body.M, supports, 3, solver=Iterative())
     displacement = solve(body.K, f, supports, Iterative())
     return {"displacement norm": displacement.norm(), "frequencies": modes.eigenvalues}
 
 
 def incompressible(comm, cell):
-    body = Elastic(box(comm, (2, 1, 1), (4, 2, 2), cell), Spaces.hybrid, "solid", 2e9, 0.5)
-    f, supports = body.weight((0.0, 3e8, -1e9)), foot(body, 0, (0.0, 0.1, 0.2))
+    body = ElasticBody(box(comm, (2, 1, 1), (4, 2, 2), cell), Spaces.hybrid, "solid", 2e9, 0.5)
+    f, supports = body.body_force_load((0.0, 3e8, -1e9)), foot(body, 0, (0.0, 0.1, 0.2))
     return sizes(body.space, solve(body.K, f, supports, Iterative()))
 
 
@@ -232,19 +234,21 @@ def summed(states):
 
 
 def blocked(comm):
-    solid = Solid(n=3, comm=comm)
+    solid = SolidBlock(n=3, comm=comm)
     solid.K = assemble_matrix(solid.body.stiffness(), blocked=True)
-    (state,) = solve_contact(*solid.arguments("rough floor"), solver=Iterative())
+    (state,) = solve_contact(*solid.case_arguments("rough floor"), solver=Iterative())
     return {
         "contact": state.displacement.norm(),
-        "of K": solve(solid.K, solid.pushed(), solid.foot(), Iterative()).norm(),
+        "of K": solve(
+            solid.K, solid.press_and_push_load(), solid.base_supports(), Iterative()
+        ).norm(),
         "users of K": solid.K.getRefCount(),  # solvers have let go of it
     }
 
 
 def by_auto(comm):
     """Without anchors Krylov's method gives up in the second increment."""
-    arguments = nearly_sliding(Solid(n=2, comm=comm))
+    arguments = nearly_sliding_arguments(SolidBlock(n=2, comm=comm))
     with pytest.MonkeyPatch.context() as patch:
         for limit in ("_MANY", "_MANY_LOOSE"):
             patch.setattr(iterative, limit, 1)
@@ -283,18 +287,18 @@ def iterative_numbers(comm):
 
     def stacked(case, **body):
         """The upper one is the slave."""
-        stack = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83), comm=comm, **body)
-        return contact(STACKED[case](stack, "upper"))
+        stack = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), comm=comm, **body)
+        return contact(STACKED_CASES[case](stack, "upper"))
 
-    rubber = Solid(method=Spaces.hybrid, n=2, comm=comm, nu=0.5)
+    rubber = SolidBlock(method=Spaces.hybrid, n=2, comm=comm, nu=0.5)
     return named(
         {cell: supported(comm, cell) for cell in ("tetrahedron", "hexahedron")}
         | {f"hybrid {cell}": incompressible(comm, cell) for cell in ("tetrahedron", "hexahedron")}
-        | {case: contact(Solid(n=2, comm=comm).arguments(case)) for case in SINGLE}
-        | {"hybrid sphere": contact(rubber.arguments("sphere"))}
+        | {case: contact(SolidBlock(n=2, comm=comm).case_arguments(case)) for case in SINGLE}
+        | {"hybrid sphere": contact(rubber.case_arguments("sphere"))}
         | {case: stacked(case, ratio=0.5) for case in ("on a floor", "forces through contact")}
         | {"hybrid stacked": stacked("held by contact", element="hybrid", nu=0.5)}
-        | {"sliding": contact(nearly_sliding(Solid(n=2, comm=comm)))}
+        | {"sliding": contact(nearly_sliding_arguments(SolidBlock(n=2, comm=comm)))}
         | {"blocked": blocked(comm), "auto": by_auto(comm)}
     )
 

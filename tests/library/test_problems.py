@@ -24,7 +24,7 @@ from pw_elements import (
     solve,
     test_space,
 )
-from tests.contact.cases import at, at_large_strains
+from tests.contact.cases import finite_strain_residual, on_plane
 from tests.library.properties import rim_of, unit_mesh
 
 DX = ufl.dx(metadata={"quadrature_degree": 6})
@@ -44,7 +44,7 @@ def interpolated(V, field):
 
 def rubber(mesh, method=Spaces.petrov_galerkin):
     spaces = method(mesh)
-    return spaces.trial, *at_large_strains(spaces, degree=6)
+    return spaces.trial, *finite_strain_residual(spaces, degree=6)
 
 
 def pressed(depth, n=4):
@@ -56,7 +56,7 @@ def pressed(depth, n=4):
         return np.isclose(x[1], 1.0) & (x[0] < 0.5 + 1e-9)
 
     conditions = [prescribe(V, 1, above, move), prescribe(V, 0, above)]
-    conditions += [prescribe(V, i, at(1, 0.0)) for i in (0, 1)]
+    conditions += [prescribe(V, i, on_plane(1, 0.0)) for i in (0, 1)]
     return PetrovGalerkinProblem(F, u, conditions), move
 
 
@@ -100,7 +100,7 @@ def test_a_linear_residual_has_the_solution_and_reactions_of_solve():
     difference = problem.reactions() - reactions(K, expected, f)
     assert difference.norm() < 1e-13
     (increment,) = problem.increments
-    assert (increment.share, increment.corrections) == (1.0, (1.0,))
+    assert (increment.load_factor, increment.relative_corrections) == (1.0, (1.0,))
 
 
 @pytest.mark.parametrize("cell", [CellType.triangle, CellType.tetrahedron, CellType.hexahedron])
@@ -132,7 +132,7 @@ def test_an_increment_is_cut_where_it_fails_as_a_whole():
     problem, move = pressed(-0.6, 8)
     problem.solve(move)
     assert len(problem.increments) > 1
-    assert problem.increments[-1].share == 1.0
+    assert problem.increments[-1].load_factor == 1.0
     assert move.value == -0.6
     gentle, small = pressed(-0.6, 8)
     gentle.solve(small, increments=8)
@@ -143,7 +143,7 @@ def test_what_cannot_be_solved_leaves_the_last_solution():
     problem, move = pressed(-1.5)  # through the bottom
     with pytest.raises(NotConverged, match=r"of the load; u is the solution at 0\.\d+"):
         problem.solve(move)
-    reached = problem.increments[-1].share
+    reached = problem.increments[-1].load_factor
     assert move.value == pytest.approx(-1.5 * reached, abs=1e-15)
     inner = problem.reactions().array.reshape(-1, 2)
     x = problem.u.function_space.tabulate_dof_coordinates()
@@ -151,7 +151,7 @@ def test_what_cannot_be_solved_leaves_the_last_solution():
     assert np.abs(inner[free]).max() < 1e-9 * np.abs(inner).max()
     move.value *= 0.9
     problem.solve(move)  # from there, not from 0
-    assert problem.increments[0].corrections[0] < 0.5
+    assert problem.increments[0].relative_corrections[0] < 0.5
 
 
 def test_without_a_load_nothing_is_cut_and_u_stays():
@@ -169,9 +169,9 @@ def test_a_second_load_grows_from_the_first():
     at_once, whole = pressed(-0.2)
     at_once.solve(whole)
     assert np.abs(problem.u.x.array - at_once.u.x.array).max() < 1e-12
-    assert [i.share for i in problem.increments] == [0.5, 1.0]
+    assert [i.load_factor for i in problem.increments] == [0.5, 1.0]
     first = problem.increments[0]
-    assert first.corrections[0] < 0.6  # from -0.1, not from 0
+    assert first.relative_corrections[0] < 0.6  # from -0.1, not from 0
 
 
 def test_a_body_that_is_not_held_is_singular():

@@ -17,9 +17,9 @@ from pw_elements import (
     reactions,
     solve,
 )
-from pw_elements.elasticity import by_position
+from pw_elements.elasticity import order_by_position
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
-from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
+from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
 from tests.library.properties import rim_of, unit_mesh
 
 CELLS = [CellType.tetrahedron, CellType.hexahedron, CellType.triangle, CellType.quadrilateral]
@@ -37,7 +37,7 @@ def uneven(build=triangles, method=PW, state="plane stress", thickness=1.0):
     """A block 2 x 1 with cells of uneven width."""
     mesh = build(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
     mesh = move_nodes(mesh, lambda x: x + 0.1 * np.sin(3 * x[:, :1]) * [1, 0, 0])
-    return Elastic(mesh, method, state, 10.0, thickness=thickness)
+    return ElasticBody(mesh, method, state, 10.0, thickness=thickness)
 
 
 def pressed(body, where, pressure=3.0):
@@ -45,7 +45,7 @@ def pressed(body, where, pressure=3.0):
     f = body.load(pressure * np.eye(body.dim)[-1], where)
     x = body.space.tabulate_dof_coordinates()
     nodes = np.flatnonzero(where(x.T))
-    nodes = nodes[by_position(x[nodes])]
+    nodes = nodes[order_by_position(x[nodes])]
     return f.array_r.reshape(-1, body.dim)[nodes, -1]
 
 
@@ -55,8 +55,8 @@ def test_forces_along_any_side_are_in_its_order(side, axis):
     body = uneven()
     body.mesh.geometry.x[::2] *= 1 + 1e-15
     end = body.mesh.geometry.x[:, side].max()
-    f = body.load((2.0, 5.0), at(side, end))
-    line = forces_along(body.space, f, at(side, end))
+    f = body.traction_load((2.0, 5.0), on_plane(side, end))
+    line = forces_along(body.space, f, on_plane(side, end))
     assert np.all(np.diff(line.position[:, axis]) > 0)
     assert np.allclose(line.force.sum(axis=0), f.array_r.reshape(-1, 2).sum(axis=0))
 
@@ -65,12 +65,12 @@ def test_forces_along_any_side_are_in_its_order(side, axis):
 def test_pressures_of_an_even_pressure(build, method, state):
     thickness = 1.0 if state == "axisymmetric" else 0.4
     body = uneven(build, method, state, thickness)
-    surface = SurfaceNodes.of(body.body, at(1, 0.0))
+    surface = SurfaceNodes.from_body(body.body, on_plane(1, 0.0))
     end = 2 + 0.1 * np.sin(6)
     total = np.pi * end**2 if state == "axisymmetric" else thickness * end
-    assert surface.own_area.sum() == pytest.approx(total)
+    assert surface.weight_area.sum() == pytest.approx(total)
     assert surface.tributary_area.sum() == pytest.approx(total)
-    force = pressed(body, at(1, 0.0))
+    force = pressed(body, on_plane(1, 0.0))
     pressure = surface.pressure(force)
     on_axis = state == "axisymmetric" and method == GALERKIN  # has no weight there
     assert np.flatnonzero(np.isnan(pressure)).tolist() == [0] * on_axis
@@ -85,9 +85,9 @@ def test_pressures_of_an_even_pressure(build, method, state):
 @pytest.mark.parametrize(("method", "expected"), [(GALERKIN, 2.0), (PW, 1.0)])
 def test_sawtooth_of_an_even_pressure(method, expected):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 2))
-    body = Elastic(mesh, method, "plane stress")
-    surface = SurfaceNodes.of(body.body, at(1, 0.0))
-    force = pressed(body, at(1, 0.0))
+    body = ElasticBody(mesh, method, "plane stress")
+    surface = SurfaceNodes.from_body(body.body, on_plane(1, 0.0))
+    force = pressed(body, on_plane(1, 0.0))
     assert surface.sawtooth(force) == pytest.approx(expected)
     uneven = abs(2 * expected / (expected + 1) - 2 / (expected + 1))
     assert surface.unevenness(force) == pytest.approx(uneven, abs=1e-12)
@@ -96,7 +96,7 @@ def test_sawtooth_of_an_even_pressure(method, expected):
 
 
 def test_measures_leave_out_open_and_rim_nodes():
-    surface = SurfaceNodes.of(uneven().body, at(1, 0.0))
+    surface = SurfaceNodes.from_body(uneven().body, on_plane(1, 0.0))
     force = np.array([9.0, 9, 1, 2, 1, 3, 1, 9, 9, 9, 9])
     assert surface.sawtooth(force, np.arange(11) < 7) == pytest.approx(2.5)
     assert surface.unevenness(np.arange(11.0)) == pytest.approx(0)
@@ -106,13 +106,13 @@ def test_measures_leave_out_open_and_rim_nodes():
 @pytest.mark.parametrize("method", [GALERKIN, PW])
 def test_faces_in_space(cell, method):
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (3, 2, 1)], [4, 4, 1], cell)
-    body = Elastic(mesh, method, "solid")
-    surface = SurfaceNodes.of(body.body, at(2, 0.0))
+    body = ElasticBody(mesh, method, "solid")
+    surface = SurfaceNodes.from_body(body.body, on_plane(2, 0.0))
     assert len(surface.position) == 9 * 9
     assert surface.rim.sum() == 4 * 8
     assert len(surface.edges) == 4 * 5 * 2 + (16 if cell is CellType.tetrahedron else 0)
     assert surface.tributary_area.sum() == pytest.approx(6)
-    force = pressed(body, at(2, 0.0))
+    force = pressed(body, on_plane(2, 0.0))
     pressure = surface.pressure(force)
     weightless = np.isnan(pressure)
     assert pressure[~weightless] == pytest.approx(3.0)
@@ -135,9 +135,9 @@ def test_transferred_loads_are_those_of_the_weights(cell):
         mesh = create_rectangle(MPI.COMM_SELF, [(0, 0), (1, 2)], (2, 3), cell)
     move_nodes(mesh, lambda x: x + 0.1 * x[:, [1, 0, 2]] * np.array([1.0, -0.5, 0.0]))
     state = "solid" if dim == 3 else "plane strain"
-    bodies = [Elastic(mesh, method, state) for method in (GALERKIN, PW)]
+    bodies = [ElasticBody(mesh, method, state) for method in (GALERKIN, PW)]
     everywhere = lambda x: np.full(x.shape[1], True)  # noqa: E731
-    given, shared = (body.load(np.arange(dim) + 1.0, everywhere) for body in bodies)
+    given, shared = (body.traction_load(np.arange(dim) + 1.0, everywhere) for body in bodies)
     T = force_transfer(bodies[0].space)
     assert (T * given).array == pytest.approx(shared.array, abs=1e-14)
     even = T.createVecLeft()
@@ -148,7 +148,7 @@ def test_transferred_loads_are_those_of_the_weights(cell):
 
 
 def test_edges_and_rim_of_a_line():
-    surface = SurfaceNodes.of(uneven().body, at(1, 0.0))
+    surface = SurfaceNodes.from_body(uneven().body, on_plane(1, 0.0))
     assert surface.edges.tolist() == [[k, k - 1, k + 1] for k in (1, 3, 5, 7, 9)]
     assert np.flatnonzero(surface.rim).tolist() == [0, 10]
     halves = np.diff(surface.position[:, 0]) / 2
@@ -187,10 +187,10 @@ def test_an_even_flux_is_exact_at_every_node(cell, components):
     expected = -SLOPE[0] * np.arange(1, components + 1) if components else -SLOPE[0]
     new, r_new, _ = solved(cell, PW, components)
     standard, r, _ = solved(cell, GALERKIN, components)
-    ways = [(new, r_new, "geometric"), (new, r_new, "own")]
+    ways = [(new, r_new, "geometric"), (new, r_new, "weight")]
     ways.append((standard, force_transfer(standard.trial) * r, "geometric"))
     if cell != CellType.tetrahedron:
-        ways.append((standard, r, "own"))
+        ways.append((standard, r, "weight"))
     for spaces, forces, area in ways:
         heat = nodal_flux(spaces, forces, side, area)
         inside = ~heat.surface.rim

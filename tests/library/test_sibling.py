@@ -10,12 +10,12 @@ from dolfinx.mesh import CellType, create_box, create_rectangle
 from pw_elements import Sibling, assemble_matrix, force_transfer, lumped_mass, prescribe, solve
 from pw_elements.contact import OPEN, ContactPair, Motion, Parabola, Plane, solve_contact
 from study.matrices import dense
-from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
+from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
 
 COMM, CELLS = MPI.COMM_SELF, ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 
 
-class Block(Elastic):
+class Block(ElasticBody):
     """Of cells no two of which are alike, and what belongs to the sibling."""
 
     def __init__(self, cell, divisions=2, method=GALERKIN):
@@ -27,7 +27,7 @@ class Block(Elastic):
         x = mesh.geometry.x
         x[:, 0] += 0.05 * np.sin(4 * x[:, 0]) * np.cos(3 * x[:, 1])
         super().__init__(mesh, method, "plane strain" if cell in CELLS[:2] else "solid", 10.0)
-        self.sibling = Sibling.of(self.space)
+        self.sibling = Sibling.from_space(self.space)
 
     def own(self, *conditions):
         """Supports: component, marker and, where it is not zero, value of each."""
@@ -36,8 +36,8 @@ class Block(Elastic):
     def touched(self, pair):
         """State of the block on its foot, and true displacements of the contact nodes."""
         K, up = self.sibling.matrix(self.K), self.dim - 1
-        foot = self.own(*((i, at(up, 0.0)) for i in range(self.dim)))
-        (state,) = solve_contact(K, self.nothing, foot, pair, self.space)
+        foot = self.own(*((i, on_plane(up, 0.0)) for i in range(self.dim)))
+        (state,) = solve_contact(K, self.zero_load, foot, pair, self.space)
         u = self.sibling.displacement(state.displacement).array.reshape(-1, self.dim)
         return state, u[state.pairs[0].node]
 
@@ -54,13 +54,13 @@ def test_basis_and_inverse_are_those_of_the_force_transfer(cell):
 def test_displacements_and_spectrum_are_galerkins(cell):
     block = Block(cell, 1)
     sibling, K, M = block.sibling, block.K, block.M
-    f = block.load(np.arange(1.0, block.dim + 1), at(0, 0.0))
-    held = [(i, at(1, 1.0), 0.1 * i) for i in range(block.dim)]
+    f = block.traction_load(np.arange(1.0, block.dim + 1), on_plane(0, 0.0))
+    held = [(i, on_plane(1, 1.0), 0.1 * i) for i in range(block.dim)]
     own, mass, supports = sibling.matrix(K), sibling.matrix(M), block.own(*held)
     assert own.isSymmetric(1e-12)
     assert sibling.matrix(assemble_matrix(block.body.stiffness(), blocked=True)).equal(own)
     assert not (dense(supports.right).T @ supports.offset.array).any()
-    a, u = solve(own, sibling.load(f), supports), solve(K, f, block.held(*held))
+    a, u = solve(own, sibling.load(f), supports), solve(K, f, block.make_supports(*held))
     assert sibling.displacement(a).array == pytest.approx(u.array, abs=1e-11)
     assert sibling.coefficients(u).array == pytest.approx(a.array, abs=1e-11)
     expected = scipy.linalg.eigvalsh(dense(K), dense(M))
@@ -72,7 +72,7 @@ def test_lumped_mass_falls_evenly(cell):
     """Row sums are the integrals of the functions that share out a body force."""
     block = Block(cell, 1)
     mass = lumped_mass(block.sibling.matrix(block.M), block.space).getDiagonal()
-    load = block.sibling.load(block.weight(np.ones(block.dim)))
+    load = block.sibling.load(block.body_force_load(np.ones(block.dim)))
     assert load.array == pytest.approx(mass.array, rel=1e-12)
 
 
@@ -83,7 +83,7 @@ def test_closed_edges_lie_on_a_curved_surface(cell):
     dim = block.dim
     shape = Parabola((1.0, *[0.5] * (dim - 2), 1.0), 4.0)
     down = (*[0.0] * (dim - 1), -0.08)
-    state, u = block.touched(ContactPair(at(dim - 1, 1.0), shape, motions=[Motion(down)]))
+    state, u = block.touched(ContactPair(on_plane(dim - 1, 1.0), shape, motions=[Motion(down)]))
     (found,) = state.pairs
     gap = shape.gap(found.position - np.array(down)) - u[:, -1]
     closed = found.status != OPEN
@@ -99,9 +99,9 @@ def test_closed_edges_lie_on_a_curved_surface(cell):
 
 def test_what_does_not_belong_together_is_refused():
     block, new = Block("triangle", 1), Block("triangle", 1, PW)
-    sibling, K, U, f = block.sibling, block.K, block.space, block.weight((0.0, 1.0))
-    held, own = block.own((0, at(1, 0.0)), (1, at(1, 0.0))), sibling.matrix(K)
-    floor = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)))
+    sibling, K, U, f = block.sibling, block.K, block.space, block.body_force_load((0.0, 1.0))
+    held, own = block.own((0, on_plane(1, 0.0)), (1, on_plane(1, 0.0))), sibling.matrix(K)
+    floor = ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)))
     middle = U.tabulate_dof_coordinates()[U.dofmap.list[0][3]]
     for attempt, words in (
         (lambda: solve(own, f, held), "belongs to the symmetric sibling"),
@@ -109,7 +109,10 @@ def test_what_does_not_belong_together_is_refused():
         (lambda: solve_contact(own, f, block.own(), floor, U), "belongs to the symmetric sibling"),
         (lambda: sibling.matrix(own), "belongs to the sibling already"),
         (lambda: new.sibling.matrix(new.K), "other weight functions"),
-        (lambda: Sibling.of(Q8(Block("quadrilateral").mesh).trial), "quadratic Lagrange spaces"),
+        (
+            lambda: Sibling.from_space(Q8(Block("quadrilateral").mesh).trial),
+            "quadratic Lagrange spaces",
+        ),
         (lambda: block.own((0, lambda x: np.isclose(x.T, middle).all(axis=1))), "whole edges"),
     ):
         with pytest.raises(ValueError, match=words):

@@ -1,4 +1,4 @@
-"""Elasticity matrices and loads of one body, element by element; unknown = dim * node + component.
+"""Elasticity matrices and loads of one body, element by element; dof = dim * node + component.
 
 Trial functions and geometry are quadratic; weights are quadratic too (Galerkin), or piecewise
 linear. All integrals follow from Hooke's law written in components,
@@ -15,24 +15,26 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from tests.oracle.elements import ELEMENTS, table
+from tests.oracle.elements import ELEMENTS, tabulate_at_gauss_points
 
-Where = Callable[[np.ndarray], np.ndarray]
+NodeMarker = Callable[[np.ndarray], np.ndarray]
 
 
-class At(NamedTuple):
-    """What is known at one Gauss point of all c cells; the volume includes the third direction."""
+class GaussPointData(NamedTuple):
+    """Functions and geometry at one Gauss point of all c cells."""
 
     shapes: np.ndarray  # (n,)
     gradients: np.ndarray  # (c, n, d)
     weights: np.ndarray  # (n,)
     weight_gradients: np.ndarray  # (c, n, d)
     radius: np.ndarray  # (c,), the first coordinate
-    volume: np.ndarray  # (c,)
+    volume: np.ndarray  # (c,), weight times Jacobian times depth in the third direction
 
 
 @dataclass(frozen=True)
 class Body:
+    """An elastic body: its mesh, element, weights, material and plane or axisymmetric state."""
+
     nodes: np.ndarray
     cells: np.ndarray
     element: str
@@ -42,105 +44,128 @@ class Body:
     nu: float
     rho: float = 1.0
     thickness: float = 1.0
-    count: int = 3
+    n_gauss: int = 3
 
     def stiffness(self) -> sparse.csc_matrix:
-        lame, mu = self._moduli()
-        one = np.eye(self.nodes.shape[1])
-        total = 0.0
-        for at in self._points():
-            G, H = at.gradients, at.weight_gradients
+        lame_lambda, mu = self._lame_constants()
+        identity = np.eye(self.nodes.shape[1])
+        cell_matrices = 0.0
+        for point in self._gauss_points():
+            G, H = point.gradients, point.weight_gradients
             div_u, div_w = G.copy(), H.copy()
             if self.state == "axisymmetric":
-                div_u[:, :, 0] += at.shapes / at.radius[:, None]
-                div_w[:, :, 0] += at.weights / at.radius[:, None]
-            entry = lame * np.einsum("cik,cjl->cikjl", div_w, div_u)
-            entry += mu * np.einsum("cia,cja,kl->cikjl", H, G, one)
+                div_u[:, :, 0] += point.shapes / point.radius[:, None]
+                div_w[:, :, 0] += point.weights / point.radius[:, None]
+            entry = lame_lambda * np.einsum("cik,cjl->cikjl", div_w, div_u)
+            entry += mu * np.einsum("cia,cja,kl->cikjl", H, G, identity)
             entry += mu * np.einsum("cil,cjk->cikjl", H, G)
             if self.state == "axisymmetric":
-                hoop = np.einsum("i,j,c->cij", at.weights, at.shapes, at.radius**-2.0)
+                hoop = np.einsum("i,j,c->cij", point.weights, point.shapes, point.radius**-2.0)
                 entry[:, :, 0, :, 0] += 2 * mu * hoop
-            total = total + entry * at.volume[:, None, None, None, None]
-        return self._matrix(total)
+            cell_matrices = cell_matrices + entry * point.volume[:, None, None, None, None]
+        return self._assemble_matrix(cell_matrices)
 
     def mass(self) -> sparse.csc_matrix:
-        scalar = sum(
-            np.einsum("i,j,c->cij", at.weights, at.shapes, self.rho * at.volume)
-            for at in self._points()
+        scalar_matrices = sum(
+            np.einsum("i,j,c->cij", point.weights, point.shapes, self.rho * point.volume)
+            for point in self._gauss_points()
         )
-        return self._per_component(scalar)
+        return self._assemble_for_each_component(scalar_matrices)
 
     def geometric_stiffness(self, displacement: np.ndarray) -> sparse.csc_matrix:
-        """Form G, int grad w : grad u S, of a plane body with the stress S of a displacement."""
+        """Assemble int grad w : grad u S (form G), S the plane stress tensor of a displacement."""
         u = displacement.reshape(self.nodes.shape)[self.cells]
-        lame, mu = self._moduli()
-        scalar = 0.0
-        for at in self._points():
-            slope = np.einsum("cik,cid->ckd", u, at.gradients)
-            S = mu * (slope + slope.transpose(0, 2, 1))
-            S += lame * np.trace(slope, axis1=1, axis2=2)[:, None, None] * np.eye(2)
-            entry = np.einsum("cia,cab,cjb->cij", at.weight_gradients, S, at.gradients)
-            scalar = scalar + entry * at.volume[:, None, None]
-        return self._per_component(scalar)
+        lame_lambda, mu = self._lame_constants()
+        scalar_matrices = 0.0
+        for point in self._gauss_points():
+            displacement_gradient = np.einsum("cik,cid->ckd", u, point.gradients)
+            S = mu * (displacement_gradient + displacement_gradient.transpose(0, 2, 1))
+            S += (
+                lame_lambda
+                * np.trace(displacement_gradient, axis1=1, axis2=2)[:, None, None]
+                * np.eye(2)
+            )
+            entry = np.einsum("cia,cab,cjb->cij", point.weight_gradients, S, point.gradients)
+            scalar_matrices = scalar_matrices + entry * point.volume[:, None, None]
+        return self._assemble_for_each_component(scalar_matrices)
 
     def body_load(self, force: tuple[float, ...]) -> np.ndarray:
-        per_node = sum(np.outer(at.volume, at.weights) for at in self._points())
-        return self._vector(per_node, force)
+        """Assemble the load vector of a constant force per volume."""
+        per_node = sum(np.outer(point.volume, point.weights) for point in self._gauss_points())
+        return self._assemble_vector(per_node, force)
 
-    def traction(self, where: Where, traction: tuple[float, ...]) -> np.ndarray:
-        """Load vector of a traction on the facets all of whose nodes `where` (n, dim) holds on."""
-        surface = self._surface(where)
-        per_node = sum(np.outer(at.volume, at.weights) for at in surface._points())
-        return surface._vector(per_node, traction)
+    def traction_load(self, where: NodeMarker, traction: tuple[float, ...]) -> np.ndarray:
+        """Assemble the load of a traction on the facets whose nodes all satisfy `where` ((n, dim)
+        rows).
+        """
+        boundary = self._boundary_body(where)
+        per_node = sum(np.outer(point.volume, point.weights) for point in boundary._gauss_points())
+        return boundary._assemble_vector(per_node, traction)
 
-    def at_nodes(self, where: Where, components: tuple[int, ...]) -> np.ndarray:
-        """Mask (n, dim) of displacement components of the nodes that `where` holds on."""
+    def component_mask(self, where: NodeMarker, components: tuple[int, ...]) -> np.ndarray:
+        """Return a mask (n, dim) of displacement components at the nodes that satisfy `where`."""
         mask = np.zeros(self.nodes.shape, dtype=bool)
         mask[:, components] = where(self.nodes)[:, None]
         return mask
 
-    def _surface(self, where: Where) -> "Body":
+    def _boundary_body(self, where: NodeMarker) -> "Body":
+        """Return the facets whose nodes all satisfy `where` as a body with 4 Gauss points per
+        direction.
+        """
         element = ELEMENTS[self.element]
         facets = np.concatenate([self.cells[:, facet] for facet in element.facets])
         facets = facets[where(self.nodes)[facets].all(axis=1)]
-        return replace(self, cells=facets, element=element.facet, count=4)
+        return replace(self, cells=facets, element=element.facet, n_gauss=4)
 
-    def _moduli(self) -> tuple[float, float]:
-        """Lame's constants; in plane stress the first one that belongs to it."""
+    def _lame_constants(self) -> tuple[float, float]:
+        """Return Lame's constants; in plane stress lambda is the one of plane stress."""
         E, nu = self.E, self.nu
         if self.state == "plane stress":
             return E * nu / (1 - nu**2), E / (2 * (1 + nu))
         return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
-    def _points(self) -> Iterator[At]:
-        """Gauss points of the cells, one after the other; no gradients on surfaces."""
-        functions, x = table(self.element, self.linear_weights, self.count), self.nodes[self.cells]
+    def _gauss_points(self) -> Iterator[GaussPointData]:
+        """Yield the data of each Gauss point of the cells; surfaces have no gradients."""
+        functions, x = (
+            tabulate_at_gauss_points(self.element, self.linear_weights, self.n_gauss),
+            self.nodes[self.cells],
+        )
         for N, dN, W, dW, measure in zip(*functions, strict=True):
             J = np.einsum("cna,nb->cab", x, dN)
             on_surface = J.shape[1] > J.shape[2]
-            size = np.sqrt(np.linalg.det(np.einsum("cab,cad->cbd", J, J)))
+            jacobian_measure = np.sqrt(np.linalg.det(np.einsum("cab,cad->cbd", J, J)))
             G = H = np.empty(0)
             if not on_surface:
                 inverse = np.linalg.inv(J)
                 G, H = (np.einsum("nb,cba->cna", d, inverse) for d in (dN, dW))
             radius = np.einsum("cn,n->c", x[:, :, 0], N)
-            depth = {"axisymmetric": 2 * np.pi * radius, "solid": 1.0}
-            yield At(N, G, W, H, radius, measure * size * depth.get(self.state, self.thickness))
+            depth_by_state = {"axisymmetric": 2 * np.pi * radius, "solid": 1.0}
+            yield GaussPointData(
+                N,
+                G,
+                W,
+                H,
+                radius,
+                measure * jacobian_measure * depth_by_state.get(self.state, self.thickness),
+            )
 
-    def _per_component(self, scalar: np.ndarray) -> sparse.csc_matrix:
-        return self._matrix(np.einsum("cij,kl->cikjl", scalar, np.eye(self.nodes.shape[1])))
+    def _assemble_for_each_component(self, scalar: np.ndarray) -> sparse.csc_matrix:
+        """Assemble scalar cell matrices (c, n, n), repeated for each component."""
+        return self._assemble_matrix(
+            np.einsum("cij,kl->cikjl", scalar, np.eye(self.nodes.shape[1]))
+        )
 
-    def _matrix(self, entries: np.ndarray) -> sparse.csc_matrix:
-        """Sum of cell matrices (c, n, dim, n, dim)."""
+    def _assemble_matrix(self, entries: np.ndarray) -> sparse.csc_matrix:
+        """Sum cell matrices (c, n, dim, n, dim)."""
         dim = self.nodes.shape[1]
         dofs = (self.cells[:, :, None] * dim + np.arange(dim)).reshape(len(self.cells), -1)
         rows, columns = np.broadcast_arrays(dofs[:, :, None], dofs[:, None, :])
         shape = (self.nodes.size, self.nodes.size)
-        place = (rows.ravel(), columns.ravel())
-        return sparse.coo_matrix((entries.ravel(), place), shape).tocsc()
+        positions = (rows.ravel(), columns.ravel())
+        return sparse.coo_matrix((entries.ravel(), positions), shape).tocsc()
 
-    def _vector(self, per_node: np.ndarray, direction: tuple[float, ...]) -> np.ndarray:
-        """Sum of cell vectors (c, n) times a constant vector."""
+    def _assemble_vector(self, per_node: np.ndarray, direction: tuple[float, ...]) -> np.ndarray:
+        """Sum cell vectors (c, n) times a constant vector (dim,)."""
         total = np.zeros(len(self.nodes))
         np.add.at(total, self.cells, per_node)
         return np.outer(total, direction).ravel()

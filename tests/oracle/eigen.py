@@ -5,12 +5,16 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 
-def smallest(
-    K: sparse.spmatrix, M: sparse.spmatrix, held: np.ndarray, count: int, shift: float = 0.0
+def eigenvalues_nearest_to(
+    K: sparse.spmatrix,
+    M: sparse.spmatrix,
+    prescribed_mask: np.ndarray,
+    count: int,
+    shift: float = 0.0,
 ) -> np.ndarray:
-    """Eigenvalues (count,) of K x = lambda M x nearest to the shift, sorted by their real parts."""
-    kept = np.flatnonzero(~held.ravel())
-    K, M = (matrix.tocsc()[kept][:, kept] for matrix in (K, M))
+    """Return the `count` eigenvalues of K x = lambda M x nearest to the shift, by real parts."""
+    free_dofs = np.flatnonzero(~prescribed_mask.ravel())
+    K, M = (matrix.tocsc()[free_dofs][:, free_dofs] for matrix in (K, M))
     factors = splu((K - shift * M).tocsc())
     inverse = LinearOperator(K.shape, lambda x: factors.solve(M @ x))
     start = np.random.default_rng(0).standard_normal(K.shape[0])
@@ -18,24 +22,26 @@ def smallest(
     return np.sort_complex(shift + 1 / values)
 
 
-def condensed(
+def guyan_reduction(
     K: sparse.spmatrix, M: sparse.spmatrix, inner: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """K and M by Guyan's reduction: inner nodes follow the others as they do in statics.
+    """Return K and M after Guyan's reduction: inner nodes follow the others as in statics.
 
-    Rows are combined as K's rows ask, columns as its columns do, so that M may be unsymmetric.
+    Rows and columns are reduced by those of K, so that M may become unsymmetric.
     """
-    out = (2 * inner[:, None] + [0, 1]).ravel()
-    kept = np.setdiff1d(np.arange(K.shape[0]), out)
+    inner_dofs = (2 * inner[:, None] + [0, 1]).ravel()
+    outer_dofs = np.setdiff1d(np.arange(K.shape[0]), inner_dofs)
     K = K.tocsc()
-    inverse = splu(K[out][:, out])
-    right = -inverse.solve(K[out][:, kept].toarray())
-    left = -inverse.solve(K[kept][:, out].T.toarray(), "T").T
+    inverse = splu(K[inner_dofs][:, inner_dofs])
+    right = -inverse.solve(K[inner_dofs][:, outer_dofs].toarray())
+    left = -inverse.solve(K[outer_dofs][:, inner_dofs].T.toarray(), "T").T
 
-    def reduced(A: sparse.spmatrix) -> np.ndarray:
+    def reduce_matrix(A: sparse.spmatrix) -> np.ndarray:
         kk, ki, ik, ii = (
-            A.tocsc()[rows][:, columns] for rows in (kept, out) for columns in (kept, out)
+            A.tocsc()[rows][:, columns]
+            for rows in (outer_dofs, inner_dofs)
+            for columns in (outer_dofs, inner_dofs)
         )
         return kk.toarray() + ki @ right + left @ ik.toarray() + left @ (ii @ right)
 
-    return reduced(K), reduced(M)
+    return reduce_matrix(K), reduce_matrix(M)

@@ -1,9 +1,9 @@
 """Reference elements: quadratic shape functions, piecewise-linear weights, Gauss rules.
 
-Nodes have Basix's order: vertices first; mid-sides of simplices after the vertex or edge they
-lie opposite to; those of quadrilaterals, whose vertices are 00 10 01 11, below, left, right,
-above; the centre last. The octahedron inside of a tetrahedron has a centre, where weights are the
-mean of those of the mid-sides, and eight sub-cells around it.
+Nodes have Basix's order: vertices first; mid-sides of simplices in the order of the opposite vertex
+or edge; those of quadrilaterals, whose vertices are 00 10 01 11, below, left, right, above; the
+centre last. The octahedron inside a tetrahedron has a centre, where weights are the mean of those
+of the mid-sides, and eight sub-cells around it.
 """
 
 from dataclasses import dataclass
@@ -16,10 +16,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Element:
+    """Nodes (doubled coordinates), monomials, sub-cells and facets of a reference element."""
+
     simplex: bool
     nodes: tuple
-    powers: tuple
-    parts: tuple = ()
+    exponents: tuple
+    sub_cells: tuple = ()
     facets: tuple = ()
     facet: str = ""
     centre: tuple = ()
@@ -38,7 +40,7 @@ ELEMENTS = {
     "T6": Element(
         True,
         _TRIANGLE,
-        _TRIANGLE,  # exponents of the monomials up to degree 2 are these very pairs
+        _TRIANGLE,  # equal to the exponents of the monomials up to degree 2
         ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
         ((1, 2, 3), (0, 2, 4), (0, 1, 5)),
         "L3",
@@ -75,8 +77,8 @@ ELEMENTS = {
 }
 
 
-class Table(NamedTuple):
-    """Functions and their slopes at the q points of a rule on the reference element."""
+class FunctionTable(NamedTuple):
+    """Functions and their gradients at the q points of a rule on the reference element."""
 
     shapes: np.ndarray  # (q, n)
     slopes: np.ndarray  # (q, n, d)
@@ -86,84 +88,93 @@ class Table(NamedTuple):
 
 
 @cache
-def table(name: str, linear_weights: bool, count: int) -> Table:
-    """An element's functions at Gauss points, `count` in each direction.
+def tabulate_at_gauss_points(name: str, linear_weights: bool, n_gauss: int) -> FunctionTable:
+    """Tabulate an element's functions at Gauss points, `n_gauss` in each direction.
 
-    The rule is one of the whole element with quadratic weights, and one of each sub-cell with
-    piecewise-linear ones.
+    The rule covers the whole element with quadratic weights, each sub-cell with piecewise-linear
+    ones.
     """
     element = ELEMENTS[name]
-    return tabulated(name, linear_weights, *gauss(element.simplex, len(element.nodes[0]), count))
+    return tabulate_at_points(
+        name, linear_weights, *gauss_rule(element.simplex, len(element.nodes[0]), n_gauss)
+    )
 
 
-def tabulated(name: str, linear_weights: bool, points: np.ndarray, measure: np.ndarray) -> Table:
-    """The same at the points (q, d) of a rule on a cell, or on a sub-cell."""
+def tabulate_at_points(
+    name: str, linear_weights: bool, points: np.ndarray, measure: np.ndarray
+) -> FunctionTable:
+    """Tabulate an element's functions at points (q, d) of a rule on a cell, or on each sub-cell."""
     element = ELEMENTS[name]
     if not linear_weights:
-        values, slopes = shapes(name, points)
-        return Table(values, slopes, values, slopes, measure)
+        values, slopes = shape_functions(name, points)
+        return FunctionTable(values, slopes, values, slopes, measure)
     nodes, nodal = np.array(element.nodes) / 2, np.eye(len(element.nodes))
     if element.centre:
         centre = list(element.centre)
         nodes, nodal = (np.vstack([a, a[centre].mean(axis=0)]) for a in (nodes, nodal))
-    hats, hat_slopes = _corner_functions(element.simplex, points)
-    collected = []
-    for part in map(list, element.parts):
-        jacobian = np.einsum("ka,qkb->qab", nodes[part], hat_slopes)
-        weights = hats @ nodal[part]
-        weight_slopes = np.einsum("qka,kn->qna", hat_slopes @ np.linalg.inv(jacobian), nodal[part])
-        inside = shapes(name, hats @ nodes[part])
-        size = np.abs(np.linalg.det(jacobian))
-        collected.append((*inside, weights, weight_slopes, measure * size))
-    return Table(*(np.concatenate(arrays) for arrays in zip(*collected, strict=True)))
+    vertex_values, vertex_slopes = _vertex_functions(element.simplex, points)
+    tables = []
+    for sub_cell in map(list, element.sub_cells):
+        jacobian = np.einsum("ka,qkb->qab", nodes[sub_cell], vertex_slopes)
+        weights = vertex_values @ nodal[sub_cell]
+        weight_slopes = np.einsum(
+            "qka,kn->qna", vertex_slopes @ np.linalg.inv(jacobian), nodal[sub_cell]
+        )
+        values_and_slopes = shape_functions(name, vertex_values @ nodes[sub_cell])
+        determinant = np.abs(np.linalg.det(jacobian))
+        tables.append((*values_and_slopes, weights, weight_slopes, measure * determinant))
+    return FunctionTable(*(np.concatenate(arrays) for arrays in zip(*tables, strict=True)))
 
 
-def shapes(name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Quadratic shape functions (q, n) at points (q, d), and their slopes (q, n, d)."""
+def shape_functions(name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return quadratic shape functions (q, n) at points (q, d), and their gradients (q, n, d)."""
     element = ELEMENTS[name]
-    powers = np.array(element.powers)
+    powers = np.array(element.exponents)
     at_nodes, _ = _monomials(np.array(element.nodes) / 2, powers)
     values, slopes = _monomials(points, powers)
     inverse = np.linalg.inv(at_nodes)
     return values @ inverse, np.einsum("qmd,mn->qnd", slopes, inverse)
 
 
-def gauss(simplex: bool, dimension: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (q, d) and weights (q,) of a Gauss rule; on simplices a collapsed one.
+def gauss_rule(simplex: bool, dimension: int, n_points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (q, d) and weights (q,) of a Gauss rule, a collapsed one on simplices.
 
-    Exact for polynomials of degree 2 count - 1 on tensor products, 2 count - d on simplices.
+    It is exact for polynomials of degree 2 n_points - 1 on tensor products, 2 n_points - d on
+    simplices.
     """
-    t, w = np.polynomial.legendre.leggauss(count)
+    t, w = np.polynomial.legendre.leggauss(n_points)
     t, w = (t + 1) / 2, w / 2
     points = np.array(list(product(t, repeat=dimension)))
     weights = np.array([np.prod(ws) for ws in product(w, repeat=dimension)])
     if simplex:
-        left = np.ones(len(points))  # 1 - x - y ... of the coordinates so far
+        remaining = np.ones(len(points))  # 1 - x - y ... of the coordinates so far
         for axis in range(dimension):
-            weights = weights * left ** (axis > 0)
-            points[:, axis] *= left
-            left = left - points[:, axis]
+            weights = weights * remaining ** (axis > 0)
+            points[:, axis] *= remaining
+            remaining = remaining - points[:, axis]
     return points, weights
 
 
 def _monomials(points: np.ndarray, powers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values (q, m) and slopes (q, m, d) of monomials at points (q, d)."""
+    """Return values (q, m) and gradients (q, m, d) of monomials at points (q, d)."""
     factors = points[:, None, :] ** powers
     slopes = np.empty_like(factors)
     for axis in range(points.shape[1]):
-        others = np.delete(factors, axis, axis=2).prod(axis=2)
+        other_factors = np.delete(factors, axis, axis=2).prod(axis=2)
         power = powers[:, axis]
-        slopes[:, :, axis] = others * power * points[:, None, axis] ** np.maximum(power - 1, 0)
+        slopes[:, :, axis] = (
+            other_factors * power * points[:, None, axis] ** np.maximum(power - 1, 0)
+        )
     return factors.prod(axis=2), slopes
 
 
-def _corner_functions(simplex: bool, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Functions (q, k) that are linear on a simplex, bilinear on a square; slopes (q, k, d)."""
+def _vertex_functions(simplex: bool, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return functions (q, k), linear on simplices or bilinear, and their gradients (q, k, d)."""
     if simplex:
         slopes = np.vstack([-np.ones(x.shape[1]), np.eye(x.shape[1])])
         return np.column_stack([1 - x.sum(axis=1), x]), np.tile(slopes, (len(x), 1, 1))
-    (s, t), one = x.T, np.ones(len(x))
+    (s, t), ones = x.T, np.ones(len(x))
     values = np.column_stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
-    along_s = np.column_stack([t - 1, 1 - t, -t, t])
-    along_t = np.column_stack([s - 1, -s, one - s, s])
-    return values, np.stack([along_s, along_t], axis=2)
+    s_slopes = np.column_stack([t - 1, 1 - t, -t, t])
+    t_slopes = np.column_stack([s - 1, -s, ones - s, s])
+    return values, np.stack([s_slopes, t_slopes], axis=2)

@@ -6,7 +6,7 @@ A neo-Hookean body in plane strain, stresses over the shear modulus: the first P
 
 and the nodal forces F_i = int P grad w_i over the undeformed body. They are zero at free nodes. At
 the nodes of the surface r_i = F_i is the force of the circle, with centre c, radius R and
-translation U. With y = X + u - U, n = (y - c) / |y - c| and t = n turned by 90 degrees,
+translation U. With y = X + u - U, n = (y - c) / |y - c| and t = n rotated by 90 degrees,
 
     g = |y - c| - R,    v = R times the angle from n at the increment's start to n,
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
@@ -18,44 +18,45 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracle.elements import tabulated
+from tests.oracle.elements import tabulate_at_points
 
 
-class Rubber:
+class NeoHookeanBody:
     """A neo-Hookean body of T6 triangles (c, 6) with straight sides, in Basix's order.
 
-    `lame` is over the shear modulus, and `rule` one of the reference triangle, or with
-    piecewise-linear weights of each of the four sub-triangles.
+    `lame` is over the shear modulus; `rule` is a rule of the reference triangle, or of each of the
+    four sub-triangles with piecewise-linear weights.
     """
 
     def __init__(self, nodes, cells, linear_weights, lame, rule) -> None:
         self.nodes, self.cells, self.lame = nodes, cells, lame
-        at = tabulated("T6", linear_weights, *rule)
-        jacobian = np.einsum("cna,qnb->qcab", nodes[cells], at.slopes)
+        functions = tabulate_at_points("T6", linear_weights, *rule)
+        jacobian = np.einsum("cna,qnb->qcab", nodes[cells], functions.slopes)
         inverse = np.linalg.inv(jacobian)
-        self.gradients = np.einsum("qnb,qcba->qcna", at.slopes, inverse)
-        self.weight_gradients = np.einsum("qnb,qcba->qcna", at.weight_slopes, inverse)
-        self.volume = at.measure[:, None] * np.abs(np.linalg.det(jacobian))
+        self.gradients = np.einsum("qnb,qcba->qcna", functions.slopes, inverse)
+        self.weight_gradients = np.einsum("qnb,qcba->qcna", functions.weight_slopes, inverse)
+        self.volume = functions.measure[:, None] * np.abs(np.linalg.det(jacobian))
 
-    def forces(self, u: np.ndarray) -> np.ndarray:
-        """Nodal forces (n, 2) that hold displacements (n, 2)."""
+    def nodal_forces(self, u: np.ndarray) -> np.ndarray:
+        """Return the nodal forces (n, 2) of displacements (n, 2)."""
         F = np.eye(2) + np.einsum("cna,qcnb->qcab", u[self.cells], self.gradients)
         a, b, c, d = F[..., 0, 0], F[..., 0, 1], F[..., 1, 0], F[..., 1, 1]
         J = a * d - b * c
-        inverse = np.stack([d, -c, -b, a], axis=-1).reshape(F.shape) / J[..., None, None]  # F^-T
-        stress = F + (self.lame * np.log(J) - 1)[..., None, None] * inverse
-        total = np.zeros_like(u)
-        parts = np.einsum("qcab,qcnb,qc->cna", stress, self.weight_gradients, self.volume)
-        np.add.at(total, self.cells, parts)
-        return total
+        inverse_transpose = np.stack([d, -c, -b, a], axis=-1).reshape(F.shape) / J[..., None, None]
+        stress = F + (self.lame * np.log(J) - 1)[..., None, None] * inverse_transpose
+        forces = np.zeros_like(u)
+        cell_forces = np.einsum("qcab,qcnb,qc->cna", stress, self.weight_gradients, self.volume)
+        np.add.at(forces, self.cells, cell_forces)
+        return forces
 
 
-def cross(a, b):
+def cross_product(a, b):
+    """Return the scalar cross product of plane vectors (2, ...)."""
     return a[0] * b[1] - a[1] * b[0]
 
 
-def law_lines(r_n, r_t, g, v, mu):
-    """What violates the law at nodes with forces r, gaps g and slips v, by name."""
+def law_violations(r_n, r_t, g, v, mu):
+    """Return the violation of each condition of the law, by name, at nodes with r, g and v."""
     return {
         "penetration": -g,
         "tension": -r_n,
@@ -66,8 +67,8 @@ def law_lines(r_n, r_t, g, v, mu):
 
 
 @dataclass(frozen=True)
-class Circle:
-    """A rigid circle outside of a body, at its initial place."""
+class RigidCircle:
+    """A rigid circle outside a body, at its initial position."""
 
     centre: tuple[float, float]
     radius: float
@@ -75,33 +76,42 @@ class Circle:
 
 
 @dataclass(frozen=True)
-class Contact:
-    """A body, numbers of the nodes that may meet the circle, and the mask (n, 2) of supports."""
+class CircleContact:
+    """A body, a circle, the nodes that may touch it, and the mask (n, 2) of supports."""
 
-    body: Rubber
-    circle: Circle
-    touching: np.ndarray
-    held: np.ndarray
+    body: NeoHookeanBody
+    circle: RigidCircle
+    contact_nodes: np.ndarray
+    prescribed_mask: np.ndarray
 
     def violations(self, history) -> dict[str, float]:
-        """Of each condition in the last increment; of forces and lengths over history's largest.
+        """Return each condition's largest violation in the last increment, by name.
 
-        A history has displacements (n, 2) and translation (2,), from the undeformed body on.
+        A history has displacements (n, 2) and translation (2,) from the undeformed body on; forces
+        and lengths are over the largest of the history.
         """
-        force = max(np.abs(self.body.forces(u)).max() for u, _ in history)
+        force = max(np.abs(self.body.nodal_forces(u)).max() for u, _ in history)
         length = max(max(np.abs(u).max(), np.abs(U).max()) for u, U in history)
         force = force or 1.0  # the circle has not yet met the body
         u, circle = history[-1][0], self.circle
-        before, away = (  # from the circle's centre
-            (self.body.nodes + u)[self.touching] - U - np.array(circle.centre)
+        from_centre_before, from_centre = (
+            (self.body.nodes + u)[self.contact_nodes] - U - np.array(circle.centre)
             for u, U in history[-2:]
         )
-        distance = np.linalg.norm(away, axis=1)
-        n, forces = away / distance[:, None], self.body.forces(u) / force
-        angle = np.arctan(cross(before.T, away.T) / np.sum(before * away, axis=1))  # below 90 deg.
+        distance = np.linalg.norm(from_centre, axis=1)
+        n, forces = from_centre / distance[:, None], self.body.nodal_forces(u) / force
+        angle = np.arctan(
+            cross_product(from_centre_before.T, from_centre.T)
+            / np.sum(from_centre_before * from_centre, axis=1)
+        )  # below 90 deg.
         gap, slip = (distance - circle.radius) / length, circle.radius * angle / length
-        r, free = forces[self.touching], ~self.held
-        free[self.touching] = False
-        lines = {"supports": np.abs(u[self.held]) / length, "equilibrium": np.abs(forces[free])}
-        lines |= law_lines(np.sum(n * r, axis=1), cross(n.T, r.T), gap, slip, circle.friction)
-        return {name: float(max(0.0, line.max())) for name, line in lines.items()}
+        r, free = forces[self.contact_nodes], ~self.prescribed_mask
+        free[self.contact_nodes] = False
+        values = {
+            "supports": np.abs(u[self.prescribed_mask]) / length,
+            "equilibrium": np.abs(forces[free]),
+        }
+        values |= law_violations(
+            np.sum(n * r, axis=1), cross_product(n.T, r.T), gap, slip, circle.friction
+        )
+        return {name: float(max(0.0, value.max())) for name, value in values.items()}

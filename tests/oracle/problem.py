@@ -1,6 +1,6 @@
-"""A problem's numbers beside the oracle's: what the problems of all sections need.
+"""Comparison of the study's results with the oracle's, as the problems of all sections need it.
 
-Only the mesh is taken from a result; loads, supports, materials and surfaces are stated anew.
+Only the mesh is taken from a result; loads, supports, materials and surfaces are stated again.
 """
 
 from collections.abc import Callable
@@ -11,119 +11,136 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from tests.oracle.assembly import Body
-from tests.oracle.eigen import condensed
+from tests.oracle.eigen import guyan_reduction
 
 NORMAL_UP, NORMAL_DOWN = (0.0, 1.0), (0.0, -1.0)
-Numbers = dict[str, np.ndarray]
+ValuesByName = dict[str, np.ndarray]
 TOLERANCE = 1e-8
 # The 8-node quadrilateral of two triangles condenses a node that carries no load: the oracle keeps
-# it and gets the same. In vibration condensing changes the answer
-STATIC = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
+# it and gets the same result. In vibration, condensation changes the result
+STATIC_ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 
 
 @dataclass(frozen=True)
-class Problem:
-    """Numbers of the study, and the same by the oracle."""
+class StudyComparison:
+    """Values of the study by name, and a function that computes them by the oracle."""
 
-    theirs: Numbers
-    ours: Callable[[bool], Numbers]
+    study_values: ValuesByName
+    compute_oracle_values: Callable[[bool], ValuesByName]
     scales: dict[str, float] = field(default_factory=dict)
 
     def differences(self, linear_weights: bool) -> dict[str, float]:
-        ours, found = self.ours(linear_weights), {}
-        for name, theirs in self.theirs.items():
-            scale = self.scales.get(name, np.abs(theirs).max())
+        """Return the largest difference of each value over its scale, with one kind of weights."""
+        oracle_values, differences = self.compute_oracle_values(linear_weights), {}
+        for name, values in self.study_values.items():
+            scale = self.scales.get(name, np.abs(values).max())
             assert 0 < scale < np.inf, name
-            found[name] = float(np.abs(theirs - ours[name]).max() / scale)
-        return found
+            differences[name] = float(np.abs(values - oracle_values[name]).max() / scale)
+        return differences
 
 
 def assert_agrees(problem, element):
-    """The oracle finds all numbers of an element, relative to the largest of each name."""
+    """Assert that the oracle finds all values of an element, relative to each largest one."""
     differences = problem.differences(element.startswith("pw"))
     assert len(differences) > 0
     assert max(differences.values()) < TOLERANCE, differences
 
 
 def assert_differs(problem):
+    """Assert that quadratic weights give other values."""
     differences = problem.differences(False)
     assert max(differences.values()) > 1e3 * TOLERANCE, differences
 
 
-def assert_found(problem, element):
-    """Both: weights of another kind would be noticed."""
+def assert_agrees_with_these_weights_alone(problem, element):
+    """Assert that the oracle agrees, for T6 with piecewise-linear weights only."""
     assert_agrees(problem, element)
     if element == "pw-T6":
         assert_differs(problem)
 
 
-def on(axis, value):
+def rows_on_plane(axis, value):
+    """Return a marker of the rows (n, dim) with x[axis] = value."""
     return lambda x: np.isclose(x[:, axis], value)
 
 
-def within(limit):
+def rows_within(limit):
+    """Return a marker of the rows (n, dim) with |x| below a limit."""
     return lambda x: np.abs(x[:, 0]) < limit + 1e-9
 
 
-def both(*conditions):
+def all_of(*conditions):
+    """Return a marker of the points that satisfy all conditions."""
     return lambda x: np.all([condition(x) for condition in conditions], axis=0)
 
 
-def either(*conditions):
+def any_of(*conditions):
+    """Return a marker of the points that satisfy any condition."""
     return lambda x: np.any([condition(x) for condition in conditions], axis=0)
 
 
 def sorted_nodes(curves, where):
-    """Numbers of the nodes that a condition holds on, by x and then y."""
+    """Return the numbers of the nodes that satisfy a condition, sorted by x, then y."""
     x = curves["nodes"]
     nodes = np.flatnonzero(where(x))
     return nodes[np.lexsort((x[nodes, 1], x[nodes, 0].round(9)))]
 
 
-def oracle_body(result, element, linear, state, E, nu, **more):
-    """The oracle's body on the mesh of a result; pw-Q8 are triangles, its inner nodes kept."""
+def oracle_body(result, element, linear, state, E, nu, **options):
+    """Return the oracle's body on a result's mesh; pw-Q8 uses T6 triangles with its inner nodes."""
     kind = element.removeprefix("pw-").removeprefix("pwsym-").removeprefix("galerkin-")
     kind = "T6" if element == "pw-Q8" else kind
     curves = result.curves
-    return Body(curves["nodes"], curves["cells"], kind, linear, state, E, nu, **more)
+    return Body(curves["nodes"], curves["cells"], kind, linear, state, E, nu, **options)
 
 
-def plane(normal, level=0.0):
-    """Gap and normal of a horizontal plane, for a `Pair`."""
+def plane_functions(normal, level=0.0):
+    """Return gap and normal of a horizontal plane, for a `Pair`."""
     return (lambda x: (x[:, 1] - level) * normal[1], lambda x: np.tile(normal, (len(x), 1)))
 
 
-def parabola(apex, radius):
-    """A punch that presses downwards."""
-    return (lambda x: x[:, 0] ** 2 / (2 * radius) - (x[:, 1] - apex)), plane(NORMAL_DOWN)[1]
+def parabola_functions(apex, radius):
+    """Return gap and normal of a parabolic punch that presses downwards."""
+    return (lambda x: x[:, 0] ** 2 / (2 * radius) - (x[:, 1] - apex)), plane_functions(NORMAL_DOWN)[
+        1
+    ]
 
 
-def nothing_held(body):
+def no_prescribed_displacements(body):
     return np.zeros(body.nodes.shape, dtype=bool)
 
 
-def contact_problem(result, solved, normal, tangent=(-1.0, 0.0), displacement=True, **further):
-    """Forces along one contact line and their sums; displacements and more, where stored."""
-    names = ["force_n", "force_t"] + ["displacement"] * displacement
-    theirs = {name: result.curves[name] for name in names}
-    theirs |= {name: result.scalars[name] for name in ("force_normal", "force_tangential")}
-    theirs |= {name: number for name, (number, _) in further.items()}
+def compare_contact_line(
+    result, solve_by_oracle, normal, tangent=(-1.0, 0.0), with_displacement=True, **further_values
+):
+    """Compare forces along one contact line and their sums; displacements and others, if stored.
 
-    def ours(linear):
-        state = solved(linear)
+    `further_values` has pairs of a study value and a function of the oracle's state.
+    """
+    names = ["force_n", "force_t"] + ["displacement"] * with_displacement
+    study_values = {name: result.curves[name] for name in names}
+    study_values |= {name: result.scalars[name] for name in ("force_normal", "force_tangential")}
+    study_values |= {name: number for name, (number, _) in further_values.items()}
+
+    def compute_oracle_values(linear_weights):
+        state = solve_by_oracle(linear_weights)
         force_n, force_t = state.forces[0] @ normal, state.forces[0] @ tangent
-        found = {"force_n": force_n, "force_t": force_t, "displacement": state.displacement}
-        found |= {"force_normal": force_n.sum(), "force_tangential": force_t.sum()}
-        return found | {name: of(state) for name, (_, of) in further.items()}
+        values = {"force_n": force_n, "force_t": force_t, "displacement": state.displacement}
+        values |= {"force_normal": force_n.sum(), "force_tangential": force_t.sum()}
+        return values | {name: of_state(state) for name, (_, of_state) in further_values.items()}
 
-    scales = {"force_t": theirs["force_n"].max(), "force_tangential": theirs["force_normal"]}
-    return Problem(theirs, ours, scales)
+    scales = {
+        "force_t": study_values["force_n"].max(),
+        "force_tangential": study_values["force_normal"],
+    }
+    return StudyComparison(study_values, compute_oracle_values, scales)
 
 
-def displacement(K, f, held):
-    kept = np.flatnonzero(~held.ravel())
+def solve_displacement(K, f, prescribed_mask):
+    """Solve K u = f with zero displacements where `prescribed_mask` holds."""
+    free_dofs = np.flatnonzero(~prescribed_mask.ravel())
     u = np.zeros(len(f))
-    u[kept] = splu(K[kept][:, kept].tocsc()).solve(f[kept])
+    u[free_dofs] = splu(K[free_dofs][:, free_dofs].tocsc()).solve(f[free_dofs])
     return u
 
 
@@ -131,17 +148,17 @@ def symmetric_part(A):
     return (A + A.T) / 2
 
 
-def without_inner_nodes(body, element, held):
-    """Stiffness, mass and mask of held displacements after Guyan's reduction, if there is one."""
+def condense_inner_nodes(body, element, prescribed_mask):
+    """Return stiffness, mass and support mask after Guyan's reduction of inner nodes, if any."""
     K, M, inner = body.stiffness(), body.mass(), _inner_nodes(body, element)
     if not len(inner):
-        return K, M, held
-    kept = np.setdiff1d(np.arange(len(body.nodes)), inner)
-    return *map(csc_matrix, condensed(K, M, inner)), held[kept]
+        return K, M, prescribed_mask
+    outer_nodes = np.setdiff1d(np.arange(len(body.nodes)), inner)
+    return *map(csc_matrix, guyan_reduction(K, M, inner)), prescribed_mask[outer_nodes]
 
 
 def _inner_nodes(body, element):
-    """Those that Guyan's reduction takes out: on the diagonals, or in the centres of cells."""
+    """Return the nodes that Guyan's reduction removes: on diagonals or in the centres of cells."""
     if element == "pw-Q9":
         return body.cells[:, 8]
     if element != "pw-Q8":

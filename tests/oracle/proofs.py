@@ -1,14 +1,14 @@
-"""Whether a refused problem's rigid velocity proves that it has no equilibrium.
+"""Check whether a refused problem's rigid velocity proves that it has no equilibrium.
 
-By the problem's own data alone: positions, K, loads, supports, pairs. Of the library's contact,
-nothing is asked but for the velocity that its error carries. It is a proof if
+The check uses the problem's data alone: positions, K, loads, supports, pairs. From the library's
+contact it takes only the velocity that its error carries. The velocity is a proof if
 
-- each node moves with its connected piece, which K^T takes to nothing, and not at supports,
-- loads and forces on free surfaces do work,
-- at every node that a surface faces, the velocity relative to it parts from it at least mu times
-  as fast as it slides along it; so no contact force in Coulomb's cone does negative work.
+- each node moves rigidly with its connected body, K^T of the motion is zero, and supports rest,
+- loads and forces on free surfaces do positive work,
+- at every node that a surface faces, the velocity relative to it opens the gap at least mu times
+  as fast as it slides; then no contact force in Coulomb's cone does negative work.
 
-A curved surface that is free to move is asked for its normals at many places: they may not turn.
+A curved surface that is free to move is sampled at many positions: its normals may not change.
 """
 
 import numpy as np
@@ -19,214 +19,242 @@ from scipy.spatial import cKDTree
 
 from pw_elements.contact import ContactPair, NoEquilibrium
 from pw_elements.contact.model import MatchingNodes
-from tests.contact.residuals import _contact_nodes, _supports
-from tests.oracle.search import Increment
+from tests.contact.residuals import contact_nodes_and_friction, prescribed_displacements
+from tests.oracle.search import LinearIncrement
 
 Array = npt.NDArray[np.float64]
 
 
-def flaws(problem, increment: int, error: NoEquilibrium) -> dict[str, float]:
-    """What the proof lacks, each as a small number if it lacks nothing; in serial.
+def measure_proof_defects(problem, increment: int, error: NoEquilibrium) -> dict[str, float]:
+    """Return the violations of the conditions of a proof by name, in serial.
 
-    Strain forces, motion of supports and overstepping of cones over what velocities of that size
-    could do, and turning of normals; under "work" the work over the sum of magnitudes.
+    Strain forces, motion of supports and violation of cones are relative to those that velocities
+    of this size could cause; "turning" is the change of normals, "work" the work over the sum of
+    magnitudes.
     """
     space = problem.space
     dim = space.mesh.geometry.dim
     x = space.tabulate_dof_coordinates()[:, :dim]
     v = node_velocities(space, error)
-    held, _ = _supports(problem.conditions, len(x), dim)
-    size = np.linalg.norm(v, axis=1).max()
+    prescribed_mask, _ = prescribed_displacements(problem.conditions, len(x), dim)
+    speed = np.linalg.norm(v, axis=1).max()
     surfaces = error.velocity.surface
-    size = max(size, np.abs(surfaces).max())
+    speed = max(speed, np.abs(surfaces).max())
     image, mode = problem.K.createVecLeft(), problem.K.createVecRight()
-    mode.setArray(np.where(held, 0.0, v).ravel())
+    mode.setArray(np.where(prescribed_mask, 0.0, v).ravel())
     problem.K.multTranspose(mode, image)
     load = problem.loads[increment].array_r
-    work, parts = load @ v.ravel(), np.abs(load) @ np.abs(v.ravel())
-    found = {
-        "strain": np.abs(image.array_r).max() / np.abs(problem.K.getValuesCSR()[2]).max() / size,
-        "supports": np.abs(np.where(held, v, 0.0)).max() / size,
+    work, work_magnitude = load @ v.ravel(), np.abs(load) @ np.abs(v.ravel())
+    defects = {
+        "strain": np.abs(image.array_r).max() / np.abs(problem.K.getValuesCSR()[2]).max() / speed,
+        "supports": np.abs(np.where(prescribed_mask, v, 0.0)).max() / speed,
         "cones": 0.0,
         "turning": 0.0,
     }
     for k, pair in enumerate(problem.pairs):
         motion = pair.motions[increment] if pair.motions else None
-        place, free = np.zeros(dim), np.zeros(dim, dtype=bool)
+        translation, free = np.zeros(dim), np.zeros(dim, dtype=bool)
         if motion is not None:
             free = np.array([u is None for u in motion.translation])
-            place = np.array([0.0 if u is None else u for u in motion.translation])
+            translation = np.array([0.0 if u is None else u for u in motion.translation])
             forces = np.zeros(dim) if motion.force is None else np.array(motion.force)
             work += np.where(free, forces, 0.0) @ surfaces[k]
-            parts += np.abs(np.where(free, forces, 0.0)) @ np.abs(surfaces[k])
-        found["supports"] = max(found["supports"], np.abs(surfaces[k][~free]).max(initial=0.0))
-        found["cones"] = max(
-            found["cones"], _overstepped(pair, space, place, free, v, surfaces[k], held) / size
+            work_magnitude += np.abs(np.where(free, forces, 0.0)) @ np.abs(surfaces[k])
+        defects["supports"] = max(defects["supports"], np.abs(surfaces[k][~free]).max(initial=0.0))
+        defects["cones"] = max(
+            defects["cones"],
+            _largest_cone_violation(pair, space, translation, free, v, surfaces[k], prescribed_mask)
+            / speed,
         )
-        if free.any() and _moved_by(pair, space, v, surfaces[k]) > 1e-9 * size:
-            found["turning"] = max(found["turning"], _turned(pair, x, place, free))
-    return {name: float(value) for name, value in found.items()} | {"work": float(work / parts)}
+        if free.any() and _largest_relative_velocity(pair, space, v, surfaces[k]) > 1e-9 * speed:
+            defects["turning"] = max(
+                defects["turning"], _largest_normal_change(pair, x, translation, free)
+            )
+    return {name: float(value) for name, value in defects.items()} | {
+        "work": float(work / work_magnitude)
+    }
 
 
-def sound(found: dict[str, float]) -> bool:
-    """Whether what `flaws` finds leaves the proof as it is.
+def is_valid_proof(defects: dict[str, float]) -> bool:
+    """Return whether the defects leave the proof valid.
 
-    Contact forces would have to be a thousand times the loads to undo it by round-off.
+    Contact forces would have to be a thousand times the loads to invalidate it by round-off.
     """
-    exact = all(found[name] < 1e-9 for name in ("strain", "supports", "turning", "cones"))
-    return exact and found["work"] > 1e-9 + 1e3 * found["cones"]
+    exact = all(defects[name] < 1e-9 for name in ("strain", "supports", "turning", "cones"))
+    return exact and defects["work"] > 1e-9 + 1e3 * defects["cones"]
 
 
 def node_velocities(space, error: NoEquilibrium) -> Array:
-    """Velocities (n, dim) of nodes by the connected piece that each one belongs to."""
+    """Return the velocities (n, dim) of nodes as rigid motions of their connected bodies."""
     x = space.tabulate_dof_coordinates()
     dim = space.mesh.geometry.dim
     cells = space.dofmap.list
     row = np.repeat(np.arange(len(cells)), cells.shape[1]) + len(x)
     links = sp.csr_matrix((np.ones(cells.size), (row, cells.ravel())), [len(x) + len(cells)] * 2)
-    count, piece = connected_components(links, directed=False)
-    piece, stated = piece[: len(x)], error.velocity
-    assert count == len(stated.centre)
+    n_bodies, body_of_node = connected_components(links, directed=False)
+    body_of_node, velocity = body_of_node[: len(x)], error.velocity
+    assert n_bodies == len(velocity.centre)
     v = np.zeros((len(x), dim))
-    for k in range(count):
-        mine = piece == k
-        near = np.linalg.norm(stated.centre - x[mine, :dim].mean(axis=0), axis=1)
-        j = int(np.argmin(near))
-        assert near[j] < 1e-9 * np.ptp(x, axis=0).max()
-        arm = x[mine, :dim] - stated.centre[j]
+    for k in range(n_bodies):
+        of_body = body_of_node == k
+        distances = np.linalg.norm(velocity.centre - x[of_body, :dim].mean(axis=0), axis=1)
+        j = int(np.argmin(distances))
+        assert distances[j] < 1e-9 * np.ptp(x, axis=0).max()
+        arm = x[of_body, :dim] - velocity.centre[j]
         if dim == 2:
-            turned = stated.rotation[j, 0] * np.column_stack([-arm[:, 1], arm[:, 0]])
+            rotational = velocity.rotation[j, 0] * np.column_stack([-arm[:, 1], arm[:, 0]])
         else:
-            turned = np.cross(stated.rotation[j], arm)
-        v[mine] = stated.translation[j] + turned
+            rotational = np.cross(velocity.rotation[j], arm)
+        v[of_body] = velocity.translation[j] + rotational
     return v
 
 
-def _relative(pair: ContactPair, space, nodes: npt.NDArray, v: Array, surface: Array) -> Array:
+def _relative_velocities(
+    pair: ContactPair, space, nodes: npt.NDArray, v: Array, surface: Array
+) -> Array:
+    """Return the velocities of nodes relative to the surface, or to the nodes that they face."""
     relative = v[nodes] - surface
     if isinstance(pair.surface, MatchingNodes):
-        other, _ = _contact_nodes(ContactPair(pair.surface.nodes, pair.surface.shape), space)
+        opposite_nodes, _ = contact_nodes_and_friction(
+            ContactPair(pair.surface.nodes, pair.surface.shape), space
+        )
         x = space.tabulate_dof_coordinates()[:, : v.shape[1]]
         offset = 0.0 if pair.surface.offset is None else np.asarray(pair.surface.offset)
-        relative = relative - v[other[cKDTree(x[other]).query(x[nodes] + offset)[1]]]
+        relative = (
+            relative - v[opposite_nodes[cKDTree(x[opposite_nodes]).query(x[nodes] + offset)[1]]]
+        )
     return relative
 
 
-def _shape(pair: ContactPair):
+def _rigid_shape(pair: ContactPair):
+    """Return the rigid surface of a pair, or the shape between matching nodes."""
     return pair.surface.shape if isinstance(pair.surface, MatchingNodes) else pair.surface
 
 
-def _overstepped(
+def _largest_cone_violation(
     pair: ContactPair,
     space,
-    place: Array,
+    translation: Array,
     free: npt.NDArray[np.bool_],
     v: Array,
     surface: Array,
-    held: npt.NDArray[np.bool_],
+    prescribed_mask: npt.NDArray[np.bool_],
 ) -> float:
-    """Largest mu |v_t| - v_n over the length of (1, mu)."""
-    nodes, mu = _contact_nodes(pair, space)
-    x = space.tabulate_dof_coordinates()[nodes, : v.shape[1]] - place
-    # which nodes a surface faces that is free to move, is not known
-    faced = np.isfinite(_shape(pair).gap(x)) | free.any()
-    normal = _shape(pair).normal(x)[faced]
+    """Return the largest mu |v_t| - v_n over the length of (1, mu)."""
+    nodes, mu = contact_nodes_and_friction(pair, space)
+    x = space.tabulate_dof_coordinates()[nodes, : v.shape[1]] - translation
+    # a surface that is free to move may face any of the nodes
+    faced = np.isfinite(_rigid_shape(pair).gap(x)) | free.any()
+    normal = _rigid_shape(pair).normal(x)[faced]
     nodes, mu = nodes[faced], mu[faced]
-    relative = np.where(held[nodes], 0.0, _relative(pair, space, nodes, v, surface))
-    parting = np.sum(relative * normal, axis=1)
-    sliding = np.where(held[nodes], 0.0, relative - parting[:, None] * normal)
-    short = mu * np.linalg.norm(sliding, axis=1) - parting
-    return float((short / np.sqrt(1 + mu**2)).max(initial=0.0))
+    relative = np.where(
+        prescribed_mask[nodes], 0.0, _relative_velocities(pair, space, nodes, v, surface)
+    )
+    normal_velocity = np.sum(relative * normal, axis=1)
+    tangential_velocity = np.where(
+        prescribed_mask[nodes], 0.0, relative - normal_velocity[:, None] * normal
+    )
+    violation = mu * np.linalg.norm(tangential_velocity, axis=1) - normal_velocity
+    return float((violation / np.sqrt(1 + mu**2)).max(initial=0.0))
 
 
-def _moved_by(pair: ContactPair, space, v: Array, surface: Array) -> float:
-    nodes, _ = _contact_nodes(pair, space)
-    return float(np.abs(_relative(pair, space, nodes, v, surface)).max())
+def _largest_relative_velocity(pair: ContactPair, space, v: Array, surface: Array) -> float:
+    """Return the largest velocity component of a pair's nodes relative to its surface."""
+    nodes, _ = contact_nodes_and_friction(pair, space)
+    return float(np.abs(_relative_velocities(pair, space, nodes, v, surface)).max())
 
 
-def _turned(pair: ContactPair, x: Array, place: Array, free: npt.NDArray[np.bool_]) -> float:
-    """Largest change of a normal as the surface moves freely by up to the body's size."""
-    shape, rng = _shape(pair), np.random.default_rng(0)
+def _largest_normal_change(
+    pair: ContactPair, x: Array, translation: Array, free: npt.NDArray[np.bool_]
+) -> float:
+    """Return the largest change of a normal as the surface moves by up to the body's size."""
+    shape, rng = _rigid_shape(pair), np.random.default_rng(0)
     extent = np.ptp(x, axis=0).max()
-    here = shape.normal(x - place)
-    moves = np.where(free, rng.uniform(-1, 1, (20, len(place))), 0.0) * extent
-    return max(float(np.abs(shape.normal(x - place - move) - here).max()) for move in moves)
+    initial_normals = shape.normal(x - translation)
+    translations = np.where(free, rng.uniform(-1, 1, (20, len(translation))), 0.0) * extent
+    return max(
+        float(np.abs(shape.normal(x - translation - further_translation) - initial_normals).max())
+        for further_translation in translations
+    )
 
 
-def linear_increment(problem, states) -> Increment:
-    """The increment after some states, of a problem in the plane, by the whole K; in serial.
+def linear_increment(problem, states) -> LinearIncrement:
+    """Return the increment after some states of a plane problem as linear functions, in serial.
 
-    Surfaces that are free to move have to be flat.
+    All of K is used. Surfaces that are free to move have to be flat.
     """
     space = problem.space
-    dim, number = space.mesh.geometry.dim, len(states)
+    dim, i_increment = space.mesh.geometry.dim, len(states)
     x = space.tabulate_dof_coordinates()[:, :dim]
     K = problem.K[:, :]
-    f = problem.loads[number].array_r
-    held, values = _supports(problem.conditions, len(x), dim)
-    where = [
+    f = problem.loads[i_increment].array_r
+    prescribed_mask, values = prescribed_displacements(problem.conditions, len(x), dim)
+    contact_points = [
         (k, int(n), mu)
         for k, pair in enumerate(problem.pairs)
-        for n, mu in zip(*_contact_nodes(pair, space), strict=True)
-        if not held[n].all()
+        for n, mu in zip(*contact_nodes_and_friction(pair, space), strict=True)
+        if not prescribed_mask[n].all()
     ]
-    nodes, pair_of = np.array([n for _, n, _ in where]), np.array([k for k, _, _ in where])
+    nodes, pair_of = (
+        np.array([n for _, n, _ in contact_points]),
+        np.array([k for k, _, _ in contact_points]),
+    )
     contact = np.zeros(x.shape, dtype=bool)
     contact[nodes] = True
-    moved = np.flatnonzero((contact & ~held).ravel())
-    inner = np.flatnonzero((~contact & ~held).ravel())
-    place, was = np.zeros((2, len(problem.pairs), dim))
-    before = np.zeros((len(x), dim))
+    contact_dofs = np.flatnonzero((contact & ~prescribed_mask).ravel())
+    inner_dofs = np.flatnonzero((~contact & ~prescribed_mask).ravel())
+    translation, previous_translation = np.zeros((2, len(problem.pairs), dim))
+    previous_displacement = np.zeros((len(x), dim))
     if states:
-        was = np.array([pair.translation for pair in states[-1].pairs])
-        before = states[-1].displacement.array_r.reshape(-1, dim)
-    free, asked = [], []
+        previous_translation = np.array([pair.translation for pair in states[-1].pairs])
+        previous_displacement = states[-1].displacement.array_r.reshape(-1, dim)
+    free, prescribed_force = [], []
     for k, pair in enumerate(problem.pairs):
-        motion = pair.motions[number] if pair.motions else None
+        motion = pair.motions[i_increment] if pair.motions else None
         for axis in range(dim):
             u = 0.0 if motion is None else motion.translation[axis]
-            place[k, axis] = was[k, axis] if u is None else u
+            translation[k, axis] = previous_translation[k, axis] if u is None else u
             if u is None:
                 free.append((k, axis))
-                asked.append(0.0 if motion.force is None else motion.force[axis])
-    size = len(moved) + len(free) + 1
+                prescribed_force.append(0.0 if motion.force is None else motion.force[axis])
+    size = len(contact_dofs) + len(free) + 1
     a = np.zeros((x.size, size))
-    a[:, -1] = np.where(held, values, 0.0).ravel()
-    a[moved, np.arange(len(moved))] = 1.0
-    right = -K[inner] @ a
-    right[:, -1] += f[inner]
-    a[inner] = np.linalg.solve(K[np.ix_(inner, inner)], right)
+    a[:, -1] = np.where(prescribed_mask, values, 0.0).ravel()
+    a[contact_dofs, np.arange(len(contact_dofs))] = 1.0
+    right_side = -K[inner_dofs] @ a
+    right_side[:, -1] += f[inner_dofs]
+    a[inner_dofs] = np.linalg.solve(K[np.ix_(inner_dofs, inner_dofs)], right_side)
     r = K @ a
     r[:, -1] -= f
-    r[held.ravel()] = 0.0  # forces of supports
+    r[prescribed_mask.ravel()] = 0.0  # forces of supports
     a, r = a.reshape(-1, dim, size)[nodes], r.reshape(-1, dim, size)[nodes]
     U = np.zeros((len(problem.pairs), dim, size))
-    U[..., -1] = place
+    U[..., -1] = translation
     for k, at in enumerate(free):
         U[at] = 0.0
-        U[at][len(moved) + k] = 1.0
+        U[at][len(contact_dofs) + k] = 1.0
     balance = np.zeros((len(free), size))
     for k, (pair, axis) in enumerate(free):
         balance[k] = r[pair_of == pair, axis].sum(axis=0)
-        balance[k, -1] -= asked[k]
+        balance[k, -1] -= prescribed_force[k]
     shapes = [problem.pairs[k].surface for k in pair_of]
-    points = x[nodes] - place[pair_of]
+    points = x[nodes] - translation[pair_of]
     normal = np.array([s.normal(p[None])[0] for s, p in zip(shapes, points, strict=True)])
     gap = np.array([s.gap(p[None])[0] for s, p in zip(shapes, points, strict=True)])
     faced = np.isfinite(gap)
-    tangent = np.where(held[nodes], 0.0, np.column_stack([-normal[:, 1], normal[:, 0]]))
+    tangent = np.where(prescribed_mask[nodes], 0.0, np.column_stack([-normal[:, 1], normal[:, 0]]))
     tangent *= np.linalg.norm(tangent, axis=1, keepdims=True) > 0.5
     relative = a - U[pair_of]
-    towards = np.einsum("na,nab->nb", normal, relative)
-    towards[:, -1] += np.where(faced, gap, 0.0) + np.sum(normal * place[pair_of], axis=1)
-    relative[..., -1] -= before[nodes] - was[pair_of]
-    return Increment(
+    gap_function = np.einsum("na,nab->nb", normal, relative)
+    gap_function[:, -1] += np.where(faced, gap, 0.0) + np.sum(normal * translation[pair_of], axis=1)
+    relative[..., -1] -= previous_displacement[nodes] - previous_translation[pair_of]
+    return LinearIncrement(
         np.einsum("na,nab->nb", normal, r),
         np.einsum("na,nab->nb", tangent, r),
-        towards,
+        gap_function,
         np.einsum("na,nab->nb", tangent, relative),
         balance,
-        np.array([mu for _, _, mu in where]),
+        np.array([mu for _, _, mu in contact_points]),
         faced,
         float(np.abs(np.diag(K)).mean()),
     )

@@ -1,16 +1,16 @@
-"""Generator of random problems of large strains and large sliding; a seed states one.
+"""Generator of random problems of large strains and large sliding; a seed defines one.
 
-Seeds 0 to 399 are the check of the library's accepted states, fixed with this file. A rubber block
+Seeds 0 to 399 are the fixed set on which the library's accepted states are checked. A rubber block
 of two to six cells in depth lies under a rigid tool, or under another rubber body:
 
     circle    pressed and dragged, by translations or by a vertical force
-    roller    a circle that turns about its centre, by up to more than a turn an increment, or
+    roller    a circle that rotates about its centre, by up to more than a turn per increment, or
               about another pivot
-    plane     pressed on a whole side, straight or tilted, and dragged; it may turn a little
+    plane     pressed on a whole side, straight or tilted, and dragged; it may rotate a little
     held      a plane on a block whose sides, or the ends of whose top, are held or moved along it
     bodies    a parabolic or flat die on a block that is wider or narrower, slid over its ends
 
-Friction is 0 to 1, weights are piecewise linear or standard, meshes are jiggled.
+Friction is 0 to 1, weights are piecewise linear or standard, and nodes are displaced at random.
 """
 
 from dataclasses import dataclass, field
@@ -33,39 +33,40 @@ from pw_elements.contact import (
     Sphere,
 )
 from pw_elements.contact.model import ContactState
-from tests.contact.cases import at, at_large_strains, neo_hookean
-from tests.contact.sliding import die, sliding
-from tests.oracle.large import Rubber
-from tests.oracle.sliding import Sliding
-from tests.oracle.tools import Moment, Pressed, Tool
+from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
+from tests.contact.sliding import iterate_along_path, make_die_on_block
+from tests.oracle.large import NeoHookeanBody
+from tests.oracle.sliding import SlidingContact
+from tests.oracle.tools import RigidTool, ToolContact, ToolState
 
-KINDS = {"circle": 0.25, "roller": 0.15, "plane": 0.25, "held": 0.15, "bodies": 0.2}
-DEGREE = 4
-RULE = basix.make_quadrature(basix.CellType.triangle, DEGREE)
+KIND_PROBABILITIES = {"circle": 0.25, "roller": 0.15, "plane": 0.25, "held": 0.15, "bodies": 0.2}
+QUADRATURE_DEGREE = 4
+TRIANGLE_RULE = basix.make_quadrature(basix.CellType.triangle, QUADRATURE_DEGREE)
 
 
 @dataclass(frozen=True)
-class Step:
-    """The end of one increment, from the initial place on."""
+class SketchStep:
+    """Prescribed values at the end of one increment, relative to the initial position."""
 
     across: float
     down: float | None  # translation, or None under a force
     force: float = 0.0  # upwards, of the tool on the body
     angle: float = 0.0
-    moved: float = 0.0  # what supports prescribe across
+    support_displacement: float = 0.0  # displacement of the supports across
 
 
 @dataclass(frozen=True)
-class Sketch:
-    """A problem in numbers; lengths over half the block's width, stresses over the shear modulus.
+class SlidingSketch:
+    """Numbers that define a problem.
 
-    Those of two bodies have steps and options of `die` alone.
+    Lengths are over half the block's width, stresses over the shear modulus. Sketches of two bodies
+    have only steps and arguments of `make_die_on_block`.
     """
 
     seed: int
     kind: str
     friction: float
-    steps: tuple[Step, ...]
+    steps: tuple[SketchStep, ...]
     linear_weights: bool = True
     nu: float = 0.3
     height: float = 1.0
@@ -76,16 +77,17 @@ class Sketch:
     offset: float = 0.0
     gap: float = 0.0
     pivot: tuple[float, float] = (0.0, 0.0)
-    held: str = "base"  # or with it the "sides", or the "ends" of the top
-    options: dict = field(default_factory=dict)
+    support_kind: str = "base"  # or with it the "sides", or the "ends" of the top
+    die_options: dict = field(default_factory=dict)
 
 
-def sketch(seed: int) -> Sketch:
+def draw_sketch(seed: int) -> SlidingSketch:
+    """Draw a problem."""
     rng = np.random.default_rng([47, seed])
-    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    kind = str(rng.choice(list(KIND_PROBABILITIES), p=list(KIND_PROBABILITIES.values())))
     friction = 0.0 if rng.random() < 0.12 else float(rng.uniform(0.02, 1.0))
     if kind == "bodies":
-        return _bodies(seed, rng, friction)
+        return _draw_two_bodies(seed, rng, friction)
     height = float(rng.uniform(0.4, 1.0))
     cells = rng.integers((4, 2), (10, 4))
     divisions = (int(cells[0]), int(cells[1]) if kind in ("plane", "held") else int(cells[1]) + 1)
@@ -93,36 +95,44 @@ def sketch(seed: int) -> Sketch:
     tilt = float(rng.uniform(-0.15, 0.15)) if kind == "plane" and rng.random() < 0.6 else 0.0
     offset = float(rng.uniform(-0.4, 0.4)) if radius else 0.0
     gap = float(rng.choice([0.0, rng.uniform(0.0, 0.02)]))
-    moved_by_supports = kind == "held" and rng.random() < 0.5
-    turns = kind == "roller" or (kind == "plane" and rng.random() < 0.3)
+    supports_move = kind == "held" and rng.random() < 0.5
+    tool_rotates = kind == "roller" or (kind == "plane" and rng.random() < 0.3)
     centred = bool(rng.random() < 0.6)
     pivot = (offset, radius + gap) if centred else tuple(rng.uniform(0.0, 0.8, 2).tolist())
     largest_turn = 0.05 if kind == "plane" else 0.6
     if kind == "roller" and centred:
         largest_turn = 7.0 if rng.random() < 0.2 else 1.2
-    pushed = rng.random() < 0.2 and kind != "held"
+    by_force = rng.random() < 0.2 and kind != "held"
     size = min(height, radius or height)
-    across = angle = moved = 0.0
-    down = float(rng.uniform(0.02, 0.25)) * size
+    translation = angle = support_displacement = 0.0
+    depth = float(rng.uniform(0.02, 0.25)) * size
     steps = []
     for k in range(rng.integers(2, 6)):
         if k > 0 and rng.random() < 0.4:
-            down = float(rng.uniform(0.02, 0.25)) * size
+            depth = float(rng.uniform(0.02, 0.25)) * size
         if k > 0 or rng.random() < 0.3:
-            across += float(rng.uniform(-0.5, 0.5)) * (radius or 0.7)
-            angle += float(rng.uniform(-1, 1)) * largest_turn if turns else 0.0
-            moved += float(rng.uniform(-0.2, 0.2)) if moved_by_supports else 0.0
-        by_force = pushed and k > 0
-        # the circle's centre goes across and down, wherever its pivot is
+            translation += float(rng.uniform(-0.5, 0.5)) * (radius or 0.7)
+            angle += float(rng.uniform(-1, 1)) * largest_turn if tool_rotates else 0.0
+            support_displacement += float(rng.uniform(-0.2, 0.2)) if supports_move else 0.0
+        force_acts = by_force and k > 0
+        # the circle's centre moves across and down, whatever its pivot is
         arm = np.array([offset, radius + gap]) - pivot if radius else np.zeros(2)
         lift = arm - [
             np.cos(angle) * arm[0] - np.sin(angle) * arm[1],
             np.sin(angle) * arm[0] + np.cos(angle) * arm[1],
         ]
-        way = np.array([across, -down]) + lift
-        vertical = None if by_force else float(way[1])
-        steps.append(Step(float(way[0]), vertical, -2.0 * down * by_force, angle, moved))
-    return Sketch(
+        circle_motion = np.array([translation, -depth]) + lift
+        vertical = None if force_acts else float(circle_motion[1])
+        steps.append(
+            SketchStep(
+                float(circle_motion[0]),
+                vertical,
+                -2.0 * depth * force_acts,
+                angle,
+                support_displacement,
+            )
+        )
+    return SlidingSketch(
         seed,
         kind,
         friction,
@@ -137,167 +147,185 @@ def sketch(seed: int) -> Sketch:
         offset=offset,
         gap=gap,
         pivot=pivot,
-        held=str(rng.choice(["sides", "ends"])) if kind == "held" else "base",
+        support_kind=str(rng.choice(["sides", "ends"])) if kind == "held" else "base",
     )
 
 
-def _bodies(seed: int, rng: np.random.Generator, friction: float) -> Sketch:
-    across, steps = 0.0, []
+def _draw_two_bodies(seed: int, rng: np.random.Generator, friction: float) -> SlidingSketch:
+    """Draw a problem of two bodies."""
+    translation, steps = 0.0, []
     for k in range(rng.integers(2, 5)):
         if k == 0 or rng.random() < 0.4:
-            down = float(rng.uniform(0.02, 0.15))
+            depth = float(rng.uniform(0.02, 0.15))
         if k > 0 or rng.random() < 0.3:
-            across += float(rng.uniform(-0.4, 0.4))
-        steps.append(Step(across, -down))
+            translation += float(rng.uniform(-0.4, 0.4))
+        steps.append(SketchStep(translation, -depth))
     options = {
         "upper_is_slave": bool(rng.random() < 0.5),
         "curvature": 0.0 if rng.random() < 0.3 else float(rng.uniform(0.3, 1.8)),
         "half_width": float(rng.uniform(0.55, 1.5)),
         "divisions": ((int(rng.integers(6, 13)), 3), (int(rng.integers(4, 9)), 3)),
-        "turned": float(rng.choice([0.0, rng.uniform(-60, 60)])),
+        "rotation_degrees": float(rng.choice([0.0, rng.uniform(-60, 60)])),
     }
-    return Sketch(seed, "bodies", friction, tuple(steps), options=options)
+    return SlidingSketch(seed, "bodies", friction, tuple(steps), die_options=options)
 
 
-class RigidProblem:
+class RigidToolProblem:
     """A block and a tool: the library's history, and its violations of the law by `tools`."""
 
-    def __init__(self, sketch: Sketch) -> None:
+    def __init__(self, sketch: SlidingSketch) -> None:
         self.sketch = sketch
 
     @cached_property
     def solution(self) -> tuple[list[ContactState], ContactFailed | None]:
-        """States of the library, the undeformed one first, and the error that ends them."""
-        plan, mesh = self.sketch, self._mesh()
-        spaces = (Spaces.petrov_galerkin if plan.linear_weights else Spaces.galerkin)(mesh)
-        lame = fem.Constant(mesh, 2 * plan.nu / (1 - 2 * plan.nu))
-        u, residual = at_large_strains(spaces, lambda F: neo_hookean(F, lame=lame), DEGREE)
+        """Return the states, the undeformed one first, and the error that ends them or None."""
+        sketch, mesh = self.sketch, self._make_mesh()
+        spaces = (Spaces.petrov_galerkin if sketch.linear_weights else Spaces.galerkin)(mesh)
+        lame = fem.Constant(mesh, 2 * sketch.nu / (1 - 2 * sketch.nu))
+        u, residual = finite_strain_residual(
+            spaces, lambda F: neo_hookean_stress(F, lame=lame), QUADRATURE_DEGREE
+        )
         self.nodes = spaces.trial.tabulate_dof_coordinates()[:, :2]
         self.cells = spaces.trial.dofmap.list
-        self.held = self._supports()
-        self.touching = np.flatnonzero(np.isclose(self.nodes[:, 1], 0.0))
-        moved = fem.Constant(mesh, 0.0)
+        self.prescribed_mask = self._make_prescribed_mask()
+        self.contact_nodes = np.flatnonzero(np.isclose(self.nodes[:, 1], 0.0))
+        support_value = fem.Constant(mesh, 0.0)
         conditions = []
-        for axis, value in enumerate((moved, fem.Constant(mesh, 0.0))):
+        for axis, value in enumerate((support_value, fem.Constant(mesh, 0.0))):
             space = spaces.trial.sub(axis)
-            dofs = (2 * np.flatnonzero(self.held[:, axis]) + axis).astype(np.int32)
+            dofs = (2 * np.flatnonzero(self.prescribed_mask[:, axis]) + axis).astype(np.int32)
             conditions.append(fem.dirichletbc(value, dofs, space))
-        pair = ContactPair(at(1, 0.0), self._surface(), plan.friction, pivot=plan.pivot)
+        pair = ContactPair(
+            on_plane(1, 0.0), self._make_surface(), sketch.friction, pivot=sketch.pivot
+        )
         problem = ContactProblem.of_residual(residual, u, conditions, pair)
-        states, before = [problem.undeformed], 0.0
-        for step in plan.steps:
+        states, previous_displacement = [problem.undeformed], 0.0
+        for step in sketch.steps:
 
-            def load(share: float, ends=(before, step.moved)) -> None:
-                moved.value = (1 - share) * ends[0] + share * ends[1]
+            def load(
+                load_factor: float, ends=(previous_displacement, step.support_displacement)
+            ) -> None:
+                support_value.value = (1 - load_factor) * ends[0] + load_factor * ends[1]
 
             motion = Motion((step.across, step.down), (0.0, step.force), step.angle)
             try:
                 states.append(problem.step(states[-1], load, motion))
             except ContactFailed as error:
                 return states, error
-            before = step.moved
+            previous_displacement = step.support_displacement
         return states, None
 
     def violations(self) -> list[dict[str, float]]:
-        """Of every accepted state and substate."""
+        """Return the violations of the law by each accepted state and substate."""
         states, _ = self.solution
-        plan, results, before = self.sketch, [], 0.0
-        body = Rubber(
-            self.nodes, self.cells, plan.linear_weights, 2 * plan.nu / (1 - 2 * plan.nu), RULE
+        sketch, results, previous_displacement = self.sketch, [], 0.0
+        body = NeoHookeanBody(
+            self.nodes,
+            self.cells,
+            sketch.linear_weights,
+            2 * sketch.nu / (1 - 2 * sketch.nu),
+            TRIANGLE_RULE,
         )
-        pressed, history = (
-            Pressed(body, self.tool, self.touching, self.held),
-            [self.moment(states[0])],
+        contact, history = (
+            ToolContact(body, self.tool, self.contact_nodes, self.prescribed_mask),
+            [self.tool_state(states[0])],
         )
-        for step, start, end in zip(plan.steps, states, states[1:], strict=False):
-            for share, part in (*end.substates, (1.0, end)):
-                history.append(self.moment(part))
+        for step, start, end in zip(sketch.steps, states, states[1:], strict=False):
+            for fraction, substate in (*end.substates, (1.0, end)):
+                history.append(self.tool_state(substate))
                 prescribed = np.zeros_like(self.nodes)
-                prescribed[:, 0] = (1 - share) * before + share * step.moved
-                found = pressed.violations(history, prescribed)
-                results.append(found | {"drive": self._drive_error(body, start, part, share, step)})
-            before = step.moved
+                prescribed[:, 0] = (
+                    1 - fraction
+                ) * previous_displacement + fraction * step.support_displacement
+                violations = contact.violations(history, prescribed)
+                results.append(
+                    violations | {"drive": self._drive_error(body, start, substate, fraction, step)}
+                )
+            previous_displacement = step.support_displacement
         return results
 
     @property
-    def tool(self) -> Tool:
-        plan = self.sketch
-        normal = np.array([np.sin(plan.tilt), -np.cos(plan.tilt)])
-        if plan.radius:
-            centre = np.array([plan.offset, plan.radius + plan.gap])
-            return Tool(centre, normal, plan.friction, plan.radius, np.array(plan.pivot))
-        # through the corner that comes first, or the gap above it
-        corner = np.array([-np.sign(plan.tilt), plan.gap])
-        return Tool(corner, normal, plan.friction, pivot=np.array(plan.pivot))
+    def tool(self) -> RigidTool:
+        sketch = self.sketch
+        normal = np.array([np.sin(sketch.tilt), -np.cos(sketch.tilt)])
+        if sketch.radius:
+            centre = np.array([sketch.offset, sketch.radius + sketch.gap])
+            return RigidTool(centre, normal, sketch.friction, sketch.radius, np.array(sketch.pivot))
+        # through the corner that is touched first, or the gap above it
+        corner = np.array([-np.sign(sketch.tilt), sketch.gap])
+        return RigidTool(corner, normal, sketch.friction, pivot=np.array(sketch.pivot))
 
-    def _surface(self) -> Plane | Sphere:
+    def _make_surface(self) -> Plane | Sphere:
         tool = self.tool
         return Sphere(tool.point, tool.radius) if tool.radius else Plane(tool.point, tool.normal)
 
-    def _mesh(self) -> meshes.Mesh:
-        plan = self.sketch
-        low, high = np.array([-1.0, -plan.height]), np.array([1.0, 0.0])
+    def _make_mesh(self) -> meshes.Mesh:
+        sketch = self.sketch
+        low, high = np.array([-1.0, -sketch.height]), np.array([1.0, 0.0])
         mesh = meshes.create_rectangle(
-            MPI.COMM_SELF, [low, high], plan.divisions, meshes.CellType.triangle
+            MPI.COMM_SELF, [low, high], sketch.divisions, meshes.CellType.triangle
         )
-        x, rng = mesh.geometry.x, np.random.default_rng(plan.seed)
+        x, rng = mesh.geometry.x, np.random.default_rng(sketch.seed)
         for axis in range(2):
-            inside = ~np.isclose(x[:, axis], low[axis]) & ~np.isclose(x[:, axis], high[axis])
-            cell = (high[axis] - low[axis]) / plan.divisions[axis]
-            x[:, axis] += np.where(inside, plan.jiggle * cell * rng.uniform(-1, 1, len(x)), 0.0)
+            is_inner = ~np.isclose(x[:, axis], low[axis]) & ~np.isclose(x[:, axis], high[axis])
+            cell = (high[axis] - low[axis]) / sketch.divisions[axis]
+            x[:, axis] += np.where(is_inner, sketch.jiggle * cell * rng.uniform(-1, 1, len(x)), 0.0)
         return mesh
 
-    def _supports(self) -> np.ndarray:
-        """Mask (n, 2) of what is prescribed."""
+    def _make_prescribed_mask(self) -> np.ndarray:
+        """Return the mask (n, 2) of prescribed displacements."""
         x, y = self.nodes.T
-        held = np.tile(np.isclose(y, -self.sketch.height)[:, None], (1, 2))
+        mask = np.tile(np.isclose(y, -self.sketch.height)[:, None], (1, 2))
         sides = np.isclose(np.abs(x), 1.0)
-        if self.sketch.held == "sides":
-            held[:, 0] |= sides
-        elif self.sketch.held == "ends":
-            held[:, 0] |= (np.abs(x) > 0.6) & np.isclose(y, 0.0)
-        return held
+        if self.sketch.support_kind == "sides":
+            mask[:, 0] |= sides
+        elif self.sketch.support_kind == "ends":
+            mask[:, 0] |= (np.abs(x) > 0.6) & np.isclose(y, 0.0)
+        return mask
 
-    def moment(self, state: ContactState) -> Moment:
+    def tool_state(self, state: ContactState) -> ToolState:
         (pair,) = state.pairs
         force = np.zeros_like(self.nodes)
         force[pair.node] = pair.force_vector
         u = state.displacement.array_r.reshape(-1, 2).copy()
-        return Moment(u, pair.translation, float(pair.rotation), force)
+        return ToolState(u, pair.translation, float(pair.rotation), force)
 
-    def _drive_error(self, body, start, part, share, step) -> float:
-        """How far translation, angle and force are from the way to the end of the increment."""
-        (was,), (pair,) = start.pairs, part.pairs
-        size = max(np.abs(pair.translation).max(), 1e-3)
+    def _drive_error(self, body, start, substate, fraction, step) -> float:
+        """Return the largest relative error of translation, angle and force at a load factor."""
+        (start_pair,), (pair,) = start.pairs, substate.pairs
+        length = max(np.abs(pair.translation).max(), 1e-3)
 
-        def away(found: float, begin: float, end: float) -> float:
-            return abs(found - begin - share * (end - begin))
+        def error(value: float, begin: float, end: float) -> float:
+            return abs(value - begin - fraction * (end - begin))
 
         errors = [
-            away(pair.translation[0], was.translation[0], step.across) / size,
-            away(float(pair.rotation), float(was.rotation), step.angle),
+            error(pair.translation[0], start_pair.translation[0], step.across) / length,
+            error(float(pair.rotation), float(start_pair.rotation), step.angle),
         ]
         if step.down is not None:
-            errors.append(away(pair.translation[1], was.translation[1], step.down) / size)
+            errors.append(error(pair.translation[1], start_pair.translation[1], step.down) / length)
         else:
-            r = body.forces(part.displacement.array_r.reshape(-1, 2))
-            total = r[self.touching, 1].sum()
-            errors.append(away(total, was.force[1], step.force) / np.abs(r).max())
+            r = body.nodal_forces(substate.displacement.array_r.reshape(-1, 2))
+            total_force = r[self.contact_nodes, 1].sum()
+            errors.append(error(total_force, start_pair.force[1], step.force) / np.abs(r).max())
         return float(max(errors))
 
 
-class BodiesProblem:
+class TwoBodyProblem:
     """Two bodies: the library's history, and its violations of the law by `sliding`."""
 
-    def __init__(self, sketch: Sketch) -> None:
+    def __init__(self, sketch: SlidingSketch) -> None:
         self.sketch = sketch
 
     @cached_property
     def solution(self) -> tuple[list[ContactState], ContactFailed | None]:
-        self.bodies = die(friction=self.sketch.friction, **self.sketch.options)
+        """Return the states, the undeformed one first, and the error that ends them or None."""
+        self.bodies = make_die_on_block(friction=self.sketch.friction, **self.sketch.die_options)
         states = [self.bodies.problem.undeformed]
         try:
-            for state in sliding(self.bodies, [(s.across, s.down) for s in self.sketch.steps]):
+            for state in iterate_along_path(
+                self.bodies, [(s.across, s.down) for s in self.sketch.steps]
+            ):
                 states.append(state)
         except ContactFailed as error:
             return states, error
@@ -305,25 +333,32 @@ class BodiesProblem:
 
     def violations(self) -> list[dict[str, float]]:
         states, _ = self.solution
-        problem = self._outside()
-        every = [part for s in states for part in (*(at for _, at in s.substates), s)]
-        history = [part.displacement.array_r.reshape(-1, 2).copy() for part in every]
+        problem = self._oracle_contact()
+        states_and_substates = [
+            accepted
+            for state in states
+            for accepted in (*(substate for _, substate in state.substates), state)
+        ]
+        history = [
+            accepted.displacement.array_r.reshape(-1, 2).copy() for accepted in states_and_substates
+        ]
         return [problem.violations(history[:k]) for k in range(2, len(history) + 1)]
 
-    def _outside(self) -> Sliding:
+    def _oracle_contact(self) -> SlidingContact:
+        """Return the oracle's model of the same two bodies."""
         bodies = self.bodies
         nodes = bodies.space.tabulate_dof_coordinates()[:, :2]
-        body = Rubber(nodes, bodies.space.dofmap.list, True, 1.5, RULE)
+        body = NeoHookeanBody(nodes, bodies.space.dofmap.list, True, 1.5, TRIANGLE_RULE)
         (pair,) = bodies.problem.undeformed.pairs
         sides = [side[np.argsort(nodes[side, 0])] for side in (pair.node, pair.opposite)]
         below = int(nodes[sides[1], 1].mean() < nodes[sides[0], 1].mean())
-        sides[below] = sides[below][::-1]  # its outside is above
-        held = np.zeros_like(nodes, dtype=bool)
-        for condition in bodies.held:
-            held.ravel()[condition.dof_indices()[0]] = True
-        return Sliding(body, *sides, held, bodies.pair.law.mu)
+        sides[below] = sides[below][::-1]  # the lower body's outside is above
+        mask = np.zeros_like(nodes, dtype=bool)
+        for condition in bodies.conditions:
+            mask.ravel()[condition.dof_indices()[0]] = True
+        return SlidingContact(body, *sides, mask, bodies.pair.law.mu)
 
 
-def problem(seed: int) -> RigidProblem | BodiesProblem:
-    plan = sketch(seed)
-    return BodiesProblem(plan) if plan.kind == "bodies" else RigidProblem(plan)
+def make_problem(seed: int) -> RigidToolProblem | TwoBodyProblem:
+    sketch = draw_sketch(seed)
+    return TwoBodyProblem(sketch) if sketch.kind == "bodies" else RigidToolProblem(sketch)

@@ -1,16 +1,17 @@
-"""A search of all statuses of contact nodes in the plane for a state.
+"""Search of all statuses of contact nodes in the plane for a state.
 
-Branch and bound. A branch allows each node some of the four statuses: open, sticking, slipping
-forwards or backwards along its tangent. What these have in common is linear in the motions z:
+Branch and bound: a branch allows each node some of the four statuses open, sticking, slipping
+forwards and slipping backwards along its tangent. The conditions that these have in common are
+linear in the motions z:
 
     r_n >= 0,  g >= 0,  |r_t| <= mu r_n    always,
-    r = 0                                  of nodes that can but be open,
-    g = 0                                  of nodes that cannot,
-    v >= 0,  r_t = -mu r_n                 of nodes that can but slip forwards,
+    r = 0                                  at nodes that can only be open,
+    g = 0                                  at nodes that cannot be open,
+    v >= 0,  r_t = -mu r_n                 at nodes that can only slip forwards,
 
-and so on. A linear program asks by how much these conditions are violated at the least. If they
-can all hold, Newton's method tries from there, and a node at which r_n g, or the friction's work,
-is wrong has its statuses divided between two branches. If they cannot, the branch is closed.
+and so on. A linear program finds the smallest violation of these conditions. If they can all hold,
+Newton's method starts from that point, and a node at which r_n g or the friction work is wrong has
+its statuses split between two branches. If they cannot hold, the branch is discarded.
 """
 
 from collections.abc import Iterator
@@ -19,22 +20,25 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linprog
 
-# Sets of statuses that a branch may allow, and into which two of them each is divided
-ANY, OPENED, CLOSED, NOT_FORWARDS, FORWARDS, STICKING, BACKWARDS = range(7)
-DIVIDED = {
-    ANY: (OPENED, CLOSED),
+# Sets of statuses that a branch may allow, and the two subsets into which each is split
+ANY, OPEN_ONLY, CLOSED, NOT_FORWARDS, FORWARDS, STICKING, BACKWARDS = range(7)
+SUBSETS = {
+    ANY: (OPEN_ONLY, CLOSED),
     CLOSED: (NOT_FORWARDS, FORWARDS),
     NOT_FORWARDS: (STICKING, BACKWARDS),
 }
-CLOSES, NONE = 1e-7, 1e-9  # violation over the largest force that closes a branch, and that is none
-CANDIDATES, NEWTON_STEPS, ATTEMPTS = 3, 8, 200
-MOST = 2_500_000  # linear programs times nodes squared: some ten seconds
-TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+INFEASIBLE_VIOLATION, ZERO_VIOLATION = (
+    1e-7,
+    1e-9,
+)  # violation over the largest force that closes a branch, and that is none
+BRANCHING_CANDIDATES, MAX_NEWTON_STEPS, MAX_NEWTON_STARTS = 3, 8, 200
+MAX_SEARCH_WORK = 2_500_000  # linear programs times nodes squared: some ten seconds
+LINPROG_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
 
 @dataclass(frozen=True)
-class Increment:
-    """What the law of n nodes speaks of, as linear functions of (z; 1), each (n, k + 1).
+class LinearIncrement:
+    """The quantities of the law at n nodes as linear functions of (z; 1), each (n, k + 1).
 
     Args:
         normal: r_n, the normal forces.
@@ -44,7 +48,7 @@ class Increment:
         balance: (b, k + 1), zero in equilibrium: of free surfaces, R - P.
         mu: (n,).
         faced: (n,), whether a surface faces the node.
-        stiffness: of a node, by which lengths are stated as forces.
+        stiffness: of a node, which converts lengths into forces.
     """
 
     normal: np.ndarray
@@ -57,73 +61,85 @@ class Increment:
     stiffness: float
 
 
-def search(increment: Increment, most: float = MOST) -> np.ndarray | None:
-    """A state z (k,), if one is found by so many linear programs times nodes squared at most."""
-    conditions = _Conditions(increment)
-    most = most / max(1, len(conditions.faced)) ** 2
+def search_statuses(
+    increment: LinearIncrement, max_work: float = MAX_SEARCH_WORK
+) -> np.ndarray | None:
+    """Return a state z (k,), if one is found within `max_work`.
+
+    The work is the number of linear programs times the squared number of nodes.
+    """
+    conditions = _BranchConditions(increment)
+    max_programs = max_work / max(1, len(conditions.faced)) ** 2
     root = np.zeros(len(conditions.faced), dtype=np.int8)
-    first = conditions.least(root)
-    waiting = [] if first is None else [(root, first)]
-    programs, attempts = 1, 0
-    while waiting and programs <= most:
-        codes, z = waiting.pop()
-        if attempts < ATTEMPTS:
-            attempts += 1
-            state = _newton(increment, z)
+    root_z = conditions.minimise_violation(root)
+    open_branches = [] if root_z is None else [(root, root_z)]
+    n_programs, n_newton_starts = 1, 0
+    while open_branches and n_programs <= max_programs:
+        codes, z = open_branches.pop()
+        if n_newton_starts < MAX_NEWTON_STARTS:
+            n_newton_starts += 1
+            state = _solve_by_newton(increment, z)
             if state is not None:
                 return state
-        options = []
-        for k in conditions.worst(codes, z):
-            tried = [(part, conditions.least(part)) for part in _parts(codes, k)]
-            programs += len(tried)
-            left = [(part, least) for part, least in tried if least is not None]
-            if len(left) < len(tried):
-                options = left
+        branches = []
+        for k in conditions.nodes_to_split(codes, z):
+            children = [
+                (child, conditions.minimise_violation(child)) for child in _split_at_node(codes, k)
+            ]
+            n_programs += len(children)
+            feasible = [(child, child_z) for child, child_z in children if child_z is not None]
+            if len(feasible) < len(children):
+                branches = feasible
                 break
-            options = options or left
-        waiting += sorted(options, key=lambda option: -conditions.wrong(*option).sum())
+            branches = branches or feasible
+        open_branches += sorted(
+            branches, key=lambda branch: -conditions.law_violation_per_node(*branch).sum()
+        )
     return None
 
 
-def _parts(codes: np.ndarray, node: int) -> Iterator[np.ndarray]:
-    for code in DIVIDED[int(codes[node])]:
-        part = codes.copy()
-        part[node] = code
-        yield part
+def _split_at_node(codes: np.ndarray, node: int) -> Iterator[np.ndarray]:
+    """Yield the statuses of the two branches that split a node's set."""
+    for code in SUBSETS[int(codes[node])]:
+        child = codes.copy()
+        child[node] = code
+        yield child
 
 
-def _newton(increment: Increment, z: np.ndarray) -> np.ndarray | None:
-    """A state by Newton's method on the equations of the statuses that z tells, or None."""
+def _solve_by_newton(increment: LinearIncrement, z: np.ndarray) -> np.ndarray | None:
+    """Return a state by Newton's method from the statuses at z, or None."""
     rows = (increment.normal, increment.shear, increment.gap, increment.slip)
     c, mu, faced = increment.stiffness, increment.mu, increment.faced
-    rough = faced & (mu > 0) & np.any(increment.shear != 0, axis=1)
-    for _ in range(NEWTON_STEPS):
+    has_friction = faced & (mu > 0) & np.any(increment.shear != 0, axis=1)
+    for _ in range(MAX_NEWTON_STEPS):
         r_n, r_t, gap, slip = (part @ np.append(z, 1.0) for part in rows)
-        pressed, rubbed = r_n - c * gap, r_t - c * slip
-        if _obeys(increment, z, rough):
+        trial_normal, trial_shear = r_n - c * gap, r_t - c * slip
+        if _satisfies_law(increment, z, has_friction):
             return z
-        closed = faced & (pressed > 0)
-        sticks = rough & closed & (np.abs(rubbed) <= mu * pressed)
-        share = np.where(rough & closed, np.sign(rubbed) * mu, 0.0)[:, None]
+        closed = faced & (trial_normal > 0)
+        sticks = has_friction & closed & (np.abs(trial_shear) <= mu * trial_normal)
+        signed_mu = np.where(has_friction & closed, np.sign(trial_shear) * mu, 0.0)[:, None]
         equations = np.concatenate(
             [
                 np.where(closed[:, None], c * increment.gap, increment.normal),
                 np.where(
-                    sticks[:, None], c * increment.slip, increment.shear - share * increment.normal
+                    sticks[:, None],
+                    c * increment.slip,
+                    increment.shear - signed_mu * increment.normal,
                 ),
                 increment.balance,
             ]
         )
         z = np.linalg.lstsq(equations[:, :-1], -equations[:, -1], rcond=1e-12)[0]
-    return z if _obeys(increment, z, rough) else None
+    return z if _satisfies_law(increment, z, has_friction) else None
 
 
-def _obeys(increment: Increment, z: np.ndarray, rough: np.ndarray) -> bool:
-    """Whether z violates no line of the law by more than 1e-9 of the largest force."""
-    every = np.append(z, 1.0)
-    r_n, r_t, gap, slip, lack = (
-        part @ every
-        for part in (
+def _satisfies_law(increment: LinearIncrement, z: np.ndarray, has_friction: np.ndarray) -> bool:
+    """Return whether z violates no condition of the law by more than 1e-9 of the largest force."""
+    z_and_1 = np.append(z, 1.0)
+    r_n, r_t, gap, slip, imbalance = (
+        rows @ z_and_1
+        for rows in (
             increment.normal,
             increment.shear,
             increment.gap,
@@ -132,35 +148,39 @@ def _obeys(increment: Increment, z: np.ndarray, rough: np.ndarray) -> bool:
         )
     )
     c, faced = increment.stiffness, increment.faced
-    size = np.abs(np.concatenate([r_n, r_t])).max() or 1.0
-    cone = np.where(rough, increment.mu * r_n, 0.0)
-    least = np.minimum(np.abs(cone - np.abs(r_t)), c * np.abs(slip))
-    lines = [
+    largest = np.abs(np.concatenate([r_n, r_t])).max() or 1.0
+    cone = np.where(has_friction, increment.mu * r_n, 0.0)
+    smaller_factor = np.minimum(np.abs(cone - np.abs(r_t)), c * np.abs(slip))
+    violations = [
         np.where(faced, np.maximum(-r_n, np.maximum(-c * gap, np.minimum(r_n, c * gap))), 0.0),
         np.where(faced, 0.0, np.abs(r_n)),
         np.abs(r_t) - cone,
-        np.where(rough, least, 0.0),
-        np.where(rough & (c * np.abs(slip) > NONE * size), r_t * np.sign(slip), 0.0),
-        np.abs(lack),
+        np.where(has_friction, smaller_factor, 0.0),
+        np.where(
+            has_friction & (c * np.abs(slip) > ZERO_VIOLATION * largest), r_t * np.sign(slip), 0.0
+        ),
+        np.abs(imbalance),
     ]
-    return all(line.max(initial=0.0) <= NONE * size for line in lines)
+    return all(violation.max(initial=0.0) <= ZERO_VIOLATION * largest for violation in violations)
 
 
-class _Conditions:
-    """Conditions >= 0, <= 0 or both, linear in z: r_n, g, mu r_n + r_t, mu r_n - r_t, v, others.
+class _BranchConditions:
+    """Conditions >= 0, <= 0 or both, linear in z.
 
-    Lengths are stated as forces, by the nodes' stiffness, and forces over the largest one.
+    They are r_n, g, mu r_n + r_t, mu r_n - r_t and v of faced nodes, and conditions that hold in
+    all branches. Lengths are converted into forces by the nodes' stiffness, and forces are over the
+    largest one.
     """
 
-    def __init__(self, increment: Increment) -> None:
+    def __init__(self, increment: LinearIncrement) -> None:
         self.faced = np.flatnonzero(increment.faced)
         self._increment, faced = increment, self.faced
-        slides = np.any(increment.shear != 0, axis=1)
+        has_tangent = np.any(increment.shear != 0, axis=1)
         mu = increment.mu[faced]
-        self._rough = slides[faced] & (mu > 0)
-        # what is zero in any case: forces where nothing faces a node, smooth shear, balances
-        self._away = ~increment.faced
-        self._smooth = slides & ~(increment.faced & (increment.mu > 0))
+        self._has_friction = has_tangent[faced] & (mu > 0)
+        # zero in all branches: forces at nodes that face nothing, frictionless shear, balances
+        self._unfaced = ~increment.faced
+        self._smooth = has_tangent & ~(increment.faced & (increment.mu > 0))
         normal, shear = increment.normal[faced], increment.shear[faced]
         rows = [
             normal,
@@ -168,81 +188,91 @@ class _Conditions:
             mu[:, None] * normal + shear,
             mu[:, None] * normal - shear,
             increment.stiffness * increment.slip[faced],
-            increment.normal[self._away],
+            increment.normal[self._unfaced],
             increment.shear[self._smooth],
             increment.balance,
         ]
-        every = np.concatenate(rows)
-        self._weight = np.ones(len(every))
-        self._weight[2 * len(faced) : 4 * len(faced)] = np.tile(np.sqrt(1 + mu**2), 2)
-        self.force = np.abs(every[:, -1]).max(initial=0.0) or 1.0
+        coefficients = np.concatenate(rows)
+        self._row_norm = np.ones(len(coefficients))
+        self._row_norm[2 * len(faced) : 4 * len(faced)] = np.tile(np.sqrt(1 + mu**2), 2)
+        self.force = np.abs(coefficients[:, -1]).max(initial=0.0) or 1.0
         self._length = self.force / increment.stiffness
-        self._slope = every[:, :-1] / increment.stiffness
-        self._value = every[:, -1] / self.force
-        self._rescale()
+        self._slope = coefficients[:, :-1] / increment.stiffness
+        self._value = coefficients[:, -1] / self.force
+        self._scale_by_largest_normal_force()
 
-    def _rescale(self) -> None:
-        """Takes the largest sum of normal forces for the scale, where there is one."""
-        least, _ = self._limits(np.zeros(len(self.faced), dtype=np.int8))
-        total = self._slope[: len(self.faced)].sum(axis=0)
-        best = linprog(
-            -total,
-            A_ub=-self._slope[least],
-            b_ub=self._value[least],
+    def _scale_by_largest_normal_force(self) -> None:
+        """Scale forces by the largest sum of normal forces, if there is one."""
+        lower_mask, _ = self._lower_and_upper_masks(np.zeros(len(self.faced), dtype=np.int8))
+        total_slope = self._slope[: len(self.faced)].sum(axis=0)
+        solution = linprog(
+            -total_slope,
+            A_ub=-self._slope[lower_mask],
+            b_ub=self._value[lower_mask],
             bounds=(None, None),
             method="highs-ds",
         )
-        if best.success:
-            most = total @ best.x + self._value[: len(self.faced)].sum()
-            share = float(np.clip(most, CLOSES, 1.0))
-            self.force, self._length = share * self.force, share * self._length
-            self._value = self._value / share
+        if solution.success:
+            largest_sum = total_slope @ solution.x + self._value[: len(self.faced)].sum()
+            factor = float(np.clip(largest_sum, INFEASIBLE_VIOLATION, 1.0))
+            self.force, self._length = factor * self.force, factor * self._length
+            self._value = self._value / factor
 
-    def _limits(self, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which conditions are >= 0, and which are <= 0."""
-        nodes, rough = len(codes), self._rough
-        least = np.ones((5, nodes), dtype=bool)
-        least[2:4] = rough
-        least[4] = rough & np.isin(codes, (FORWARDS, STICKING))
-        most = np.zeros((5, nodes), dtype=bool)
-        most[0] = codes == OPENED
-        most[1] = codes >= CLOSED
-        most[2] = rough & np.isin(codes, (OPENED, FORWARDS))
-        most[3] = rough & np.isin(codes, (OPENED, BACKWARDS))
-        most[4] = rough & np.isin(codes, (NOT_FORWARDS, STICKING, BACKWARDS))
-        always = np.ones(len(self._value) - 5 * nodes, dtype=bool)
-        return np.append(least.ravel(), always), np.append(most.ravel(), always)
+    def _lower_and_upper_masks(self, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the masks of the conditions >= 0 and of those <= 0."""
+        n_nodes, has_friction = len(codes), self._has_friction
+        lower_mask = np.ones((5, n_nodes), dtype=bool)
+        lower_mask[2:4] = has_friction
+        lower_mask[4] = has_friction & np.isin(codes, (FORWARDS, STICKING))
+        upper_mask = np.zeros((5, n_nodes), dtype=bool)
+        upper_mask[0] = codes == OPEN_ONLY
+        upper_mask[1] = codes >= CLOSED
+        upper_mask[2] = has_friction & np.isin(codes, (OPEN_ONLY, FORWARDS))
+        upper_mask[3] = has_friction & np.isin(codes, (OPEN_ONLY, BACKWARDS))
+        upper_mask[4] = has_friction & np.isin(codes, (NOT_FORWARDS, STICKING, BACKWARDS))
+        always = np.ones(len(self._value) - 5 * n_nodes, dtype=bool)
+        return np.append(lower_mask.ravel(), always), np.append(upper_mask.ravel(), always)
 
-    def least(self, codes: np.ndarray) -> np.ndarray | None:
-        """The z at which the conditions of a branch are violated least; None closes the branch."""
-        least, most = self._limits(codes)
-        sign = np.repeat((1.0, -1.0), (least.sum(), most.sum()))
-        row = np.concatenate([np.flatnonzero(least), np.flatnonzero(most)])
+    def minimise_violation(self, codes: np.ndarray) -> np.ndarray | None:
+        """Return the z of the smallest violation; None if the branch is infeasible."""
+        lower_mask, upper_mask = self._lower_and_upper_masks(codes)
+        sign = np.repeat((1.0, -1.0), (lower_mask.sum(), upper_mask.sum()))
+        row = np.concatenate([np.flatnonzero(lower_mask), np.flatnonzero(upper_mask)])
         n = self._slope.shape[1]
-        best = linprog(
+        solution = linprog(
             np.append(np.zeros(n), 1.0),
-            A_ub=np.column_stack([-sign[:, None] * self._slope[row], -self._weight[row]]),
+            A_ub=np.column_stack([-sign[:, None] * self._slope[row], -self._row_norm[row]]),
             b_ub=sign * self._value[row],
             bounds=[(None, None)] * n + [(0.0, None)],
             method="highs-ds",
-            options=TOLERANCES,
+            options=LINPROG_TOLERANCES,
         )
-        # HiGHS gives up at times
-        return self._length * best.x[:n] if best.success and best.fun <= CLOSES else None
+        # HiGHS may fail
+        return (
+            self._length * solution.x[:n]
+            if solution.success and solution.fun <= INFEASIBLE_VIOLATION
+            else None
+        )
 
-    def wrong(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """What each node's law is violated by, beyond the conditions of a branch; (n,)."""
+    def law_violation_per_node(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Return each node's violation of the law beyond a branch's conditions, (n,)."""
         values = self._slope @ (z / self._length) + self._value
-        r_n, gap, ahead, behind, slip = values[: 5 * len(codes)].reshape(5, -1)
-        r_n, gap, ahead, behind = (np.maximum(0.0, part) for part in (r_n, gap, ahead, behind))
-        rubs = self._rough & (codes != OPENED) & (r_n > gap)
-        forwards = np.minimum(np.maximum(0.0, slip), ahead) * (codes != FORWARDS)
-        backwards = np.minimum(np.maximum(0.0, -slip), behind) * (codes != BACKWARDS)
-        return np.where(codes == ANY, np.minimum(r_n, gap), 0.0) + rubs * (forwards + backwards)
+        r_n, gap, forward_limit, backward_limit, slip = values[: 5 * len(codes)].reshape(5, -1)
+        r_n, gap, forward_limit, backward_limit = (
+            np.maximum(0.0, row) for row in (r_n, gap, forward_limit, backward_limit)
+        )
+        has_friction_force = self._has_friction & (codes != OPEN_ONLY) & (r_n > gap)
+        forwards = np.minimum(np.maximum(0.0, slip), forward_limit) * (codes != FORWARDS)
+        backwards = np.minimum(np.maximum(0.0, -slip), backward_limit) * (codes != BACKWARDS)
+        return np.where(codes == ANY, np.minimum(r_n, gap), 0.0) + has_friction_force * (
+            forwards + backwards
+        )
 
-    def worst(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """The nodes at which the law is violated most, and whose statuses can be divided."""
-        wrong = np.where(np.isin(codes, list(DIVIDED)), self.wrong(codes, z), 0.0)
-        wrong[~self._rough & (codes != ANY)] = 0.0
-        ranked = np.argsort(-wrong, kind="stable")[:CANDIDATES]
-        return ranked[wrong[ranked] > NONE]
+    def nodes_to_split(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Return the nodes with the largest violations whose statuses can be split."""
+        violation = np.where(
+            np.isin(codes, list(SUBSETS)), self.law_violation_per_node(codes, z), 0.0
+        )
+        violation[~self._has_friction & (codes != ANY)] = 0.0
+        ranked = np.argsort(-violation, kind="stable")[:BRANCHING_CANDIDATES]
+        return ranked[violation[ranked] > ZERO_VIOLATION]

@@ -1,22 +1,22 @@
-"""Two rubber bodies that slide on each other: what a state of theirs violates, by loops.
+"""Violations of the law by a state of two rubber bodies that slide on each other, by loops.
 
-Sides are the polylines through their deformed nodes, each in an order that has the outside on its
-right. A slave node's normal n is that of the chord between its neighbours, to the inside. A facet
-with ends a and b sees along n(s) = (1 - s) n_a + s n_b from x(s) = (1 - s) a + s b, and what it has
-of a master's facet is between the s of the master's ends, on the way from 0 to 1, on this side of
-the place where its normals meet. These facets look
-at each other, and their middles are at most by half of both lengths (the master's longest) farther
-apart than the nearest ones. There
+Sides are the polylines through their deformed nodes, ordered so that the outside is on the right. A
+slave node's normal n is that of the chord between its neighbours, to the inside. A facet with ends
+a and b projects along n(s) = (1 - s) n_a + s n_b from x(s) = (1 - s) a + s b. Its part that faces a
+master facet lies between the s of the master's ends, within [0, 1] and before the point where the
+normals meet. Only facets are paired whose normals oppose each other, and whose midpoints are
+farther apart than the nearest ones by at most half of both lengths (the longest one of the master).
+There
 
     W_ij = int w_i w_j,    Q_ik = int w_i w_k,    psi = D W^-1 w,    D_i = sum over j of W_ij,
 
-by Gauss' rule of three points. With A_j the sum of D_j over the facets around, a slave node's force
-r_j is taken from the master's nodes in parts P_jk = int psi_j w_k / A_j, and with
+by Gauss' rule of three points. With A_j the sum of D_j over the adjacent facets, a slave node's
+force r_j is distributed to the master's nodes by P_jk = int psi_j w_k / A_j, and with
 
     S x = (sum of W_ji x_i - sum of Q_jk x_k) / A_j,    g = n·S x,    v = t·(S_0 x - S x),
 
-S_0 being S at the increment's start. Where a node faced nothing then, at positions x_0 and with the
-tangent t_0, what it is paired with now has slipped by v = t·S x - t_0·S x_0. The law is
+S_0 being S at the increment's start. A node that faced nothing then, at positions x_0 and with the
+tangent t_0, has slipped by v = t·S x - t_0·S x_0 relative to its present counterpart. The law is
 
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
 """
@@ -25,32 +25,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracle.large import Rubber, cross, law_lines
+from tests.oracle.large import NeoHookeanBody, cross_product, law_violations
 
-PLACES, WEIGHTS = np.polynomial.legendre.leggauss(3)
+GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
-def inwards(x):
-    """Unit normals (n, 2) of a polyline (n, 2) whose outside is on the right."""
+def inward_normals(x):
+    """Return the unit normals (n, 2) of a polyline (n, 2) whose outside is on the right."""
     chord = np.empty_like(x)
     chord[1:-1] = x[2:] - x[:-2]
     chord[0], chord[-1] = x[1] - x[0], x[-1] - x[-2]
     return np.stack([-chord[:, 1], chord[:, 0]], axis=1) / np.linalg.norm(chord, axis=1)[:, None]
 
 
-def seen(a, b, n_a, n_b, c, d):
-    """The part of s in [0, 1] from which a facet with ends c and d is seen; None if there is none.
+def visible_interval(a, b, n_a, n_b, c, d):
+    """Return the interval of s in [0, 1] from which a facet with ends c and d is visible, or None.
 
-    At a master's node p, (x(s) - p) x n(s) passes through zero from below: where it falls, p is
-    beyond the place in which normals meet, and nothing is seen.
+    At a master node p, (x(s) - p) x n(s) passes through zero from below: where it decreases, p is
+    beyond the point where normals meet, and nothing is visible.
     """
-    part = [0.0, 1.0]
-    for k, p, side in ((0, d, 1), (1, c, -1)):
+    interval = [0.0, 1.0]
+    for k, p, sign in ((0, d, 1), (1, c, -1)):
         f = np.polynomial.Polynomial(
             [
-                cross(a - p, n_a),
-                cross(b - a, n_a) + cross(a - p, n_b - n_a),
-                cross(b - a, n_b - n_a),
+                cross_product(a - p, n_a),
+                cross_product(b - a, n_a) + cross_product(a - p, n_b - n_a),
+                cross_product(b - a, n_b - n_a),
             ]
         )
         real = [root.real for root in f.roots() if abs(root.imag) < 1e-12]
@@ -58,85 +58,96 @@ def seen(a, b, n_a, n_b, c, d):
         if 0 <= root <= 1:
             if f.deriv()(root) <= 0:
                 return None
-            part[k] = root
-        elif side * f(0.5) < 0:
+            interval[k] = root
+        elif sign * f(0.5) < 0:
             return None
-    return part if part[0] < part[1] else None
+    return interval if interval[0] < interval[1] else None
 
 
-def meeting(slave, master):
-    """P (m, k), S (m, m + k), normals (m, 2) and areas (m,) of polylines (m, 2) and (k, 2)."""
-    m, k, n = len(slave), len(master), inwards(slave)
+def integrate_mortar(slave, master):
+    """Return P (m, k), S (m, m + k), normals (m, 2) and areas (m,) of two polylines.
+
+    The slave is (m, 2), the master (k, 2).
+    """
+    m, k, n = len(slave), len(master), inward_normals(slave)
     D, S, facets = np.zeros(m), np.zeros((m, m + k)), []
-    middles = (master[1:] + master[:-1]) / 2
+    midpoints = (master[1:] + master[:-1]) / 2
     longest = np.linalg.norm(np.diff(master, axis=0), axis=1).max()
     for i in range(m - 1):
         a, b, W, Q = slave[i], slave[i + 1], np.zeros((2, 2)), np.zeros((2, k))
-        away = np.linalg.norm(middles - (a + b) / 2, axis=1)
-        reach = away.min() + (np.linalg.norm(b - a) + longest) / 2
-        for j in np.flatnonzero(away <= reach):
+        distances = np.linalg.norm(midpoints - (a + b) / 2, axis=1)
+        reach = distances.min() + (np.linalg.norm(b - a) + longest) / 2
+        for j in np.flatnonzero(distances <= reach):
             c, d = master[j], master[j + 1]
-            outside = -inwards(master[j : j + 2])[0]
+            outside = -inward_normals(master[j : j + 2])[0]
             if np.dot(n[i] + n[i + 1], outside) / 2 < 0.01:
                 continue
-            part = seen(a, b, n[i], n[i + 1], c, d)
-            if part is None:
+            interval = visible_interval(a, b, n[i], n[i + 1], c, d)
+            if interval is None:
                 continue
-            low, high = part
-            for t, weight in zip(PLACES, WEIGHTS, strict=True):
+            low, high = interval
+            for t, weight in zip(GAUSS_POINTS, GAUSS_WEIGHTS, strict=True):
                 s = (low + high) / 2 + (high - low) / 2 * t
-                x, along = (1 - s) * a + s * b, (1 - s) * n[i] + s * n[i + 1]
-                share = cross(x - c, along) / cross(d - c, along)
+                x, direction = (1 - s) * a + s * b, (1 - s) * n[i] + s * n[i + 1]
+                master_coordinate = cross_product(x - c, direction) / cross_product(
+                    d - c, direction
+                )
                 dx = weight * (high - low) / 2 * np.linalg.norm(b - a)
                 w = np.array([1 - s, s])
                 W += dx * np.outer(w, w)
-                Q[:, [j, j + 1]] += dx * np.outer(w, [1 - share, share])
+                Q[:, [j, j + 1]] += dx * np.outer(w, [1 - master_coordinate, master_coordinate])
         if W.sum() > 1e-6 * np.linalg.norm(b - a):
             D[i : i + 2] += W.sum(axis=1)
             S[i : i + 2, i : i + 2] += W
             S[i : i + 2, m:] -= Q
             facets.append((i, np.diag(W.sum(axis=1)) @ np.linalg.solve(W, Q)))
     area, P = np.where(D > 0, D, 1.0), np.zeros((m, k))
-    for i, part in facets:
-        P[i : i + 2] += part
+    for i, weights in facets:
+        P[i : i + 2] += weights
     return P / area[:, None], S / area[:, None], n, D
 
 
 @dataclass(frozen=True)
-class Sliding:
+class SlidingContact:
     """Both bodies, their sides' nodes in order, the mask (n, 2) of supports, and mu."""
 
-    bodies: Rubber
+    bodies: NeoHookeanBody
     slave: np.ndarray
     master: np.ndarray
-    held: np.ndarray
+    prescribed_mask: np.ndarray
     friction: float
 
     def violations(self, history):
-        """Of each condition at the end of displacements (n, 2); over the largest in them."""
-        before, u = history[-2:]
-        force = max(np.abs(self.bodies.forces(u)).max() for u in history)
+        """Return each condition's largest violation after a history of displacements (n, 2).
+
+        Forces and lengths are over the largest ones of the history.
+        """
+        previous_u, u = history[-2:]
+        force = max(np.abs(self.bodies.nodal_forces(u)).max() for u in history)
         force = force if force > 1e-12 else 1.0  # the bodies have not yet met
         length = max(np.abs(u).max() for u in history)
-        slave, master = (self._place(u, side) for side in (self.slave, self.master))
-        P, S, n, area = meeting(slave, master)
-        forces, x = self.bodies.forces(u), np.concatenate([slave, master])
+        slave, master = (self._current_positions(u, side) for side in (self.slave, self.master))
+        P, S, n, area = integrate_mortar(slave, master)
+        forces, x = self.bodies.nodal_forces(u), np.concatenate([slave, master])
         r = forces[self.slave]
         forces[self.master] += P.T @ r
-        t, apart = np.stack([-n[:, 1], n[:, 0]], axis=1), S @ x
-        sides = [self._place(before, side) for side in (self.slave, self.master)]
-        _, S_0, n_0, area_0 = meeting(*sides)
+        t, separation = np.stack([-n[:, 1], n[:, 0]], axis=1), S @ x
+        sides = [self._current_positions(previous_u, side) for side in (self.slave, self.master)]
+        _, S_0, n_0, area_0 = integrate_mortar(*sides)
         t_0 = np.stack([-n_0[:, 1], n_0[:, 0]], axis=1)
-        paired_then = np.sum(t * (S_0 @ x - apart), axis=1)
-        paired_now = np.sum(t * apart - t_0 * (S @ np.concatenate(sides)), axis=1)
-        v = np.where(area_0 > 0, paired_then, paired_now) / length
-        g, r_n, r_t = (np.sum(one * two, axis=1) for one, two in ((n, apart), (n, r), (t, r)))
+        slip_of_earlier_pairs = np.sum(t * (S_0 @ x - separation), axis=1)
+        slip_of_new_pairs = np.sum(t * separation - t_0 * (S @ np.concatenate(sides)), axis=1)
+        v = np.where(area_0 > 0, slip_of_earlier_pairs, slip_of_new_pairs) / length
+        g, r_n, r_t = (
+            np.sum(axes * vectors, axis=1) for axes, vectors in ((n, separation), (n, r), (t, r))
+        )
         faced = area > 0
         forces[self.slave[faced]] = 0.0
-        parts = (part[faced] for part in (r_n / force, r_t / force, g / length, v))
-        lines = {"equilibrium": np.abs(forces[~self.held]) / force}
-        lines |= law_lines(*parts, self.friction)
-        return {name: float(max(0.0, line.max())) for name, line in lines.items()}
+        values = (value[faced] for value in (r_n / force, r_t / force, g / length, v))
+        violations = {"equilibrium": np.abs(forces[~self.prescribed_mask]) / force}
+        violations |= law_violations(*values, self.friction)
+        return {name: float(max(0.0, violation.max())) for name, violation in violations.items()}
 
-    def _place(self, u, side):
+    def _current_positions(self, u, side):
+        """Return the deformed positions of a side's nodes."""
         return (self.bodies.nodes + u)[side]

@@ -13,75 +13,88 @@ import pytest
 from pw_elements import prescribe
 from pw_elements.contact import OPEN, SLIP, STICK, ContactFailed, ContactPair, Motion, Plane, Sphere
 from pw_elements.meshes import triangles
-from tests.contact.cases import Elastic, at
-from tests.contact.residuals import Stated, Step, _contact_nodes, residuals, walked, worst
-from tests.oracle.proofs import flaws, linear_increment, sound
-from tests.oracle.random_contact import PATHS, problem, sketch
-from tests.oracle.search import search
+from tests.contact.cases import ElasticBody, on_plane
+from tests.contact.residuals import (
+    ProblemData,
+    StepMotion,
+    contact_nodes_and_friction,
+    largest_residual,
+    measure_residuals,
+    split_into_substeps,
+)
+from tests.oracle.proofs import is_valid_proof, linear_increment, measure_proof_defects
+from tests.oracle.random_contact import LOAD_PATHS, draw_sketch, make_problem
+from tests.oracle.search import search_statuses
 
-SUITE, NIGHTLY = 60, 1600
-# Stated before. Largest seen in seeds 0 to 1 599: 7.7e-10, but for 6.5e-9 in seed 637. The
-# solver's tolerance is 1e-9 of the largest force and what may be round-off, more at nu = 0.4997.
+SUITE_SEEDS, NIGHTLY_SEEDS = 60, 1600
+# Fixed beforehand. The largest value in seeds 0 to 1 599 is 7.7e-10, except 6.5e-9 in seed 637. The
+# solver's tolerance is 1e-9 of the largest force plus round-off, more at nu = 0.4997.
 TOLERANCE = 1e-8
-# Refused though a search finds a state: cells that lock, strained by 1.7, without friction
-LOST = {1397}
+# Refused although a search finds a state: locking cells, strained by 1.7, without friction
+REFUSED_WITH_SOLUTION = {1397}
 
 
-def outcome(seed):
-    """What came of a seed: solved or refused, how exactly, and what is not as it has to be.
+def solve_and_check(seed):
+    """Return the outcome, CPU seconds, dimension, and everything that is wrong with the result.
 
-    Other errors than refusals are not caught. The library's own residuals agree where round-off is
-    small, and where there is nothing but round-off; they leave mu in its cone.
+    Other errors than refusals are not caught. The library's own residuals have to agree where
+    round-off is small, or where everything is round-off; they do not divide by mu.
     """
-    stated, wrong, kind = problem(seed), [], "solved"
-    begun = process_time()
+    problem, faults, outcome = make_problem(seed), [], "solved"
+    start = process_time()
     try:
-        states = stated.solve()
-        seconds = process_time() - begun
-        wrong += ["states"] * (len(states) != len(stated.loads))
+        states = problem.solve()
+        seconds = process_time() - start
+        faults += ["states"] * (len(states) != len(problem.loads))
     except ContactFailed as error:
-        seconds, states, kind = process_time() - begun, list(error.states), type(error).__name__
-        if kind == "NoEquilibrium":
-            proof = flaws(stated, len(states), error)
-            wrong += [] if sound(proof) else [proof]
-        elif _is_searchable(stated):
-            increment = linear_increment(stated, states)
-            one = kind != "FreeBody" or _is_determined(increment)
-            wrong += ["a search finds a state"] * bool(one and search(increment) is not None)
-    found = residuals(*walked(stated, states))
-    wrong += [found] * (not worst(found) < TOLERANCE)
-    mu = max(pair.mu for pair in stated.sketch.pairs)
-    own = [state.residuals.largest() for state in states]
-    for pressed, one in zip(_pressed(stated, states), own, strict=True):
-        wrong += [own] * (one >= TOLERANCE * max(1.0, mu) and not 1e3 < pressed < 1e10)
-    return kind, seconds, stated.sketch.dim, wrong and [stated.sketch, *wrong]
+        seconds, states, outcome = process_time() - start, list(error.states), type(error).__name__
+        if outcome == "NoEquilibrium":
+            defects = measure_proof_defects(problem, len(states), error)
+            faults += [] if is_valid_proof(defects) else [defects]
+        elif _is_searchable(problem):
+            increment = linear_increment(problem, states)
+            is_determined = outcome != "FreeBody" or _is_determined(increment)
+            faults += ["a search finds a state"] * bool(
+                is_determined and search_statuses(increment) is not None
+            )
+    violations = measure_residuals(*split_into_substeps(problem, states))
+    faults += [violations] * (not largest_residual(violations) < TOLERANCE)
+    mu = max(pair.mu for pair in problem.sketch.pairs)
+    own_residuals = [state.residuals.largest() for state in states]
+    for relative_force, residual in zip(
+        _forces_over_round_off(problem, states), own_residuals, strict=True
+    ):
+        faults += [own_residuals] * (
+            residual >= TOLERANCE * max(1.0, mu) and not 1e3 < relative_force < 1e10
+        )
+    return outcome, seconds, problem.sketch.dim, faults and [problem.sketch, *faults]
 
 
-def _is_searchable(stated):
-    """Whether gaps are linear in all motions, in the plane, and contact nodes are few."""
-    nodes = sum(len(_contact_nodes(pair, stated.space)[0]) for pair in stated.pairs)
-    linear = all(
-        pair.kind == "plane" or (pair.drive != "pushed" and pair.along != "free")
-        for pair in stated.sketch.pairs
+def _is_searchable(problem):
+    """Return whether the problem is plane, has linear gaps, and has few contact nodes."""
+    n_nodes = sum(len(contact_nodes_and_friction(pair, problem.space)[0]) for pair in problem.pairs)
+    is_linear = all(
+        pair.kind == "plane" or (pair.normal_drive != "pushed" and pair.tangential_drive != "free")
+        for pair in problem.sketch.pairs
     )
-    return linear and nodes <= 60 and stated.space.mesh.geometry.dim == 2
+    return is_linear and n_nodes <= 60 and problem.space.mesh.geometry.dim == 2
 
 
 def _is_determined(increment):
-    """Whether no motion leaves all alone that the law and the balances speak of."""
-    rough = increment.faced & (increment.mu > 0)
-    parts = increment.normal, increment.shear, increment.gap[increment.faced]
-    rows = np.concatenate([*parts, increment.slip[rough], increment.balance])[:, :-1]
+    """Return whether every motion changes a quantity of the law or of the balances."""
+    has_friction = increment.faced & (increment.mu > 0)
+    quantities = increment.normal, increment.shear, increment.gap[increment.faced]
+    rows = np.concatenate([*quantities, increment.slip[has_friction], increment.balance])[:, :-1]
     return np.linalg.matrix_rank(rows) == rows.shape[1]
 
 
-def _pressed(stated, states):
-    """Largest nodal contact force of each state over the round-off of forces.
+def _forces_over_round_off(problem, states):
+    """Return each state's largest nodal contact force over the round-off of forces.
 
-    That is of positions and displacements, times the stiffness.
+    Round-off is that of positions and displacements, times the stiffness.
     """
-    x = np.abs(stated.space.tabulate_dof_coordinates()).max()
-    stiffness = np.abs(stated.K.getValuesCSR()[2]).max()
+    x = np.abs(problem.space.tabulate_dof_coordinates()).max()
+    stiffness = np.abs(problem.K.getValuesCSR()[2]).max()
     lengths = np.array([x + np.abs(state.displacement.array_r).max() for state in states])
     forces = [max(np.abs(pair.force_normal).max() for pair in state.pairs) for state in states]
     return (np.array(forces) / (np.finfo(float).eps * stiffness * lengths)).tolist()
@@ -89,57 +102,63 @@ def _pressed(stated, states):
 
 @pytest.mark.random
 def test_law_holds_in_every_state_and_refusals_are_few_cheap_and_with_cause(request):
-    """Stated before: 4 % without a proof in the plane, 5 % in space; 91 % of 8 000 are solved."""
+    """The bounds were fixed before the first run.
+
+    Without a proof are at most 4 % in the plane and 5 % in space; 91 % of 8 000 problems are
+    solved.
+    """
     nightly, outcomes = request.config.getoption("--nightly"), []
-    for seed in range(NIGHTLY if nightly else SUITE):
-        outcomes.append(outcome(seed))
-        assert bool(outcomes[-1][-1]) == (seed in LOST), seed
+    for seed in range(NIGHTLY_SEEDS if nightly else SUITE_SEEDS):
+        outcomes.append(solve_and_check(seed))
+        assert bool(outcomes[-1][-1]) == (seed in REFUSED_WITH_SOLUTION), seed
     kinds = Counter(kind for kind, *_ in outcomes)
     assert set(kinds) <= {"solved", "FreeBody", "NotUnique", "NotFound", "NoEquilibrium"}
     assert kinds["solved"] >= (0.88 if nightly else 0.85) * len(outcomes), kinds
     if not nightly:
-        return  # shares of few say little
-    for dim, most in ((2, 0.04), (3, 0.05)):
-        there = [kind for kind, _, of, _ in outcomes if of == dim]
-        assert there.count("NotFound") <= most * len(there)
-    solved, rest = (
-        sum(seconds for kind, seconds, *_ in outcomes if (kind == "solved") == so)
-        for so in (True, False)
+        return  # percentages of a few problems mean little
+    for dim, max_share in ((2, 0.04), (3, 0.05)):
+        kinds_of_dim = [kind for kind, _, problem_dim, _ in outcomes if problem_dim == dim]
+        assert kinds_of_dim.count("NotFound") <= max_share * len(kinds_of_dim)
+    seconds_solved, seconds_refused = (
+        sum(seconds for kind, seconds, *_ in outcomes if (kind == "solved") == is_solved)
+        for is_solved in (True, False)
     )
-    assert rest < solved
+    assert seconds_refused < seconds_solved
 
 
-OF_PROBLEMS = {
+PROBLEM_VALUES = {
     "cell": {"triangle", "quadrilateral", "tetrahedron", "hexahedron"},
     "state": {"plane stress", "plane strain", "axisymmetric", "solid"},
     "element": {"galerkin", "petrov_galerkin", "serendipity", "composite"},
     "support": {"clamped", "roller", "cantilever", "symmetry", "contact alone"},
-    "path": set(PATHS),
+    "path": set(LOAD_PATHS),
 }
-OF_PAIRS = {
+PAIR_VALUES = {
     "kind": {"plane", "sphere", "parabola", "flat punch", "polyline", "signed distance"},
     "friction": {"constant", "graded", "half smooth"},
-    "drive": {"rest", "moved", "pushed"},
-    "along": {"held", "moved", "free"},
+    "normal_drive": {"rest", "moved", "pushed"},
+    "tangential_drive": {"held", "moved", "free"},
 }
 
 
-def test_what_occurs():
-    """Force drives 40 % at least."""
-    sketches = [sketch(seed) for seed in range(SUITE)]
-    pairs = [pair for plan in sketches for pair in plan.pairs]
-    assert np.mean([plan.driven_by_force for plan in sketches]) >= 0.4
-    for of, fields in ((sketches, OF_PROBLEMS), (pairs, OF_PAIRS)):
+def test_random_problems_are_of_all_kinds():
+    """At least 40 % are driven by forces."""
+    sketches = [draw_sketch(seed) for seed in range(SUITE_SEEDS)]
+    pairs = [pair for sketch in sketches for pair in sketch.pairs]
+    assert np.mean([sketch.driven_by_force for sketch in sketches]) >= 0.4
+    for sketched, fields in ((sketches, PROBLEM_VALUES), (pairs, PAIR_VALUES)):
         for field, names in fields.items():
-            counts = Counter(getattr(one, field) for one in of)
+            counts = Counter(getattr(item, field) for item in sketched)
             assert set(counts) == names
             assert min(counts.values()) >= (1 if field == "element" else 2)
-    assert {len(plan.steps) for plan in sketches} == {1, 2, 3, 4, 5}
-    assert {len(plan.pairs) for plan in sketches} >= {1, 2, 3}
+    assert {len(sketch.steps) for sketch in sketches} == {1, 2, 3, 4, 5}
+    assert {len(sketch.pairs) for sketch in sketches} >= {1, 2, 3}
     assert {0.0} < {pair.mu for pair in pairs}
     assert 10 < max(pair.mu for pair in pairs) <= 30
-    # curved surfaces under a force, whose normals turn with their place
-    curved = [p for p in pairs if p.kind in ("sphere", "signed distance") and p.drive == "pushed"]
+    # curved surfaces under a force, whose normals change with their position
+    curved = [
+        p for p in pairs if p.kind in ("sphere", "signed distance") and p.normal_drive == "pushed"
+    ]
     assert len(curved) > 2
 
 
@@ -147,76 +166,84 @@ def test_what_occurs():
 
 
 @cache
-def dragged():
-    """A ball pressed on a clamped block, then dragged: nodes are open, stick and slip."""
-    body = Elastic(triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (10, 4)), E=50.0)
-    pushes = [Motion((None, None), (share * 0.3, -1.0)) for share in (0.0, 0.6)]
+def ball_dragged_on_block():
+    """Return a ball pressed on a clamped block, then dragged: nodes are open, stick and slip."""
+    body = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (10, 4)), E=50.0)
+    pushes = [Motion((None, None), (factor * 0.3, -1.0)) for factor in (0.0, 0.6)]
     top = lambda x: np.isclose(x[1], 1.0) & (x[0] < 2 - 1e-9)  # noqa: E731
     ball = ContactPair(top, Sphere((1.0, 9.0), 8.0), 0.3, pushes)
     side = lambda x: np.isclose(x[0], 2.0) & (x[1] > 1e-9)  # noqa: E731
     wall = ContactPair(side, Plane((2.01, 0.0), (-1.0, 0.0)), 0.3)
-    foot, loads = [(i, at(1, 0.0)) for i in (0, 1)], [body.nothing] * 2
-    conditions = [prescribe(body.space, *one) for one in foot]
-    stated = Stated(body.K, body.space, loads, conditions, [ball, wall])
-    states = body.contact(stated.pairs, body.held(*foot), loads)
+    base_conditions, loads = [(i, on_plane(1, 0.0)) for i in (0, 1)], [body.zero_load] * 2
+    conditions = [prescribe(body.space, *condition) for condition in base_conditions]
+    problem = ProblemData(body.K, body.space, loads, conditions, [ball, wall])
+    states = body.solve_contact(problem.pairs, body.make_supports(*base_conditions), loads)
     assert set(states[-1].pairs[0].status) == {OPEN, STICK, SLIP}
-    steps = [Step.of(state) for state in states]
-    assert worst(residuals(stated, steps)) < 1e-10
-    return stated, steps
+    steps = [StepMotion.from_state(state) for state in states]
+    assert largest_residual(measure_residuals(problem, steps)) < 1e-10
+    return problem, steps
 
 
-def with_ball(**changes):
-    stated, steps = dragged()
-    ball, wall = stated.pairs
-    return replace(stated, pairs=[replace(ball, **changes), wall]), steps
+def problem_with_changed_ball(**changes):
+    problem, steps = ball_dragged_on_block()
+    ball, wall = problem.pairs
+    return replace(problem, pairs=[replace(ball, **changes), wall]), steps
 
 
-def with_last(change, number=-1):
-    stated, steps = dragged()
+def steps_with_changed_one(change, number=-1):
+    problem, steps = ball_dragged_on_block()
     steps = list(steps)
     steps[number] = change(steps[number])
-    return stated, steps
+    return problem, steps
 
 
-def moved(nodes, shift):
+def displace_nodes(marker, shift):
     def change(step):
-        a, x = step.displacement.copy(), dragged()[0].space.tabulate_dof_coordinates()
-        a[chosen := nodes(x.T)] += shift
-        assert chosen.any()
+        a, x = step.displacement.copy(), ball_dragged_on_block()[0].space.tabulate_dof_coordinates()
+        a[mask := marker(x.T)] += shift
+        assert mask.any()
         return replace(step, displacement=a)
 
     return change
 
 
-def surfaces_moved(shift):
+def displace_surfaces(shift):
     return lambda step: replace(step, translations=step.translations + np.array(shift))
 
 
-def less_force(motion):
+def reduce_force(motion):
     return Motion(motion.translation, [0.9 * force for force in motion.force])
 
 
 VIOLATIONS = {
-    "equilibrium": lambda: with_last(moved(lambda x: np.abs(x[1] - 0.5) < 0.2, (1e-5, 0))),
-    "supports": lambda: with_last(moved(lambda x: x[1] < 1e-9, (1e-5, 0))),
-    "penetration": lambda: with_last(surfaces_moved([(0, -1e-5), (0, 0)])),
-    "complementarity": lambda: with_last(surfaces_moved([(0, 1e-5), (0, 0)])),
-    "tension": lambda: with_last(lambda step: replace(step, displacement=-step.displacement)),
-    "cone": lambda: with_ball(friction=0.297),
-    "stick": lambda: with_last(surfaces_moved([(1e-5, 0), (0, 0)]), number=0),
-    "direction": lambda: with_last(surfaces_moved([(0.1, 0), (0, 0)]), number=0),
-    "balance": lambda: with_ball(motions=list(map(less_force, dragged()[0].pairs[0].motions))),
-    "motion": lambda: with_last(surfaces_moved([(0, 0), (1e-5, 0)])),
+    "equilibrium": lambda: steps_with_changed_one(
+        displace_nodes(lambda x: np.abs(x[1] - 0.5) < 0.2, (1e-5, 0))
+    ),
+    "supports": lambda: steps_with_changed_one(displace_nodes(lambda x: x[1] < 1e-9, (1e-5, 0))),
+    "penetration": lambda: steps_with_changed_one(displace_surfaces([(0, -1e-5), (0, 0)])),
+    "complementarity": lambda: steps_with_changed_one(displace_surfaces([(0, 1e-5), (0, 0)])),
+    "tension": lambda: steps_with_changed_one(
+        lambda step: replace(step, displacement=-step.displacement)
+    ),
+    "cone": lambda: problem_with_changed_ball(friction=0.297),
+    "stick": lambda: steps_with_changed_one(displace_surfaces([(1e-5, 0), (0, 0)]), number=0),
+    "direction": lambda: steps_with_changed_one(displace_surfaces([(0.1, 0), (0, 0)]), number=0),
+    "balance": lambda: problem_with_changed_ball(
+        motions=list(map(reduce_force, ball_dragged_on_block()[0].pairs[0].motions))
+    ),
+    "motion": lambda: steps_with_changed_one(displace_surfaces([(0, 0), (1e-5, 0)])),
 }
 
 
 @pytest.mark.parametrize("condition", VIOLATIONS)
-def test_violation_is_found(condition):
-    stated, steps = VIOLATIONS[condition]()
-    assert residuals(stated, steps)[-1][condition] > 1e-5
+def test_each_violation_is_measured(condition):
+    problem, steps = VIOLATIONS[condition]()
+    assert measure_residuals(problem, steps)[-1][condition] > 1e-5
 
 
-def test_nothing_else_is_asked_of_another_friction():
-    (result,) = residuals(*with_ball(friction=0.15))[1:]
-    others = {name: value for name, value in result.items() if name not in ("cone", "direction")}
-    assert max(others.values()) < 1e-10
+def test_another_friction_violates_cone_and_direction_alone():
+    (violations,) = measure_residuals(*problem_with_changed_ball(friction=0.15))[1:]
+    other_violations = {
+        name: value for name, value in violations.items() if name not in ("cone", "direction")
+    }
+    assert max(other_violations.values()) < 1e-10

@@ -1,7 +1,7 @@
 """Random small contact problems: the library's forces and displacements against the oracle's.
 
-A distorted block is clamped at one side, or rests on a rough rigid floor alone. It is loaded in
-increments that go to and fro: by a moved or pushed rigid surface, or by tractions.
+A distorted block is clamped at one side, or rests on a rough rigid floor alone. It is loaded back
+and forth in increments, by a moved or pushed rigid surface or by tractions.
 """
 
 from dataclasses import replace
@@ -15,9 +15,9 @@ from scipy.spatial import cKDTree
 
 from pw_elements import assemble_matrix
 from pw_elements.contact import ContactPair, Motion, Parabola, Plane, Sphere
-from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
+from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
 from tests.oracle import assembly
-from tests.oracle.contact import Pair, law_error, solve
+from tests.oracle.contact import Pair, measure_law_violation, solve_increments
 
 STATES = ("plane stress", "plane strain", "axisymmetric", "solid")
 TOLERANCE = 1e-8
@@ -29,31 +29,39 @@ def pytest_generate_tests(metafunc):
         metafunc.parametrize("seed", range(count))
 
 
-class Random:
-    """One random problem; lengths are of the order of 1, as is Young's modulus."""
+class RandomSmallProblem:
+    """One random problem; lengths and Young's modulus are of order 1."""
 
-    path = (0.0, 0.5, 1.0, 0.2, -0.8, 0.1)  # of what acts sideways
+    load_path = (0.0, 0.5, 1.0, 0.2, -0.8, 0.1)  # factors of the sideways loads or motions
 
     def __init__(self, seed):
         rng = self.rng = np.random.default_rng(seed)
         self.state = STATES[seed % 4]
-        self.solid = self.state == "solid"
-        self.dim = 3 if self.solid else 2
-        self.element = rng.choice(["T10"] if self.solid else ["T6", "T6", "Q8", "Q9"])
-        self.linear = self.element != "Q8" and bool(rng.random() < 0.6 or self.element == "Q9")
+        self.is_solid = self.state == "solid"
+        self.dim = 3 if self.is_solid else 2
+        self.element = rng.choice(["T10"] if self.is_solid else ["T6", "T6", "Q8", "Q9"])
+        self.linear_weights = self.element != "Q8" and bool(
+            rng.random() < 0.6 or self.element == "Q9"
+        )
         self.nu, self.mu = rng.uniform(0.0, 0.4), rng.uniform(0.0, 1.0)
-        self.floats = seed // 4 % 3 == 2
-        self.surface = "plane" if self.floats else rng.choice(["plane", "plane", "round", "ball"])
-        if not self.floats and rng.random() < 0.1:
+        self.rests_on_floor = seed // 4 % 3 == 2
+        self.surface = (
+            "plane" if self.rests_on_floor else rng.choice(["plane", "plane", "round", "ball"])
+        )
+        if not self.rests_on_floor and rng.random() < 0.1:
             self.mu = 0.0
-        self.pushed = not self.floats and self.surface != "ball" and bool(rng.random() < 0.5)
-        self.share = rng.uniform(0.1, 0.8)  # of the friction's limit that is pulled with
-        self.mesh = self._mesh()
+        self.is_pushed = (
+            not self.rests_on_floor and self.surface != "ball" and bool(rng.random() < 0.5)
+        )
+        self.friction_share = rng.uniform(0.1, 0.8)  # the sideways force over the friction limit
+        self.mesh = self._make_mesh()
 
-    def _mesh(self):
-        """A block [1, 2] x ... x [0, 1], its inner nodes and tangentially its boundary's moved."""
+    def _make_mesh(self):
+        """Return a block [1, 2] x ... x [0, 1] with inner nodes, and boundary nodes along it,
+        moved.
+        """
         corners = [(1.0,) + (0.0,) * (self.dim - 1), (2.0,) + (1.0,) * (self.dim - 1)]
-        if self.solid:
+        if self.is_solid:
             n, cell = (2, 2, 1), meshes.CellType.tetrahedron
             mesh = meshes.create_box(MPI.COMM_SELF, corners, n, cell)
         else:
@@ -63,73 +71,73 @@ class Random:
             mesh = meshes.create_rectangle(MPI.COMM_SELF, corners, n, cell)
         x = mesh.geometry.x
         for axis in range(self.dim):
-            inside = ~np.isclose(x[:, axis] % 1.0, 0.0)
+            is_inner = ~np.isclose(x[:, axis] % 1.0, 0.0)
             step = 0.2 / n[axis] * self.rng.uniform(-1, 1, len(x))
-            x[:, axis] += np.where(inside, step, 0.0)
+            x[:, axis] += np.where(is_inner, step, 0.0)
         return mesh
 
-    def loads(self, traction):
-        """Load vectors of each increment, of tractions on the top and the right side."""
-        down, aside = -np.eye(self.dim)[-1], np.eye(self.dim)[0]
-        pressed = traction(self.dim - 1, 1.0, 0.05 * down) * float(self.floats)
-        pulled = traction(0, 2.0, 0.05 * aside) * float(self.floats)
-        return [pressed + pulled * (self.mu * self.share * t) for t in self.path]
+    def loads(self, assemble_traction):
+        """Return the load vector of each increment from tractions on the top and the right side."""
+        down, sideways = -np.eye(self.dim)[-1], np.eye(self.dim)[0]
+        top_load = assemble_traction(self.dim - 1, 1.0, 0.05 * down) * float(self.rests_on_floor)
+        side_load = assemble_traction(0, 2.0, 0.05 * sideways) * float(self.rests_on_floor)
+        return [top_load + side_load * (self.mu * self.friction_share * t) for t in self.load_path]
 
     @property
     def motions(self):
-        """Translation, None where free, and force in each increment."""
-        zero, result = np.zeros(self.dim), []
-        if self.floats:
+        """Return translation, None where free, and force of each increment."""
+        zero, motions = np.zeros(self.dim), []
+        if self.rests_on_floor:
             return []
         depth, force = 0.02, 0.02 * (2 * np.pi if self.state == "axisymmetric" else 1.0)
-        for k, t in enumerate(self.path):
-            aside = t * self.mu * self.share
-            move, push = zero.copy(), zero.copy()
-            if self.pushed:
-                move, push[-1] = [0.0] * self.dim, -force * (1 + k / 10)
-                move[-1] = None
+        for k, t in enumerate(self.load_path):
+            sideways_factor = t * self.mu * self.friction_share
+            translation, force_vector = zero.copy(), zero.copy()
+            if self.is_pushed:
+                translation, force_vector[-1] = [0.0] * self.dim, -force * (1 + k / 10)
+                translation[-1] = None
                 if self.state == "axisymmetric" or self.mu == 0:  # no free radial motion, or held
-                    move[0] = 0.02 * aside
+                    translation[0] = 0.02 * sideways_factor
                 else:
-                    move[0], push[0] = None, force * aside
+                    translation[0], force_vector[0] = None, force * sideways_factor
             else:
-                move[-1], move[0] = -depth * (1 + k / 10), 0.03 * aside
-            result.append((list(move), push))
-        return result
+                translation[-1], translation[0] = -depth * (1 + k / 10), 0.03 * sideways_factor
+            motions.append((list(translation), force_vector))
+        return motions
 
     @property
     def level(self):
-        return 0.0 if self.floats else 1.0
+        return 0.0 if self.rests_on_floor else 1.0
 
-    def rigid(self):
-        """The surface as the library has it, its gap and its normal for the oracle."""
+    def surface_functions(self):
+        """Return the library's surface, and its gap and normal functions for the oracle."""
         up, apex = np.eye(self.dim)[-1], np.full(self.dim, 0.5)
         apex[0], apex[-1] = 1.5, self.level
-        centre, sign = apex + 3.0 * up, 1.0 if self.floats else -1.0
+        centre, sign = apex + 3.0 * up, 1.0 if self.rests_on_floor else -1.0
         if self.surface == "ball":
-            away = lambda x: np.linalg.norm(x - centre, axis=1)  # noqa: E731
+            distance = lambda x: np.linalg.norm(x - centre, axis=1)  # noqa: E731
             return (
                 Sphere(centre, 3.0),
-                lambda x: away(x) - 3.0,
-                lambda x: (x - centre) / away(x)[:, None],
+                lambda x: distance(x) - 3.0,
+                lambda x: (x - centre) / distance(x)[:, None],
             )
-        flat = self.surface == "plane"
+        is_flat = self.surface == "plane"
         return (
-            Plane(apex, sign * up) if flat else Parabola(apex, 2.0),
+            Plane(apex, sign * up) if is_flat else Parabola(apex, 2.0),
             lambda x: (
                 sign * (x[:, -1] - self.level)
-                + (not flat) * np.sum((x - apex)[:, :-1] ** 2, axis=1) / 4
+                + (not is_flat) * np.sum((x - apex)[:, :-1] ** 2, axis=1) / 4
             ),
             lambda x: np.tile(sign * up, (len(x), 1)),
         )
 
 
-class Library(Elastic):
-    """The problem by the library."""
+class LibraryProblem(ElasticBody):
+    """The problem as the library states it."""
 
     def __init__(self, problem):
-        self.problem = problem
-        method = PW if problem.linear else Q8 if problem.element == "Q8" else GALERKIN
+        self.contact_problem = problem
+        method = PW if problem.linear_weights else Q8 if problem.element == "Q8" else GALERKIN
         super().__init__(problem.mesh, method, problem.state, 1.0, problem.nu)
         if problem.state == "axisymmetric":
             self.body = replace(self.body, quadrature_degree=20)
@@ -137,96 +145,129 @@ class Library(Elastic):
         self.nodes, self.cells = self.x, self.space.dofmap.list
 
     def solve(self):
-        """Displacements (n, dim), positions (m, dim) and nodal forces (m, dim) per increment."""
-        problem, last = self.problem, self.dim - 1
-        supports = self.held() if problem.floats else self.clamped(at(last, 0.0))
-        motions = [Motion(move, push) for move, push in problem.motions]
-        surface, *_ = problem.rigid()
-        pair = ContactPair(at(last, problem.level), surface, problem.mu, motions)
-        loads = problem.loads(lambda axis, value, t: self.load(t, at(axis, value)))
-        for state in self.contact(pair, supports, loads):
+        """Yield displacements (n, dim), and positions and forces (m, dim) of contact nodes."""
+        problem, up_axis = self.contact_problem, self.dim - 1
+        supports = (
+            self.make_supports() if problem.rests_on_floor else self.clamp(on_plane(up_axis, 0.0))
+        )
+        motions = [Motion(translation, force) for translation, force in problem.motions]
+        surface, *_ = problem.surface_functions()
+        pair = ContactPair(on_plane(up_axis, problem.level), surface, problem.mu, motions)
+        loads = problem.loads(
+            lambda axis, value, traction: self.traction_load(traction, on_plane(axis, value))
+        )
+        for state in self.solve_contact(pair, supports, loads):
             (contact,) = state.pairs
-            moved = state.displacement.array_r.reshape(-1, self.dim)
-            yield moved, contact.position, contact.force_vector
+            displacement = state.displacement.array_r.reshape(-1, self.dim)
+            yield displacement, contact.position, contact.force_vector
 
 
-def by_oracle(problem, nodes, cells, linear_weights):
-    """Numbers of the contact nodes, and states."""
+def solve_by_oracle(problem, nodes, cells, linear_weights):
+    """Return the numbers of the contact nodes and the oracle's states."""
     element, count = str(problem.element), 11 if problem.state == "axisymmetric" else 3
     body = assembly.Body(
-        nodes, cells, element, linear_weights, problem.state, 1.0, problem.nu, count=count
+        nodes, cells, element, linear_weights, problem.state, 1.0, problem.nu, n_gauss=count
     )
 
-    def traction(axis, value, traction):
-        return body.traction(lambda x: np.isclose(x[:, axis], value), traction)
+    def traction(axis, value, vector):
+        return body.traction_load(lambda x: np.isclose(x[:, axis], value), vector)
 
-    held = body.at_nodes(lambda x: np.isclose(x[:, -1], 0.0), tuple(range(problem.dim)))
-    touching = np.flatnonzero(np.isclose(nodes[:, -1], problem.level))
-    _, gap, normal = problem.rigid()
-    pair = Pair(touching, gap, normal, problem.mu, problem.motions)
+    prescribed_mask = body.component_mask(
+        lambda x: np.isclose(x[:, -1], 0.0), tuple(range(problem.dim))
+    )
+    contact_nodes = np.flatnonzero(np.isclose(nodes[:, -1], problem.level))
+    _, gap, normal = problem.surface_functions()
+    pair = Pair(contact_nodes, gap, normal, problem.mu, problem.motions)
     loads = problem.loads(traction)
-    return touching, solve(body.stiffness(), loads, held & (not problem.floats), [pair], nodes)
+    return contact_nodes, solve_increments(
+        body.stiffness(), loads, prescribed_mask & (not problem.rests_on_floor), [pair], nodes
+    )
 
 
-def difference(problem, linear_weights):
-    """Largest of forces and displacements, each over the largest of its kind in its increment."""
-    library = Library(problem)
-    theirs = list(library.solve())
-    touching, ours = by_oracle(problem, library.nodes, library.cells, linear_weights)
-    worst = 0.0
-    for (u, position, force), state in zip(theirs, ours, strict=True):
-        order = cKDTree(library.nodes[touching]).query(position)[1]
-        worst = max(worst, np.abs(force - state.forces[0][order]).max() / np.abs(force).max())
-        worst = max(worst, np.abs(u - state.displacement).max() / np.abs(u).max())
-    return worst
+def largest_difference(problem, linear_weights):
+    """Return the largest difference of forces and displacements, over their largest values."""
+    library = LibraryProblem(problem)
+    library_states = list(library.solve())
+    contact_nodes, oracle_states = solve_by_oracle(
+        problem, library.nodes, library.cells, linear_weights
+    )
+    largest = 0.0
+    for (u, position, force), state in zip(library_states, oracle_states, strict=True):
+        order = cKDTree(library.nodes[contact_nodes]).query(position)[1]
+        largest = max(largest, np.abs(force - state.forces[0][order]).max() / np.abs(force).max())
+        largest = max(largest, np.abs(u - state.displacement).max() / np.abs(u).max())
+    return largest
 
 
 @pytest.mark.random
-def test_both_find_the_same_forces_and_displacements(seed):
-    problem = Random(seed)
-    assert difference(problem, problem.linear) < TOLERANCE
+def test_library_and_oracle_find_the_same_forces_and_displacements(seed):
+    problem = RandomSmallProblem(seed)
+    assert largest_difference(problem, problem.linear_weights) < TOLERANCE
 
 
-def test_a_block_pressed_evenly_on_a_nearly_smooth_floor():
-    """Nothing else holds it sideways: in the end one node sticks, and all others slip."""
-    problem = Random(12)
-    problem.floats, problem.surface, problem.pushed, problem.mu = True, "plane", False, 0.005
-    problem.path = (0.0,)
-    library = Library(problem)
-    _, (state,) = by_oracle(problem, library.nodes, library.cells, problem.linear)
-    assert state.error <= 1
-    assert difference(problem, problem.linear) < TOLERANCE
+def test_a_block_on_a_nearly_frictionless_floor_is_solved():
+    """Friction alone holds the block sideways: in the end one node sticks and all others slip."""
+    problem = RandomSmallProblem(12)
+    problem.rests_on_floor, problem.surface, problem.is_pushed, problem.mu = (
+        True,
+        "plane",
+        False,
+        0.005,
+    )
+    problem.load_path = (0.0,)
+    library = LibraryProblem(problem)
+    _, (state,) = solve_by_oracle(problem, library.nodes, library.cells, problem.linear_weights)
+    assert state.law_error <= 1
+    assert largest_difference(problem, problem.linear_weights) < TOLERANCE
 
 
 @pytest.mark.parametrize("number", [1, 3, 6, 9, 15])  # of triangles and tetrahedra
-def test_with_the_other_weights_they_do_not(number):
-    problem = Random(number)
-    assert difference(problem, not problem.linear) > 1e5 * TOLERANCE
+def test_library_and_oracle_differ_with_other_weights(number):
+    problem = RandomSmallProblem(number)
+    assert largest_difference(problem, not problem.linear_weights) > 1e5 * TOLERANCE
 
 
 def test_problems_are_of_all_kinds():
-    problems = [Random(seed) for seed in range(24)]
-    for kind, count in (("state", 4), ("element", 4), ("linear", 2), ("floats", 2), ("pushed", 2)):
+    problems = [RandomSmallProblem(seed) for seed in range(24)]
+    for kind, count in (
+        ("state", 4),
+        ("element", 4),
+        ("linear_weights", 2),
+        ("rests_on_floor", 2),
+        ("is_pushed", 2),
+    ):
         assert len({getattr(problem, kind) for problem in problems}) == count
     assert {problem.surface for problem in problems} == {"plane", "round", "ball"}
     assert any(problem.mu == 0 for problem in problems)
-    floating = {problem.state for problem in problems if problem.floats}
-    assert floating == {problem.state for problem in problems if not problem.floats} == set(STATES)
+    floating = {problem.state for problem in problems if problem.rests_on_floor}
+    assert (
+        floating
+        == {problem.state for problem in problems if not problem.rests_on_floor}
+        == set(STATES)
+    )
 
 
 @pytest.mark.parametrize(
     ("force", "motion"),
     [
         ((-1e-3, 0.0), (0.0, 0.0)),  # pulls
-        ((1.0, 0.0), (-1e-3, 0.0)),  # has gone through
-        ((1.0, 0.0), (1e-3, 0.0)),  # pushes from afar
-        ((1.0, 0.301), (0.0, 0.0)),  # out of the cone
-        ((1.0, 0.1), (0.0, -1e-3)),  # slips inside of it
-        ((1.0, 0.3), (0.0, 1e-3)),  # slips along the friction
+        ((1.0, 0.0), (-1e-3, 0.0)),  # penetrates
+        ((1.0, 0.0), (1e-3, 0.0)),  # pushes across a gap
+        ((1.0, 0.301), (0.0, 0.0)),  # lies outside the cone
+        ((1.0, 0.1), (0.0, -1e-3)),  # slips inside the cone
+        ((1.0, 0.3), (0.0, 1e-3)),  # slips in the direction of friction
     ],
 )
-def test_every_line_of_the_law_is_looked_at(force, motion):
-    good, none = np.array([[1.0, 0.3], [1.0, 0.1]]), np.array([[0.0, -0.5], [0.0, 0.0]])
+def test_every_condition_of_the_law_is_checked(force, motion):
+    valid_forces, valid_motions = (
+        np.array([[1.0, 0.3], [1.0, 0.1]]),
+        np.array([[0.0, -0.5], [0.0, 0.0]]),
+    )
     mu = np.full(3, 0.3)
-    assert law_error(good, none, mu[:2]) < 1e-15
-    assert law_error(np.vstack([good, force]), np.vstack([none, motion]), mu) > 1e-4
+    assert measure_law_violation(valid_forces, valid_motions, mu[:2]) < 1e-15
+    assert (
+        measure_law_violation(
+            np.vstack([valid_forces, force]), np.vstack([valid_motions, motion]), mu
+        )
+        > 1e-4
+    )

@@ -1,18 +1,18 @@
-"""Rigid planes and circles that move and turn on a rubber body: what a state of theirs violates.
+"""Violations of the law by a rubber body under rigid planes and circles that move and rotate.
 
-A tool at a translation U and an angle a about its pivot c has moved its points X to
-c + U + R (X - c). With a node's place x = X + u, of a plane through p with the unit normal n
+A tool at a translation U and an angle a about its pivot c has moved its points X to c + U + R (X -
+c). With a node's position x = X + u, for a plane through p with the unit normal n
 
     y = c + R^T (x - U - c),    g = n·(y - p),    v = t·(y - y_0),
 
-y_0 being y at the increment's start. Of a circle with the moved centre m and the radius R
+y_0 being y at the increment's start. For a circle with the moved centre m and the radius R
 
     g = |x - m| - R,    v = R (change of the direction of x - m, less the change of a),
 
-which is exact for any number of turns, since a node that touches a circle stays on its side. At
-the surface's nodes F_i(u) is the tool's force r. Where a support holds a node along the surface
-F_i has the reaction, too: r is the force that the library reports, of which F_i has the normal
-part. Then, as in `large`,
+which is exact for any number of turns, since a node that touches a circle stays on its side. At the
+surface's nodes F_i(u) is the tool's force r. Where a support holds a node along the surface, F_i
+contains the reaction as well: r is the force that the library reports, and F_i checks its normal
+component. Then, as in `large`,
 
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
 """
@@ -21,12 +21,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracle.large import Rubber, cross, law_lines
+from tests.oracle.large import NeoHookeanBody, cross_product, law_violations
 
 
 @dataclass(frozen=True)
-class Tool:
-    """A plane, or a circle where it has a radius, outside of a body, at its initial place."""
+class RigidTool:
+    """A rigid plane, or a circle if the radius is not zero, at its initial position."""
 
     point: np.ndarray  # of the plane, or the circle's centre
     normal: np.ndarray  # of the plane, into the body
@@ -36,77 +36,87 @@ class Tool:
 
 
 @dataclass(frozen=True)
-class Moment:
-    """What the library tells of one moment of a history."""
+class ToolState:
+    """Displacements, translation, angle and tool force of one state of the library."""
 
     displacement: np.ndarray  # (n, 2)
     translation: np.ndarray  # (2,)
     angle: float
-    force: np.ndarray  # of the tool on the nodes, (n, 2), which only held nodes need
+    force: np.ndarray  # of the tool on the nodes, (n, 2); used at held nodes only
 
 
 @dataclass(frozen=True)
-class Pressed:
-    """A body under a tool, the nodes that may touch it, the mask (n, 2) of supports."""
+class ToolContact:
+    """A body, a tool, the nodes that may touch it, and the mask (n, 2) of supports."""
 
-    body: Rubber
-    tool: Tool
-    touching: np.ndarray
-    held: np.ndarray
+    body: NeoHookeanBody
+    tool: RigidTool
+    contact_nodes: np.ndarray
+    prescribed_mask: np.ndarray
 
-    def violations(self, history: list[Moment], prescribed: np.ndarray) -> dict[str, float]:
-        """Of each condition in the last increment; of forces and lengths over history's largest.
+    def violations(self, history: list[ToolState], prescribed: np.ndarray) -> dict[str, float]:
+        """Return each condition's largest violation in the last increment, by name.
 
-        `prescribed` are the displacements (n, 2) that supports ask for. Conditions at nodes whose
-        tangential motion a support prescribes have names of their own.
+        `prescribed` are the displacements (n, 2) at supports. Forces and lengths are over the
+        history's largest. Conditions at nodes whose tangential motion a support prescribes have the
+        prefix "held".
         """
-        now = history[-1]
-        force = max(np.abs(self.body.forces(moment.displacement)).max() for moment in history)
+        last_state = history[-1]
+        force = max(np.abs(self.body.nodal_forces(state.displacement)).max() for state in history)
         length = max(
-            np.abs(part).max() for one in history for part in (one.displacement, one.translation)
+            np.abs(vector).max()
+            for state in history
+            for vector in (state.displacement, state.translation)
         )
         force = force if force > 1e-12 else 1.0  # the tool has not yet met the body
-        forces = self.body.forces(now.displacement)
-        r, held = forces[self.touching], self.held[self.touching, 0]
-        r[held, 0] = now.force[self.touching[held], 0]
-        free = ~self.held
-        free[self.touching] = False
+        forces = self.body.nodal_forces(last_state.displacement)
+        r, is_held = forces[self.contact_nodes], self.prescribed_mask[self.contact_nodes, 0]
+        r[is_held, 0] = last_state.force[self.contact_nodes[is_held], 0]
+        free = ~self.prescribed_mask
+        free[self.contact_nodes] = False
         gap, normal, slip = self._kinematics(*history[-2:])
-        lost = np.abs(now.displacement - prescribed)[self.held]
-        found = {
-            "supports": lost.max(initial=0.0) / length,
+        support_error = np.abs(last_state.displacement - prescribed)[self.prescribed_mask]
+        violations = {
+            "supports": support_error.max(initial=0.0) / length,
             "equilibrium": np.abs(forces[free]).max(initial=0.0) / force,
         }
-        r_n, r_t = np.sum(normal * r, axis=1) / force, cross(normal.T, r.T) / force
-        lines = law_lines(r_n, r_t, gap / length, slip / length, self.tool.friction)
-        for name, line in lines.items():
-            for kind, which in (("", ~held), ("held ", held)):
-                if which.any():
-                    found[kind + name] = max(0.0, float(line[which].max()))
-        return found
+        r_n, r_t = np.sum(normal * r, axis=1) / force, cross_product(normal.T, r.T) / force
+        line_values = law_violations(r_n, r_t, gap / length, slip / length, self.tool.friction)
+        for name, values in line_values.items():
+            for prefix, mask in (("", ~is_held), ("held ", is_held)):
+                if mask.any():
+                    violations[prefix + name] = max(0.0, float(values[mask].max()))
+        return violations
 
-    def _kinematics(self, before: Moment, now: Moment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _kinematics(
+        self, previous: ToolState, current: ToolState
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return gaps (m,), normals (m, 2) and slips (m,) of the contact nodes."""
         tool, pivot = self.tool, np.array(self.tool.pivot)
-        places = [(self.body.nodes + one.displacement)[self.touching] for one in (before, now)]
-        turns = [_turn(one.angle) for one in (before, now)]
+        positions = [
+            (self.body.nodes + state.displacement)[self.contact_nodes]
+            for state in (previous, current)
+        ]
+        rotations = [_rotation_matrix(state.angle) for state in (previous, current)]
         if tool.radius:
             (d_0, d) = (
-                x - (pivot + one.translation + R @ (tool.point - pivot))
-                for x, one, R in zip(places, (before, now), turns, strict=True)
+                x - (pivot + state.translation + R @ (tool.point - pivot))
+                for x, state, R in zip(positions, (previous, current), rotations, strict=True)
             )
-            size = np.linalg.norm(d, axis=1)
-            turned = np.arctan2(cross(d_0.T, d.T), np.sum(d_0 * d, axis=1))
-            slip = tool.radius * (turned - (now.angle - before.angle))
-            return size - tool.radius, d / size[:, None], slip
+            distance = np.linalg.norm(d, axis=1)
+            angle_change = np.arctan2(cross_product(d_0.T, d.T), np.sum(d_0 * d, axis=1))
+            slip = tool.radius * (angle_change - (current.angle - previous.angle))
+            return distance - tool.radius, d / distance[:, None], slip
         y_0, y = (
-            pivot + (x - one.translation - pivot) @ R
-            for x, one, R in zip(places, (before, now), turns, strict=True)
+            pivot + (x - state.translation - pivot) @ R
+            for x, state, R in zip(positions, (previous, current), rotations, strict=True)
         )
         tangent = np.array([-tool.normal[1], tool.normal[0]])
-        normal = np.tile(turns[1] @ tool.normal, (len(y), 1))
+        normal = np.tile(rotations[1] @ tool.normal, (len(y), 1))
         return (y - tool.point) @ tool.normal, normal, (y - y_0) @ tangent
 
 
-def _turn(angle: float) -> np.ndarray:
+def _rotation_matrix(angle: float) -> np.ndarray:
+    """Return the rotation matrix of an angle."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]])

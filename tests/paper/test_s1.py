@@ -5,12 +5,12 @@ Printed: contact forces at corner nodes "are around half of those at midside nod
 
 import pytest
 
-from tests.oracle.elements import table
+from tests.oracle.elements import tabulate_at_gauss_points
 
 
 @pytest.mark.parametrize(("linear_weights", "half"), [(False, True), (True, False)])
 def test_corner_has_half_of_a_mid_side_nodes_force(linear_weights, half):
     """Under a uniform pressure; a corner has the shares of two edges."""
-    functions = table("L3", linear_weights, 4)
+    functions = tabulate_at_gauss_points("L3", linear_weights, 4)
     corner, _, midside = functions.measure @ functions.weights
     assert 2 * corner / midside == pytest.approx(0.5 if half else 1.0, abs=1e-14)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pw_elements.spaces.elements import macro_element
-from tests.oracle.elements import table
+from tests.oracle.elements import tabulate_at_gauss_points
 
 # The paper numbers mid-sides after the vertices 1 2 3: 4 between 1 and 2, 5 between 2 and 3, 6
 # between 3 and 1. Basix and the oracle have the mid-side opposite to each vertex instead
@@ -39,7 +39,7 @@ def test_basix_element_is_what_is_printed(part):
 @pytest.mark.parametrize("part", A)
 def test_oracle_has_the_same_functions(part):
     """At its own Gauss points, which it takes sub-element by sub-element."""
-    functions = table("T6", True, 3)
+    functions = tabulate_at_gauss_points("T6", True, 3)
     nodes = np.array([(0, 0), (1, 0), (0, 1), (0.5, 0.5), (0, 0.5), (0.5, 0)])
     points = (functions.shapes @ nodes).reshape(4, -1, 2)[part - 1]
     theirs = functions.weights.reshape(4, -1, 6)[part - 1][:, OF_BASIX]

@@ -10,7 +10,7 @@ from dolfinx.mesh import create_mesh
 from pw_elements import Body, Material, Spaces, assemble_matrix
 from study.matrices import dense
 from tests.oracle.assembly import Body as OracleBody
-from tests.oracle.elements import table
+from tests.oracle.elements import tabulate_at_gauss_points
 
 E, NU, RHO = 2.0, 0.3, 1.7
 CORNERS = np.array([[0.1, 0.2], [1.3, -0.1], [0.4, 0.9]])
@@ -42,7 +42,7 @@ def test_sum_over_sub_elements_as_printed():
     """Eq. (23) with D of Eq. (22): the slopes of weights are constant in each part."""
     (K, _), oracle = one_triangle(True)
     D = E / (1 - NU**2) * np.array([[1, NU, 0], [NU, 1, 0], [0, 0, (1 - NU) / 2]])
-    functions, x = table("T6", True, 3), oracle.nodes[oracle.cells[0]]
+    functions, x = tabulate_at_gauss_points("T6", True, 3), oracle.nodes[oracle.cells[0]]
     by_hand = np.zeros((12, 12))
     for dN, dW, measure in zip(
         functions.slopes, functions.weight_slopes, functions.measure, strict=True

@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 
 from study.paper import s7_5_column, s7_5_profiles
-from tests.oracle.contact import Pair, solve
-from tests.oracle.eigen import smallest
+from tests.oracle.contact import Pair, solve_increments
+from tests.oracle.eigen import eigenvalues_nearest_to
 from tests.oracle.problem import (
     NORMAL_DOWN,
     NORMAL_UP,
-    STATIC,
-    Problem,
-    assert_found,
-    both,
-    on,
+    STATIC_ELEMENTS,
+    StudyComparison,
+    all_of,
+    assert_agrees_with_these_weights_alone,
+    condense_inner_nodes,
     oracle_body,
-    plane,
+    plane_functions,
+    rows_on_plane,
     sorted_nodes,
-    without_inner_nodes,
 )
-from tests.oracle.test_sections import converged, points
+from tests.oracle.test_sections import oracle_gauss_count, raise_quadrature_degree
 
 # The first of the study's columns, its radii and heights from the base, in a coarser mesh
 RADII, HEIGHTS = (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)
@@ -34,7 +34,7 @@ COARSE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (4, 3, 3, 2))
 
 def stepped_column(element):
     """Pressed down by 1 mm on its three supports; its vibration when it stands on its base."""
-    with patch.dict(s7_5_column.PROFILES, coarse=COARSE), converged(element):
+    with patch.dict(s7_5_column.PROFILES, coarse=COARSE), raise_quadrature_degree(element):
         result = s7_5_column.stepped_column(element, section="coarse")
     level = np.concatenate([[0.0], np.cumsum(HEIGHTS)])
     faces = [
@@ -43,31 +43,32 @@ def stepped_column(element):
         (RADII[1], RADII[2], level[2], NORMAL_UP, 2e-4),
         (0.0, RADII[3], level[4], NORMAL_DOWN, 0.0),
     ]
-    count = points(element)
+    count = oracle_gauss_count(element)
 
     def ours(linear):
         body = oracle_body(
-            result, element, linear, "axisymmetric", 2.1e8, 0.3, rho=7856.0, count=count
+            result, element, linear, "axisymmetric", 2.1e8, 0.3, rho=7856.0, n_gauss=count
         )
-        K, on_axis = body.stiffness(), body.at_nodes(on(0, 0.0), (0,))
+        K, on_axis = body.stiffness(), body.component_mask(rows_on_plane(0, 0.0), (0,))
         descent = [((0.0, -1e-4 * k), (0.0, 0.0)) for k in range(1, 11)]
         pairs = []
         for inner, outer, z, normal, gap in faces:
-            between = both(
-                on(1, z), lambda x, a=inner, b=outer: (x[:, 0] > a - 1e-9) & (x[:, 0] < b + 1e-9)
+            between = all_of(
+                rows_on_plane(1, z),
+                lambda x, a=inner, b=outer: (x[:, 0] > a - 1e-9) & (x[:, 0] < b + 1e-9),
             )
             motions = descent if normal is NORMAL_DOWN else ()
             nodes = sorted_nodes(result.curves, between)
-            pairs.append(Pair(nodes, *plane(normal, z - gap), 0.3, motions))
+            pairs.append(Pair(nodes, *plane_functions(normal, z - gap), 0.3, motions))
         loads = [np.zeros(body.nodes.size)] * 10
-        state = solve(K, loads, on_axis, pairs, body.nodes)[-1]
+        state = solve_increments(K, loads, on_axis, pairs, body.nodes)[-1]
         found = {"displacement": state.displacement}
         for k, (face, force) in enumerate(zip(faces, state.forces, strict=True), 1):
             found[f"force_n_{k}"], found[f"force_t_{k}"] = force @ face[3], -force[:, 0]
             found[f"force_normal_{k}"] = found[f"force_n_{k}"].sum()
-        standing = on_axis | body.at_nodes(on(1, 0.0), (1,))
-        K, M, standing = without_inner_nodes(body, element, standing)
-        found["omega2"] = smallest(K, M, standing, 6).real
+        standing = on_axis | body.component_mask(rows_on_plane(1, 0.0), (1,))
+        K, M, standing = condense_inner_nodes(body, element, standing)
+        found["omega2"] = eigenvalues_nearest_to(K, M, standing, 6).real
         return found
 
     scalars, curves = result.scalars, result.curves
@@ -77,9 +78,9 @@ def stepped_column(element):
         theirs |= {f"force_{c}_{k}": curves[f"force_{c}_{k}"] for c in "nt"}
         theirs[f"force_normal_{k}"] = scalars[f"force_normal_{k}"]
     scales = {f"force_t_{k}": theirs[f"force_n_{k}"].max() for k in range(1, 5)}
-    return Problem(theirs, ours, scales)
+    return StudyComparison(theirs, ours, scales)
 
 
-@pytest.mark.parametrize("element", STATIC)
+@pytest.mark.parametrize("element", STATIC_ELEMENTS)
 def test_oracle_finds_the_numbers_of_the_study(element):
-    assert_found(stepped_column(element), element)
+    assert_agrees_with_these_weights_alone(stepped_column(element), element)

@@ -1,4 +1,4 @@
-"""Commands as processes of their own, and all that they start: found by descent and by a mark."""
+"""Run commands in separate processes; find all their descendants by parent and by a marker."""
 
 import os
 import secrets
@@ -8,33 +8,39 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-MARK = "PW_ELEMENTS_TEST_MARK"
-SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
+MARKER_VARIABLE = "PW_ELEMENTS_TEST_MARK"
+TERMINATION_SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 
 
-class Started:
-    """A command in a session of its own, whose descendants inherit a mark in their environment.
+class SpawnedCommand:
+    """A command in its own session, whose descendants inherit a marker in their environment.
 
-    Its standard output is a pipe that stays open, its messages go to a file.
+    Standard output is a pipe that stays open; standard error is written to a file.
+
+    Args:
+        command: list of the program and its arguments.
+        messages: path of the file for standard error.
+        ignored: signals that the command ignores.
+        environment: additional environment variables.
     """
 
     def __init__(self, command, messages, ignored=(), **environment):
-        self.mark = secrets.token_hex(16)
+        self.marker = secrets.token_hex(16)
         self.messages = messages
 
-        def as_in_a_terminal():  # whatever the tests themselves ignore or block
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
-            for one in SIGNALS:
-                signal.signal(one, signal.SIG_IGN if one in ignored else signal.SIG_DFL)
+        def reset_signals():  # the tests may ignore or block signals themselves
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINATION_SIGNALS)
+            for number in TERMINATION_SIGNALS:
+                signal.signal(number, signal.SIG_IGN if number in ignored else signal.SIG_DFL)
 
         with messages.open("wb") as stream:
             self.process = subprocess.Popen(
                 command,
-                env=os.environ | environment | {MARK: self.mark},
+                env=os.environ | environment | {MARKER_VARIABLE: self.marker},
                 stdout=subprocess.PIPE,
                 stderr=stream,
                 start_new_session=True,
-                preexec_fn=as_in_a_terminal,
+                preexec_fn=reset_signals,
                 text=True,
             )
 
@@ -42,7 +48,7 @@ class Started:
         return self
 
     def __exit__(self, *_):
-        for process in self.left():
+        for process in self.list_survivors():
             with suppress(ProcessLookupError):
                 os.kill(process, signal.SIGKILL)
         self.process.wait()
@@ -52,69 +58,75 @@ class Started:
     def pid(self):
         return self.process.pid
 
-    def read_until(self, line):
-        """Read standard output up to a line."""
-        for read in self.process.stdout:
-            if read.strip() == line:
+    def read_output_until(self, line):
+        """Read standard output up to and including a line."""
+        for output in self.process.stdout:
+            if output.strip() == line:
                 return
-        raise AssertionError(f"{line!r} was not printed: {self.lines()}")
+        raise AssertionError(f"{line!r} was not printed: {self.read_messages()}")
 
     def send(self, number, group=False):
-        """Send a signal to the first process, or to all of its group."""
+        """Send a signal to the first process, or to all processes of its group."""
         with suppress(ProcessLookupError):
             (os.killpg if group else os.kill)(self.pid, number)
 
     def wait(self, seconds=1800):
+        """Wait for the first process to end and return its status."""
         return self.process.wait(seconds)
 
-    def lines(self):
+    def read_messages(self):
+        """Return the lines of standard error."""
         return self.messages.read_text().splitlines()
 
-    def below(self):
-        """Return the descendants, by generation: children first."""
+    def list_descendants(self):
+        """Return the IDs of all descendants, ordered by generation: children first."""
         parents = {}
-        for process in _processes():
+        for process in _list_process_ids():
             with suppress(OSError):
-                parents[process] = int(_fields(process)[1])
+                parents[process] = int(_read_stat_fields(process)[1])
         generations = [[self.pid]]
         while generations[-1]:
             generations.append([p for p, parent in parents.items() if parent in generations[-1]])
         return [process for generation in generations[1:] for process in generation]
 
-    def marked(self):
-        """Return the processes that have the mark, wherever they belong by now."""
-        marked = []
-        for process in _processes():
+    def list_marked_processes(self):
+        """Return the IDs of all running processes with the marker, whatever their parent."""
+        marked_processes = []
+        for process in _list_process_ids():
             with suppress(OSError):
                 variables = Path(f"/proc/{process}/environ").read_bytes().split(b"\0")
-                if f"{MARK}={self.mark}".encode() in variables and _fields(process)[0] != "Z":
-                    marked.append(process)
-        return marked
+                if (
+                    f"{MARKER_VARIABLE}={self.marker}".encode() in variables
+                    and _read_stat_fields(process)[0] != "Z"
+                ):
+                    marked_processes.append(process)
+        return marked_processes
 
-    def left(self):
-        """Return all that is still there of the command, which itself may have ended."""
-        return sorted({*self.marked(), *self.below()})
+    def list_survivors(self):
+        """Return the IDs of all remaining processes of the command, which may itself have ended."""
+        return sorted({*self.list_marked_processes(), *self.list_descendants()})
 
-    def left_in_the_end(self):
-        """Return what stays there for long, after an end that leaves nobody to wait for it."""
+    def list_lasting_survivors(self):
+        """Return the IDs of the processes that remain after at most 600 s."""
         deadline = time.monotonic() + 600
-        while (left := self.left()) and time.monotonic() < deadline:
+        while (survivors := self.list_survivors()) and time.monotonic() < deadline:
             time.sleep(0.02)
-        return left
+        return survivors
 
 
-def command_line(process):
-    """Return the command line of a process, or nothing if it has ended."""
+def read_command_line(process):
+    """Return the command line of a process, or an empty string if it has ended."""
     try:
         return Path(f"/proc/{process}/cmdline").read_bytes().replace(b"\0", b" ").decode()
     except OSError:
         return ""
 
 
-def _processes():
+def _list_process_ids():
+    """Return the IDs of all processes on this machine."""
     return [int(path.name) for path in Path("/proc").iterdir() if path.name.isdecimal()]
 
 
-def _fields(process):
-    """Return state, parent and so on."""
+def _read_stat_fields(process):
+    """Return the fields of /proc/PID/stat that follow the name: state, parent and so on."""
     return Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()

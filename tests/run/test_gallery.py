@@ -1,4 +1,4 @@
-"""The examples, each on a coarse mesh, as they stand: what they print and draw, and its mechanics.
+"""The examples, unchanged but on coarse meshes: their output, pictures and mechanics.
 
 `python3 -m tests.run.test_gallery FOLDER` draws the pictures of the gallery.
 """
@@ -15,10 +15,12 @@ from pw_elements.contact import OPEN, SLIP
 from tests.run.test_tutorial import run_program
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py") if not path.stem.endswith("_mesh"))
-LINES = 60  # of code, at most
-# what makes meshes of the examples coarse
-COARSE = {
+EXAMPLE_NAMES = sorted(
+    path.stem for path in EXAMPLES.glob("*.py") if not path.stem.endswith("_mesh")
+)
+MAX_CODE_LINES = 60  # without docstring and empty lines
+# replaces the line that sets the mesh size of an example
+COARSE_SETTINGS = {
     "bracket": "size = 12.0",
     "buckling": "cells = 1",
     "driven_wheel": "cells = 4",
@@ -37,187 +39,194 @@ COARSE = {
 }
 
 
-def run(name, folder, coarse=True):
+def run_source(name, folder, coarse=True):
+    """Run an example in a folder; return its global names and its output, see `run_program`."""
     code = (EXAMPLES / f"{name}.py").read_text()
-    if coarse and name in COARSE:
-        stated = COARSE[name].partition(" = ")[0]
-        line = rf"^{re.escape(stated)} = [^#\n]*"
-        code, count = re.subn(line, COARSE[name] + "  ", code, count=1, flags=re.MULTILINE)
-        assert count == 1, f"{name} states no {stated}"
+    if coarse and name in COARSE_SETTINGS:
+        setting = COARSE_SETTINGS[name].partition(" = ")[0]
+        line = rf"^{re.escape(setting)} = [^#\n]*"
+        code, count = re.subn(line, COARSE_SETTINGS[name] + "  ", code, count=1, flags=re.MULTILINE)
+        assert count == 1, f"{name} states no {setting}"
     code = code.replace("Path(__file__)", f"Path({str(EXAMPLES / name)!r})")
     with patch.object(sys, "path", [str(EXAMPLES), *sys.path]):
         return run_program(code, folder / f"{name}.py")
 
 
 @pytest.fixture
-def example(tmp_path):
-    def computed(name):
-        found = run(name, tmp_path)
-        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
-        return found
+def run_example(tmp_path):
+    """Return a function that runs an example and checks that it draws its picture."""
 
-    return computed
+    def run_and_check_picture(name):
+        """Return the global names of an example; assert that its picture is not empty."""
+        names = run_source(name, tmp_path)
+        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+        return names
+
+    return run_and_check_picture
 
 
 def test_examples_are_short_and_each_is_tested():
-    assert len(NAMES) >= 12
+    assert len(EXAMPLE_NAMES) >= 12
     tests = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
-    for name in NAMES:
+    for name in EXAMPLE_NAMES:
         assert name in tests
         code = (EXAMPLES / f"{name}.py").read_text().split('"""', 2)[2]
         count = sum(bool(line.strip()) for line in code.splitlines())
-        assert 20 <= count <= LINES, f"{name} has {count} lines"
+        assert 20 <= count <= MAX_CODE_LINES, f"{name} has {count} lines"
 
 
-def test_plate_with_hole(example):
-    """Howland's factor for a hole of a fifth of the width is 3.14, over the gross stress."""
-    found = example("plate_with_hole")
-    assert found["stress"][0] / found["pull"] == pytest.approx(3.14, rel=0.04)
-    carried = found["cut"].reaction[:, 1].sum()
-    assert carried == pytest.approx(-found["pull"] * found["half_width"] * found["thickness"])
+def test_plate_with_hole(run_example):
+    """Howland's factor for a hole of a fifth of the width is 3.14, relative to the gross stress."""
+    names = run_example("plate_with_hole")
+    assert names["stress"][0] / names["pull"] == pytest.approx(3.14, rel=0.04)
+    carried = names["cut"].reaction[:, 1].sum()
+    assert carried == pytest.approx(-names["pull"] * names["half_width"] * names["thickness"])
 
 
-def test_falling_friction(example):
-    """A uniform stress, in which the law alone says how large the friction is."""
-    found = example("falling_friction")
-    exact = found["mu"] / (1 + found["pressures"] / found["p_0"])
-    for ratio in found["found"].values():
+def test_falling_friction(run_example):
+    """The stress is uniform, so the friction follows from the law alone."""
+    names = run_example("falling_friction")
+    exact = names["mu"] / (1 + names["pressures"] / names["p_0"])
+    for ratio in names["found"].values():
         assert ratio == pytest.approx(exact, rel=1e-8)
 
 
-def test_poisson(example):
-    """A side's heat, and that only the new element's is even."""
-    found = example("poisson")
-    ways, below = found["ways"], found["below"]
-    heats = {name: found["heat_at"](below, spaces)[1].reaction for name, spaces in ways.items()}
+def test_poisson(run_example):
+    """Both elements give the total heat of a side, but only the new element's is even."""
+    names = run_example("poisson")
+    spaces_by_method, below = names["ways"], names["below"]
+    heats = {
+        name: names["heat_at"](below, spaces)[1].reaction
+        for name, spaces in spaces_by_method.items()
+    }
     zigzag = {name: np.abs(np.diff(heat, 2)).max() for name, heat in heats.items()}
     assert zigzag["standard"] > 5 * zigzag["piecewise linear"]
     totals = [heat.sum() for heat in heats.values()]
     assert totals[0] == pytest.approx(totals[1], rel=0.03)
 
 
-def test_buckling(example):
+def test_buckling(run_example):
     """The sway of a portal with fixed feet lies between Euler's of fixed-free and fixed-guided."""
-    found = example("buckling")
-    inertia = 0.1 * found["column"] ** 3 / 12
-    euler = np.pi**2 * 210e9 * inertia / (found["height"] - found["beam"]) ** 2
-    sway = found["modes"].factors[0] * found["load"] / 2
+    names = run_example("buckling")
+    inertia = 0.1 * names["column"] ** 3 / 12
+    euler = np.pi**2 * 210e9 * inertia / (names["height"] - names["beam"]) ** 2
+    sway = names["modes"].factors[0] * names["load"] / 2
     assert euler / 4 < sway < euler
     assert sway == pytest.approx(euler, rel=0.15)
 
 
-def test_rubber_punch(example):
-    found = example("rubber_punch")
-    heights = found["mesh"].geometry.x[:, 1].max()
-    assert found["forces"].force[:, 1].sum() < -2 * found["mu"] * found["depth"] * heights
-    assert "force of the punch" in found["printed"]
+def test_rubber_punch(run_example):
+    names = run_example("rubber_punch")
+    heights = names["mesh"].geometry.x[:, 1].max()
+    assert names["forces"].force[:, 1].sum() < -2 * names["mu"] * names["depth"] * heights
+    assert "force of the punch" in names["printed"]
 
 
-def test_rubber_roller(example):
-    """It drives, within friction, on about the width that a circle of this depth would cut."""
-    found = example("rubber_roller")
-    force, depth = found["pair"].force, found["depth"]
-    assert 0 < force[0] < found["friction"] * force[1]
-    assert np.ptp(found["x"]) == pytest.approx(2 * np.sqrt(2 * depth - depth**2), rel=0.4)
-    assert found["pressure"][found["closed"]].min() > 0
+def test_rubber_roller(run_example):
+    """The roller drives below the friction limit, on about the width of a circle at this depth."""
+    names = run_example("rubber_roller")
+    force, depth = names["pair"].force, names["depth"]
+    assert 0 < force[0] < names["friction"] * force[1]
+    assert np.ptp(names["x"]) == pytest.approx(2 * np.sqrt(2 * depth - depth**2), rel=0.4)
+    assert names["pressure"][names["closed"]].min() > 0
 
 
-def test_driven_wheel(example):
-    """Given torques are found, and the law of friction alone says where they end."""
-    found = example("driven_wheel")
-    asked = np.linspace(0.15, 0.9, 6) * found["friction"] * found["load"] * found["R"]
-    assert found["torques"][1:7] == pytest.approx(asked, rel=1e-8)
-    assert np.all(np.diff(found["angles"]) > 0)
-    assert np.all(found["torques"][:7] < 0.99 * found["limits"][:7])
-    assert found["torques"][-2:] == pytest.approx(found["limits"][-2:], rel=1e-9)
-    assert found["pair"].force[1] == pytest.approx(-found["load"], rel=1e-8)
+def test_driven_wheel(run_example):
+    """Torques equal the prescribed ones, and the largest torque follows from the friction law."""
+    names = run_example("driven_wheel")
+    prescribed_torques = np.linspace(0.15, 0.9, 6) * names["friction"] * names["load"] * names["R"]
+    assert names["torques"][1:7] == pytest.approx(prescribed_torques, rel=1e-8)
+    assert np.all(np.diff(names["angles"]) > 0)
+    assert np.all(names["torques"][:7] < 0.99 * names["limits"][:7])
+    assert names["torques"][-2:] == pytest.approx(names["limits"][-2:], rel=1e-9)
+    assert names["pair"].force[1] == pytest.approx(-names["load"], rel=1e-8)
 
 
-def test_identify(example):
-    """What the record was made with is found, up to its noise and a coarser mesh."""
-    found = example("identify")
-    fit, spread = found["fit"], found["spread"]
+def test_identify(run_example):
+    """The parameters of the record are identified, up to its noise and the coarser mesh."""
+    names = run_example("identify")
+    fit, spread = names["fit"], names["spread"]
     assert fit.success
     assert fit.nfev < 12
-    assert np.all(np.abs(fit.x - found["truth"]) < 3 * spread + 0.02 * np.array(found["truth"]))
-    assert np.all(spread < 0.06 * np.array(found["truth"]))
+    assert np.all(np.abs(fit.x - names["truth"]) < 3 * spread + 0.02 * np.array(names["truth"]))
+    assert np.all(spread < 0.06 * np.array(names["truth"]))
 
 
-def test_shaft_seal(example):
-    """The lip slides on the shaft by Coulomb's law, and climbs its shoulder against more."""
-    forces = example("shaft_seal")["forces"]
-    across, normal = -forces[:, 0] / forces[:, 1], forces[:, 1]
-    assert across[3] == pytest.approx(0.3, rel=0.03)  # not yet at the shoulder
-    assert across.max() > 0.4
-    assert across[-1] == pytest.approx(0.3, rel=0.03)
+def test_shaft_seal(run_example):
+    """The lip slides by Coulomb's law on the shaft; at the shoulder the resistance is larger."""
+    forces = run_example("shaft_seal")["forces"]
+    friction_ratio, normal = -forces[:, 0] / forces[:, 1], forces[:, 1]
+    assert friction_ratio[3] == pytest.approx(0.3, rel=0.03)  # before the shoulder
+    assert friction_ratio.max() > 0.4
+    assert friction_ratio[-1] == pytest.approx(0.3, rel=0.03)
     assert normal[-1] > 1.5 * normal[0]
 
 
-def test_seal(example):
-    """Lindley's force for long cords, found by experiments, and no change of volume."""
-    found = example("seal")
-    squeeze, modulus, diameter = found["squeeze"], 3 * found["mu"], 2.0
+def test_seal(run_example):
+    """The force is that of Lindley's empirical formula for long cords."""
+    names = run_example("seal")
+    squeeze, modulus, diameter = names["squeeze"], 3 * names["mu"], 2.0
     lindley = modulus * diameter * (1.25 * squeeze**1.5 + 50 * squeeze**6)
-    assert found["force"] / (2 * np.pi * found["ring"]) == pytest.approx(lindley, rel=0.05)
-    assert found["held"].sum() > 12
-    assert found["push"][found["held"]].min() > 0
+    assert names["force"] / (2 * np.pi * names["ring"]) == pytest.approx(lindley, rel=0.05)
+    assert names["held"].sum() > 12
+    assert names["push"][names["held"]].min() > 0
 
 
-def test_seepage(example):
-    """What flows in flows out, and the seepage is less than without the pile."""
-    found = example("seepage")
-    whole = found["reactions"](found["K"], found["a"], found["f"])
-    assert abs(whole.sum()) < 1e-9 * np.abs(whole.array).sum()
-    assert 0 < found["litres"] < 3.6e6 * found["permeability"] * found["head"]
+def test_seepage(run_example):
+    """Inflow equals outflow, and the seepage is less than without the pile."""
+    names = run_example("seepage")
+    all_reactions = names["reactions"](names["K"], names["a"], names["f"])
+    assert abs(all_reactions.sum()) < 1e-9 * np.abs(all_reactions.array).sum()
+    assert 0 < names["litres"] < 3.6e6 * names["permeability"] * names["head"]
 
 
-def test_roller_on_dome(example):
-    found = example("roller_on_dome")
-    contact = found["state"].pairs[0]
-    assert contact.force == pytest.approx([found["push"], -found["press"]], rel=1e-9)
+def test_roller_on_dome(run_example):
+    names = run_example("roller_on_dome")
+    contact = names["state"].pairs[0]
+    assert contact.force == pytest.approx([names["push"], -names["press"]], rel=1e-9)
     assert np.count_nonzero(contact.status == SLIP) > 2
-    R = 1 / (1 / found["dome"] + 1 / found["roller_radius"])
-    half_width = np.sqrt(4 * found["press"] * R * (1 - 0.4**2) / (np.pi * 3000))
+    R = 1 / (1 / names["dome"] + 1 / names["roller_radius"])
+    half_width = np.sqrt(4 * names["press"] * R * (1 - 0.4**2) / (np.pi * 3000))
     closed = contact.position[contact.status != OPEN, 0]
-    assert np.ptp(closed) == pytest.approx(2 * half_width, abs=2 * found["size"])
+    assert np.ptp(closed) == pytest.approx(2 * half_width, abs=2 * names["size"])
 
 
-def test_press_fit(example):
-    """Between the holes the pressure is near Lamé's, and its mean below it."""
-    found = example("press_fit")
-    assert found["pressure"].max() == pytest.approx(found["lame"], rel=0.1)
-    assert found["pressure"].min() < 0.3 * found["lame"]
+def test_press_fit(run_example):
+    """Between the holes the pressure is close to Lamé's; beside a hole it is far lower."""
+    names = run_example("press_fit")
+    assert names["pressure"].max() == pytest.approx(names["lame"], rel=0.1)
+    assert names["pressure"].min() < 0.3 * names["lame"]
 
 
-def test_bar_impact(example):
-    found = example("bar_impact")
-    assert np.median(found["force"][found["force"] > 0.2 * found["expected"]]) == pytest.approx(
-        found["expected"], rel=0.03
+def test_bar_impact(run_example):
+    names = run_example("bar_impact")
+    assert np.median(names["force"][names["force"] > 0.2 * names["expected"]]) == pytest.approx(
+        names["expected"], rel=0.03
     )
-    assert found["history"].energies.imbalance < 1e-9
+    assert names["history"].energies.imbalance < 1e-9
 
 
-def test_tuning_fork(example):
-    """A prong is a cantilever: the fork's own tone is a little below that of a clamped one."""
-    found = example("tuning_fork")
-    one = 1.8751**2 / (2 * np.pi) * found["thick"] / np.sqrt(12) / found["prong"] ** 2
-    clamped = one * np.sqrt(206e3 / 7.85e-9)
-    assert 0.75 * clamped < found["tones"][2] < clamped
+def test_tuning_fork(run_example):
+    """The tone of the fork is slightly below that of one prong as a clamped cantilever."""
+    names = run_example("tuning_fork")
+    frequency_factor = 1.8751**2 / (2 * np.pi) * names["thick"] / np.sqrt(12) / names["prong"] ** 2
+    clamped = frequency_factor * np.sqrt(206e3 / 7.85e-9)
+    assert 0.75 * clamped < names["tones"][2] < clamped
 
 
-def test_gasket(example):
-    """The gasket carries the bolts, then the bolts less the pressure's thrust and what it opens."""
-    found = example("gasket")
-    bolted, pressed = (state.pairs[0].force[1] for state in found["states"])
-    assert bolted == pytest.approx(-found["bolts"], rel=1e-6)
-    thrust = found["pressure"] * np.pi * 56**2  # up to where the gasket begins
-    assert pressed == pytest.approx(-found["bolts"] + thrust, rel=1e-3)
+def test_gasket(run_example):
+    """The gasket carries the bolt force, then the bolt force minus the thrust of the pressure."""
+    names = run_example("gasket")
+    bolted, pressed = (state.pairs[0].force[1] for state in names["states"])
+    assert bolted == pytest.approx(-names["bolts"], rel=1e-6)
+    thrust = names["pressure"] * np.pi * 56**2  # up to the inner radius of the gasket
+    assert pressed == pytest.approx(-names["bolts"] + thrust, rel=1e-3)
 
 
-def test_gears(example):
-    """The force is along the line of action, but for friction, which is at most a tenth of it."""
-    found = example("gears")
-    contact = found["state"].pairs[0]
+def test_gears(run_example):
+    """The force is along the line of action up to friction, at most a tenth of the normal force."""
+    names = run_example("gears")
+    contact = names["state"].pairs[0]
     force = contact.force
     angle = np.arctan2(abs(force[0]), abs(force[1]))
     assert abs(angle - np.radians(20)) < np.arctan(0.1) + 0.01
@@ -225,19 +234,19 @@ def test_gears(example):
     assert opposite == pytest.approx(-force, rel=1e-9)
 
 
-def test_sphere_on_block(example):
-    found = example("sphere_on_block")
-    assert np.nanmax(found["pressure"]) == pytest.approx(found["peak"], rel=0.06)
-    assert found["state"].pairs[0].force[2] == pytest.approx(-found["force"] / 4, rel=1e-6)
+def test_sphere_on_block(run_example):
+    names = run_example("sphere_on_block")
+    assert np.nanmax(names["pressure"]) == pytest.approx(names["peak"], rel=0.06)
+    assert names["state"].pairs[0].force[2] == pytest.approx(-names["force"] / 4, rel=1e-6)
 
 
-def test_bracket(example):
-    found = example("bracket")
-    foot = found["foot"]
-    assert foot.force == pytest.approx([-found["pull"], 0, found["bolt"]], rel=0.1, abs=20)
-    assert 5 < found["closed"] < 95
+def test_bracket(run_example):
+    names = run_example("bracket")
+    foot = names["foot"]
+    assert foot.force == pytest.approx([-names["pull"], 0, names["bolt"]], rel=0.1, abs=20)
+    assert 5 < names["closed"] < 95
 
 
 if __name__ == "__main__":
-    for one in NAMES:
-        run(one, Path(sys.argv[1]), coarse=False)
+    for example_name in EXAMPLE_NAMES:
+        run_source(example_name, Path(sys.argv[1]), coarse=False)

@@ -1,4 +1,4 @@
-"""The glossary names things of the field, few of them, and where the code holds each."""
+"""The glossary: its number of terms, its columns and its references to the code."""
 
 import importlib
 import re
@@ -11,7 +11,7 @@ MAX_TERMS = 60
 ROWS = [
     [cell.strip() for cell in line[1:-1].split("|")]
     for line in (ROOT / "docs/glossary.md").read_text().splitlines()
-    if line.startswith("| ") and not line.startswith("| Term")
+    if line.startswith("| ") and not line.startswith(("| Term", "| ---"))
 ]
 
 

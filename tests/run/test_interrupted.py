@@ -1,4 +1,4 @@
-"""Commands as they are started: signals and kills, at moments that nobody chose."""
+"""Signals to complete commands, and kills of their processes, at random times."""
 
 import multiprocessing
 import os
@@ -17,39 +17,52 @@ from study.command import main
 from study.core.jit import unblocked
 from study.core.pool import _work
 from study.core.store import Results, sweep
-from tests.run.processes import SIGNALS, Started, command_line
+from tests.run.processes import TERMINATION_SIGNALS, SpawnedCommand, read_command_line
 from tests.study.toystudy import install
 
 ROOT = Path(__file__).parents[2]
 RUN = ROOT / "run"
 SECTIONS = ["7.1", "V1"]
-KILLS = 50
-SIGNALLED = {"study": 30, "figure": 30, "site": 20}
-# as ./run does it: signals wait until the supervisor is there
-BLOCKING = ["env", *(f"--block-signal={one.name.removeprefix('SIG')}" for one in SIGNALS)]
-SUPERVISED = [*BLOCKING, sys.executable, "-m", "study.core.supervisor"]
-TOLD = re.compile(r"\w+: interrupted by (SIG\w+)( before the command began)?(; .*|$)")
+N_KILLS = 50
+N_SIGNALS = {"study": 30, "figure": 30, "site": 20}
+# as in ./run: signals are blocked until the supervisor runs
+BLOCK_SIGNALS = [
+    "env",
+    *(f"--block-signal={number.name.removeprefix('SIG')}" for number in TERMINATION_SIGNALS),
+]
+SUPERVISED_PYTHON = [*BLOCK_SIGNALS, sys.executable, "-m", "study.core.supervisor"]
+INTERRUPTION_MESSAGE = re.compile(
+    r"\w+: interrupted by (SIG\w+)( before the command began)?(; .*|$)"
+)
 
 
-class Run(Started):
-    """The study in processes of its own, and what that leaves behind."""
+class StudyCommand(SpawnedCommand):
+    """The study in separate processes, under the supervisor."""
 
     def __init__(self, out, *arguments, **environment):
-        command = [*SUPERVISED, "study", *arguments, "--jobs", "2", "--out", str(out)]
+        command = [*SUPERVISED_PYTHON, "study", *arguments, "--jobs", "2", "--out", str(out)]
         messages = out.with_name(f"{out.name}.err")
         super().__init__(command, messages, PYTHONPATH=str(ROOT), **environment)
 
-    def workers(self):
-        return [one for one in self.below() if "spawn_main" in command_line(one)]
+    def list_workers(self):
+        return [
+            process
+            for process in self.list_descendants()
+            if "spawn_main" in read_command_line(process)
+        ]
 
-    def killable(self):
-        """Return leader, guard, main process and workers, but no compiler and no helper."""
-        ours = [one for one in self.below() if "-m study.core.supervisor" in command_line(one)]
-        return [self.pid, *ours, *self.workers()]
+    def list_killable_processes(self):
+        """Return leader, guard, main process and workers, but no compilers and helpers."""
+        supervised = [
+            process
+            for process in self.list_descendants()
+            if "-m study.core.supervisor" in read_command_line(process)
+        ]
+        return [self.pid, *supervised, *self.list_workers()]
 
 
-def numbers(out):
-    """Return all that is stored, as text: gaps in curves are equal then."""
+def read_stored_numbers(out):
+    """Return the scalars and curves of each case as text, in which NaN equals NaN."""
     results = Results(out)
     return {
         case.key: repr((case.scalars, {key: curve.tolist() for key, curve in case.curves.items()}))
@@ -58,17 +71,17 @@ def numbers(out):
     }
 
 
-def commands(folder):
-    """Return what is interrupted: computes, draws and makes pages."""
-    out = str(folder / "results")
+def make_commands(folder):
+    """Return the commands to interrupt: for results, a figure and the site."""
+    results = str(folder / "results")
     return {
-        "study": [RUN, "study", "3", "--force", "--jobs", "2", "--out", out],
-        "figure": [RUN, "figure", "fig05", "--results", out, "--out", str(folder / "drawn")],
+        "study": [RUN, "study", "3", "--force", "--jobs", "2", "--out", results],
+        "figure": [RUN, "figure", "fig05", "--results", results, "--out", str(folder / "drawn")],
         "site": [
-            *SUPERVISED,
+            *SUPERVISED_PYTHON,
             "study.site",
             "--results",
-            out,
+            results,
             "--out",
             str(folder / "site"),
             "--jobs",
@@ -78,174 +91,187 @@ def commands(folder):
 
 
 @pytest.mark.random
-@pytest.mark.parametrize("name", SIGNALLED)
-def test_a_signal_at_any_moment_is_one_line_and_leaves_nobody(tmp_path, request, name):
-    """Whatever the command is doing, from the first moment on; files of others stay."""
+@pytest.mark.parametrize("name", N_SIGNALS)
+def test_a_signal_at_any_time_gives_one_line_and_leaves_no_process(tmp_path, request, name):
+    """This holds for every phase of the command; foreign files are kept."""
     if not request.config.getoption("--nightly"):
         pytest.skip("with --nightly")
-    first = commands(tmp_path)["study"]  # makes the folder one of results
-    assert subprocess.run(first, capture_output=True, cwd=ROOT).returncode in (0, 1)
+    study_command = make_commands(tmp_path)["study"]  # marks the folder as a results folder
+    assert subprocess.run(study_command, capture_output=True, cwd=ROOT).returncode in (0, 1)
     (tmp_path / "drawn").mkdir()
     for folder in ("results", "results/3", "drawn"):
         (tmp_path / folder / ".mine").write_text("mine")
-    for _ in range(SIGNALLED[name]):
-        number, group = random.choice(SIGNALS), random.random() < 0.5
-        before = numbers(tmp_path / "results")
-        command = commands(tmp_path)[name]
-        with Started(command, tmp_path / "messages", PYTHONPATH=str(ROOT)) as run:
+    for _ in range(N_SIGNALS[name]):
+        number, group = random.choice(TERMINATION_SIGNALS), random.random() < 0.5
+        old_numbers = read_stored_numbers(tmp_path / "results")
+        command = make_commands(tmp_path)[name]
+        with SpawnedCommand(command, tmp_path / "messages", PYTHONPATH=str(ROOT)) as process:
             time.sleep(random.uniform(0.0, 8.0))
             for _ in range(random.choice([1, 2])):
-                run.send(number, group)
-            status = run.wait()
-            assert run.left() == []
-            told = [found for line in run.lines() if (found := TOLD.fullmatch(line))]
-            assert not [line for line in run.lines() if "Traceback" in line], run.lines()
-            if status in (0, 1):  # it had ended, or was ending
-                assert told == []
+                process.send(number, group)
+            status = process.wait()
+            assert process.list_survivors() == []
+            interruptions = [
+                match
+                for line in process.read_messages()
+                if (match := INTERRUPTION_MESSAGE.fullmatch(line))
+            ]
+            assert not [line for line in process.read_messages() if "Traceback" in line], (
+                process.read_messages()
+            )
+            if status in (0, 1):  # the command had ended, or was about to end
+                assert interruptions == []
             elif status == 128 + number:
-                assert [found[1] for found in told] == [number.name]
-                assert TOLD.fullmatch(run.lines()[-1])
-            else:  # while the shell handed over to the command it may be silent
-                assert status == -number, run.lines()
-                assert len(told) <= 1
-        after = numbers(tmp_path / "results")
-        assert {key: after.get(key) for key in before} == before
+                assert [match[1] for match in interruptions] == [number.name]
+                assert INTERRUPTION_MESSAGE.fullmatch(process.read_messages()[-1])
+            else:  # no message while the shell is replaced by the command
+                assert status == -number, process.read_messages()
+                assert len(interruptions) <= 1
+        new_numbers = read_stored_numbers(tmp_path / "results")
+        assert {key: new_numbers.get(key) for key in old_numbers} == old_numbers
     for folder in ("results", "results/3", "drawn"):
         assert (tmp_path / folder / ".mine").read_text() == "mine"
 
 
-def test_interrupt_keeps_what_there_is_and_a_killed_main_process_takes_its_workers_along(tmp_path):
+def test_an_interrupt_keeps_stored_results_and_workers_end_with_a_killed_main_process(tmp_path):
     out = tmp_path / "results"
-    with Run(out, "V1") as run:
-        while not (before := [path.name for path in out.rglob("[!.]*.json")]):
+    with StudyCommand(out, "V1") as run:
+        while not (stored_names := [path.name for path in out.rglob("[!.]*.json")]):
             assert run.process.poll() is None
             time.sleep(0.02)
         run.send(signal.SIGINT, group=True)
         assert run.wait() == 130
-        assert TOLD.fullmatch(run.lines()[-1])[1] == "SIGINT"
-        assert run.left() == []
-    assert {*before} <= {f"{key.partition('/')[2]}.json" for key in numbers(out)}
-    with Run(out, "V1", "--force") as run:
-        while not run.workers():
+        assert INTERRUPTION_MESSAGE.fullmatch(run.read_messages()[-1])[1] == "SIGINT"
+        assert run.list_survivors() == []
+    assert {*stored_names} <= {f"{key.partition('/')[2]}.json" for key in read_stored_numbers(out)}
+    with StudyCommand(out, "V1", "--force") as run:
+        while not run.list_workers():
             time.sleep(0.02)
         run.process.kill()
         run.wait()
-        assert run.left_in_the_end() == []
+        assert run.list_lasting_survivors() == []
 
 
 @pytest.mark.random
-def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
-    """Leader, guard, main process or worker, at random; half of the results is computed each time.
+def test_random_kills_lose_no_result_and_leave_no_process(tmp_path, request):
+    """Leader, guard, main process or worker is killed; half of the results is computed each time.
 
-    Now and then without compiled forms: a compilation that is killed would block its form.
+    Every tenth run starts without compiled forms, because a killed compilation may block its form.
     """
     if not request.config.getoption("--nightly"):
         pytest.skip("takes ten minutes, with --nightly")
-    whole, out = tmp_path / "whole", tmp_path / "results"
+    uninterrupted, out = tmp_path / "whole", tmp_path / "results"
     start = time.monotonic()
-    with Run(whole, *SECTIONS) as run:
-        assert run.wait() == 0, run.lines()
-    seconds, expected = time.monotonic() - start, numbers(whole)
-    ended, attempt = [], 0
-    while len(ended) < KILLS:
+    with StudyCommand(uninterrupted, *SECTIONS) as run:
+        assert run.wait() == 0, run.read_messages()
+    seconds, expected = time.monotonic() - start, read_stored_numbers(uninterrupted)
+    statuses, attempt = [], 0
+    while len(statuses) < N_KILLS:
         if attempt % 10 == 0:
-            compiled = {"XDG_CACHE_HOME": str(tmp_path / f"compiled-{attempt}")}
+            cache = {"XDG_CACHE_HOME": str(tmp_path / f"compiled-{attempt}")}
         attempt += 1
         for path in list(out.rglob("[!.]*.json")):
             if random.random() < 0.5 and path.parent.name in SECTIONS:
                 path.unlink()
-        before = numbers(out)
-        with Run(out, *SECTIONS, *random.choice([["--force"], []]), **compiled) as run:
+        old_numbers = read_stored_numbers(out)
+        with StudyCommand(out, *SECTIONS, *random.choice([["--force"], []]), **cache) as run:
             time.sleep(random.uniform(0.0, seconds))
-            victim = random.choice(run.killable())
-            killed = run.process.poll() is None
-            with suppress(ProcessLookupError):  # it has just ended
+            victim = random.choice(run.list_killable_processes())
+            was_running = run.process.poll() is None
+            with suppress(ProcessLookupError):  # the process has just ended
                 os.kill(victim, signal.SIGKILL)
             status = run.wait()
-            ended += [status] * killed
-            assert status in (0, 1, -signal.SIGKILL, 128 + signal.SIGKILL), run.lines()
-            assert run.left_in_the_end() == []
-            bad = [line for line in run.lines() if re.search("failed|Traceback", line)]
-            assert not bad, run.lines()
-        after = numbers(out)
-        assert {key: after.get(key) for key in before} == before
-    assert set(ended) >= {1, 128 + signal.SIGKILL}  # workers with a case, and main processes
-    with Run(out, *SECTIONS, **compiled) as run:
-        assert run.wait() == 0, run.lines()
-    assert numbers(out) == expected
+            statuses += [status] * was_running
+            assert status in (0, 1, -signal.SIGKILL, 128 + signal.SIGKILL), run.read_messages()
+            assert run.list_lasting_survivors() == []
+            errors = [line for line in run.read_messages() if re.search("failed|Traceback", line)]
+            assert not errors, run.read_messages()
+        new_numbers = read_stored_numbers(out)
+        assert {key: new_numbers.get(key) for key in old_numbers} == old_numbers
+    # killed workers with a case, and killed main processes
+    assert set(statuses) >= {1, 128 + signal.SIGKILL}
+    with StudyCommand(out, *SECTIONS, **cache) as run:
+        assert run.wait() == 0, run.read_messages()
+    assert read_stored_numbers(out) == expected
     assert [path.name for path in out.rglob(".*")] == [".pw-elements"]
 
 
-def test_a_worker_whose_main_process_has_gone_says_nothing():
-    ours, theirs = multiprocessing.Pipe()
-    ours.send(("math:sqrt", (4.0,)))
-    ours.close()
-    _work(theirs)  # and nobody takes what it has done
+def test_a_worker_without_its_main_process_prints_nothing():
+    main_end, worker_end = multiprocessing.Pipe()
+    main_end.send(("math:sqrt", (4.0,)))
+    main_end.close()
+    _work(worker_end)  # no process receives the result
 
 
-def test_what_killed_writers_leave_is_swept_in_the_folders_of_results(tmp_path):
-    left = ".0123456789abcdef.pw-elements-unfinished"
+def test_unfinished_files_of_killed_writers_are_removed_from_results_folders(tmp_path):
+    unfinished = ".0123456789abcdef.pw-elements-unfinished"
     deep = tmp_path / "7.1" / "deeper"
     deep.mkdir(parents=True)
     for folder in (tmp_path, tmp_path / "7.1", deep):
-        (folder / left).write_text("")
+        (folder / unfinished).write_text("")
     sweep(tmp_path)
-    assert [path.name for path in tmp_path.rglob(".*")] == [left]
-    assert (deep / left).exists()
+    assert [path.name for path in tmp_path.rglob(".*")] == [unfinished]
+    assert (deep / unfinished).exists()
 
 
-def waiting_for(source):
+def make_compilation_timeout(stale_source):
+    """Return the error of DOLFINx for a form whose compilation has been interrupted."""
     return TimeoutError(
         "JIT compilation timed out, probably due to a failed previous compile. "
-        f"Try cleaning cache (e.g. remove {source}) or increase timeout option."
+        f"Try cleaning cache (e.g. remove {stale_source}) or increase timeout option."
     )
 
 
 @pytest.fixture
-def source(tmp_path):
-    """C code of a form whose compilation began long ago."""
+def stale_source(tmp_path):
+    """C source of a form whose compilation began long ago."""
     path = tmp_path / "libffcx_forms_1f.c"
     path.write_text("")
     os.utime(path, (0, 0))
     return path
 
 
-def test_compilations_that_were_killed_or_made_twice_are_made_again(source):
-    """But one that is slow is waited for, and other errors block nothing."""
-    compiled, done = source.with_suffix(".o"), source.with_suffix(".c.cached")
-    compiled.write_text("just made")
-    assert unblocked(waiting_for(source))
+def test_compilations_that_were_killed_or_duplicated_are_repeated(stale_source):
+    """A slow compilation is not repeated, and other errors do not count as blocked forms."""
+    object_file, completion_mark = (
+        stale_source.with_suffix(".o"),
+        stale_source.with_suffix(".c.cached"),
+    )
+    object_file.write_text("just made")
+    assert unblocked(make_compilation_timeout(stale_source))
     assert not unblocked(TimeoutError("of another kind"))
-    assert not unblocked(FileExistsError(17, "File exists", str(source)))
-    assert source.exists()
-    compiled.unlink()
-    assert unblocked(waiting_for(source))
-    assert not source.exists()
-    source.write_text("")
-    os.utime(source, (0, 0))
-    assert unblocked(ValueError(f"the form cannot be compiled: {waiting_for(source)}"))
-    assert not source.exists()
-    done.touch()
+    assert not unblocked(FileExistsError(17, "File exists", str(stale_source)))
+    assert stale_source.exists()
+    object_file.unlink()
+    assert unblocked(make_compilation_timeout(stale_source))
+    assert not stale_source.exists()
+    stale_source.write_text("")
+    os.utime(stale_source, (0, 0))
+    assert unblocked(
+        ValueError(f"the form cannot be compiled: {make_compilation_timeout(stale_source)}")
+    )
+    assert not stale_source.exists()
+    completion_mark.touch()
     with pytest.raises(FileExistsError) as caught:
-        done.open("x")
+        completion_mark.open("x")
     assert unblocked(caught.value)
-    assert not done.exists()
+    assert not completion_mark.exists()
 
 
-BLOCKED = """
+RUN_WITH_TIMEOUT = """
 from pathlib import Path
-from tests.run.test_interrupted import waiting_for
+from tests.run.test_interrupted import make_compilation_timeout
 def run(value, log, do=""):
     if do and Path(do).exists():
-        raise waiting_for(do)
+        raise make_compilation_timeout(do)
 """
 
 
-def test_compilation_that_was_killed_costs_no_case(tmp_path, monkeypatch, source):
+def test_a_killed_compilation_loses_no_case(tmp_path, monkeypatch, stale_source):
     install(tmp_path, monkeypatch)
-    one = tmp_path / "toy" / "one.py"
-    text = one.read_text().replace('def run(value, log, do=""):', BLOCKED.strip())
-    one.write_text(text.replace('case("a")', f'case("a", do="{source}")'))
+    section = tmp_path / "toy" / "one.py"
+    text = section.read_text().replace('def run(value, log, do=""):', RUN_WITH_TIMEOUT.strip())
+    section.write_text(text.replace('case("a")', f'case("a", do="{stale_source}")'))
     monkeypatch.setattr("study.report.build", lambda *_: [])
     assert main(["1", "--jobs", "1", "--out", str(tmp_path / "results")]) == 0
     assert Results(tmp_path / "results").cases("1") == ["a", "b"]

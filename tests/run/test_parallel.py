@@ -1,11 +1,12 @@
-"""The harness by which tests run on several processes."""
+"""The test helpers that run functions on several MPI processes."""
 
 import pytest
 
 from tests.parallel import run_on, same_numbers
 
 
-def one_fails(comm):
+def fail_on_process_1(comm):
+    """Print the rank; raise KeyError on process 1."""
     print("here is", comm.rank, flush=True)
     comm.barrier()
     if comm.rank == 1:
@@ -13,17 +14,18 @@ def one_fails(comm):
     comm.barrier()
 
 
-def numbers(comm, shift):
+def return_numbers_with_shift(comm, shift):
+    """Return arrays by name; `shift` is added to one value on all processes except the first."""
     return {"none": [], "rank": [3.0, 1.0 + shift * (comm.rank > 0)], "a slip": 1e-12 * comm.rank}
 
 
-def test_who_fails_ends_all_and_each_is_heard():
+def test_a_failing_process_ends_all_and_every_output_is_reported():
     with pytest.raises(AssertionError) as caught:
-        run_on(2, one_fails)
+        run_on(2, fail_on_process_1)
     for part in ("here is 0", "process 1:\nhere is 1\nTraceback", "KeyError: 'x'"):
         assert part in str(caught.value)
 
 
 def test_numbers_that_differ_on_one_process_are_named():
     with pytest.raises(AssertionError, match="rank, process 1 of 2"):
-        same_numbers(numbers, 4e-10, processes=[2])
+        same_numbers(return_numbers_with_shift, 4e-10, processes=[2])

@@ -1,4 +1,4 @@
-"""The tutorial's code, run as it stands; `-m tests.run.test_tutorial` draws its pictures."""
+"""The code of the tutorial runs unchanged; `-m tests.run.test_tutorial` draws its pictures."""
 
 import io
 import os
@@ -21,46 +21,50 @@ PAGE = DOCS / "your-own-problem.md"
 METHODS = ("standard", "piecewise linear")
 
 
-def code_of(page):
+def extract_code(page):
+    """Return the Python code blocks of a page as one program."""
     return "\n\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL))
 
 
 def run_program(code, file):
-    """Run a program in its folder; return its names, and what it printed as "printed"."""
+    """Run a program in its folder; return its global names, with its output as "printed"."""
     file.write_text(code)
     with chdir(file.parent), redirect_stdout(io.StringIO()) as printed:
         names = runpy.run_path(str(file))
     return names | {"printed": printed.getvalue()}
 
 
-def run(folder, size="0.1"):
-    code = code_of(PAGE)
+def run_tutorial(folder, size="0.1"):
+    """Run the program of the tutorial with an element size in mm; return its global names."""
+    code = extract_code(PAGE)
     assert "\nsize = 0.1 " in code
     code = code.replace("\nsize = 0.1 ", f"\nsize = {size} ")
     return run_program(code, folder / "dome.py") | {"folder": folder}
 
 
-def numbers(text):
-    """What the program prints, but the round-off in its residuals."""
+def extract_numbers(text):
+    """Return the numbers in the output of the program, without residuals at round-off level."""
     text = re.sub(r"missed by .*", "", text)
     return [float(word) for word in re.findall(r"-?\d+\.?\d*", text)]
 
 
-def pictures():
+def find_picture_names():
+    """Return the file names of the pictures on the page."""
     return re.findall(r"!\[[^]]+\]\(([\w.-]+)\)", PAGE.read_text())
 
 
 @pytest.fixture(scope="module")
 def dome(tmp_path_factory):
-    return run(tmp_path_factory.mktemp("dome"))
+    """Run the tutorial; return the global names of its program."""
+    return run_tutorial(tmp_path_factory.mktemp("dome"))
 
 
-def test_own_form_is_the_librarys(dome):
+def test_the_form_of_the_page_equals_that_of_the_library(dome):
     assert dome["difference"] < 1e-14
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_forces_are_those_prescribed_and_the_base_holds_them(dome, method):
+def test_forces_equal_the_prescribed_ones_and_are_balanced_by_the_base(dome, method):
     F, Q = dome["F"], dome["Q"]
     contact = dome["pushed"][method]
     assert contact.force == pytest.approx([Q, -F], rel=1e-9)
@@ -75,7 +79,7 @@ def test_forces_are_those_prescribed_and_the_base_holds_them(dome, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_pressure_is_hertzs(dome, method):
+def test_the_pressure_agrees_with_hertz(dome, method):
     contact, a, p0 = dome["pressed"][method], dome["a"], dome["p0"]
     x = contact.position[:, 0]
     closed = x[contact.status != OPEN]
@@ -86,8 +90,8 @@ def test_pressure_is_hertzs(dome, method):
 
 
 def test_pictures_and_fields_are_written(dome):
-    assert len(pictures()) == 3
-    for name in pictures():
+    assert len(find_picture_names()) == 3
+    for name in find_picture_names():
         assert (dome["folder"] / name).stat().st_size > 20_000
         assert (DOCS / name).is_file()
     for name in ("dome.bp", "dome-stress.bp"):
@@ -96,19 +100,19 @@ def test_pictures_and_fields_are_written(dome):
 
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
 def test_two_processes_print_the_same_numbers(tmp_path):
-    expected = numbers(run(tmp_path, "0.4")["printed"])  # on a coarser mesh
+    expected = extract_numbers(run_tutorial(tmp_path, "0.4")["printed"])  # on a coarser mesh
     command = ["mpirun", "-n", "2", sys.executable, "-m", "mpi4py", "dome.py"]
     environment = os.environ | {"PYTHONPATH": str(DOCS.parent)}
-    done = subprocess.run(
+    process = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=1800
     )
-    assert done.returncode == 0, done.stderr
+    assert process.returncode == 0, process.stderr
     assert len(expected) > 10
-    assert numbers(done.stdout) == pytest.approx(expected, rel=1e-6)
+    assert extract_numbers(process.stdout) == pytest.approx(expected, rel=1e-6)
 
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as name:
-        run(Path(name))
-        for picture in pictures():
+        run_tutorial(Path(name))
+        for picture in find_picture_names():
             shutil.copy(Path(name) / picture, DOCS)

@@ -16,7 +16,7 @@ from study.discretisation import spaces
 from study.engineering import conductance, friction, impact, submodel, wear
 from study.engineering.readings import reading
 from study.verification.solid_meshes import box
-from tests.contact.cases import Elastic, at
+from tests.contact.cases import ElasticBody, on_plane
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-T10", "pw-T10")
 
@@ -27,7 +27,7 @@ def block(element, cells=3):
     mesh = triangles(MPI.COMM_SELF, (0, 0), (1, 1), (cells, cells)) if plane else None
     mesh = mesh or box("tetrahedron", lines, lines, lines)
     state = "plane strain" if plane else "solid"
-    return Elastic(mesh, partial(spaces, element), state, wear.MODULUS, wear.NU)
+    return ElasticBody(mesh, partial(spaces, element), state, wear.MODULUS, wear.NU)
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
@@ -36,17 +36,17 @@ def test_readings_know_the_pressure_of_its_forces(element):
     body = block(element).body
     mesh = body.spaces.mesh
     up = mesh.geometry.dim - 1
-    surface = SurfaceNodes.of(body, at(up, 0.0))
+    surface = SurfaceNodes.from_body(body, on_plane(up, 0.0))
     x = ufl.SpatialCoordinate(mesh)
 
     def forces(pressure):
         traction = ufl.as_vector([0.0] * up + [pressure])
-        load = body.surface_load(traction, boundary_measure(mesh, at(up, 0.0)))
+        load = body.surface_load(traction, boundary_measure(mesh, on_plane(up, 0.0)))
         return assemble_vector(load).array[up :: up + 1][surface.node]
 
     linear = 1 + 2 * surface.position[:, 0]
     assert reading("projected", surface) @ forces(1 + 2 * x[0]) == pytest.approx(linear)
-    corners = surface.own_area < 1e-9
+    corners = surface.weight_area < 1e-9
     even = forces(1.0 + 0 * x[0])
     if corners.any():
         with pytest.raises(ValueError, match="own weight vanishes"):
@@ -68,9 +68,9 @@ def test_an_unworn_punch_has_the_librarys_contact_forces(element):
         return np.isclose(x[up], 1) & (np.max(x[:up], axis=0) < wear.LOADED + 1e-9)
 
     traction = np.append(np.zeros(up), -wear.MEAN / wear.LOADED**up)
-    plate = ContactPair(at(up, 0.0), Plane((0.0,) * (up + 1), np.eye(up + 1)[up]))
-    held = body.held(*((i, at(i, 0.0)) for i in range(up)))
-    (state,) = body.contact(plate, held, body.load(traction, back))
+    plate = ContactPair(on_plane(up, 0.0), Plane((0.0,) * (up + 1), np.eye(up + 1)[up]))
+    held = body.make_supports(*((i, on_plane(i, 0.0)) for i in range(up)))
+    (state,) = body.solve_contact(plate, held, body.traction_load(traction, back))
     found, _ = punch.forces(np.zeros(len(punch.free)), np.ones(len(punch.free), dtype=bool))
     assert found == pytest.approx(state.pairs[0].force_normal, abs=1e-9)
 
@@ -84,9 +84,11 @@ def test_a_worn_punch_ends_in_the_shape_of_an_even_pressure():
     """The face's displacements under the even pressure, by one linear solution."""
     body, end = block("pw-T6", 4), worn("pw-T6")
     above = lambda x: np.isclose(x[1], 1) & (x[0] < wear.LOADED + 1e-9)  # noqa: E731
-    load = body.load((0.0, 1.0), at(1, 0.0)) + body.load((0.0, -1 / wear.LOADED), above)
+    load = body.traction_load((0.0, 1.0), on_plane(1, 0.0)) + body.traction_load(
+        (0.0, -1 / wear.LOADED), above
+    )
     corner = (1, lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 1))
-    u = solve(body.K, load, body.held((0, at(0, 0.0)), corner))
+    u = solve(body.K, load, body.make_supports((0, on_plane(0, 0.0)), corner))
     moved = u.array_r[1::2][end.punch.surface.node]
     worn_off = end.depth - end.depth.min()
     assert worn_off == pytest.approx(moved.max() - moved, abs=5e-3 * np.ptp(moved))
@@ -96,7 +98,7 @@ def test_a_worn_punch_ends_in_the_shape_of_an_even_pressure():
 @pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6", "pw-T10"])
 def test_worn_volume_is_force_times_path_and_pressures_end_even(element):
     end = worn(element)
-    assert end.punch.surface.own_area @ end.depth == pytest.approx(wear.PATH * end.punch.force)
+    assert end.punch.surface.weight_area @ end.depth == pytest.approx(wear.PATH * end.punch.force)
     assert end.pressure == pytest.approx(wear.MEAN, rel=0.01)
 
 

@@ -52,9 +52,9 @@ def test_even_pressure_is_read_with_each_elements_own_weights(kind):
     standard = assemble_vector(
         body.surface_load(tuple(3 * up), boundary_measure(space.mesh, where))
     )
-    of_sibling = Sibling.of(space).load(standard)
+    of_sibling = Sibling.from_space(space).load(standard)
     for transfer, force in ((None, standard), (force_transfer(space), of_sibling)):
-        surface = SurfaceNodes.of(body, where)
+        surface = SurfaceNodes.from_body(body, where)
         if transfer is not None:
             surface = transferred(surface, transfer)
         nodal = force.array_r.reshape(-1, len(up))[surface.node, -1]
@@ -71,15 +71,15 @@ def test_siblings_weights_are_integrals_of_its_basis():
     """Of T N, each interpolated as a function of its own and integrated over the face."""
     body, where = solid()
     space = body.spaces.trial
-    surface = transferred(SurfaceNodes.of(body, where), force_transfer(space))
-    basis, function = Sibling.of(space).basis, fem.Function(space)
+    surface = transferred(SurfaceNodes.from_body(body, where), force_transfer(space))
+    basis, function = Sibling.from_space(space).basis, fem.Function(space)
     ds = boundary_measure(space.mesh, where)
     for place in (0, 1, len(surface.node) // 2):
         unit = basis.createVecRight()
         unit.array[3 * surface.node[place] + 2] = 1.0
         function.x.array[:] = (basis * unit).array_r
         found = fem.assemble_scalar(fem.form(ufl.as_vector(function)[2] * ds))
-        assert surface.own_area[place] == pytest.approx(found, rel=1e-12)
+        assert surface.weight_area[place] == pytest.approx(found, rel=1e-12)
 
 
 def test_errors_on_common_nodes_and_on_the_others():

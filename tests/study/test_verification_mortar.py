@@ -5,13 +5,13 @@ import pytest
 
 from pw_elements.contact.interface import Overlap, gathered_trace
 from study.verification import mortar_ways, v11_two_bodies
-from tests.contact.two_bodies import Stack
+from tests.contact.two_bodies import StackedBlocks
 
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 def test_duals_of_quadratics_are_biorthogonal(cell):
     """In space those of the transformed functions."""
-    stack = Stack((2, 3), cell)
+    stack = StackedBlocks((2, 3), cell)
     one, other = (gathered_trace(stack.space, stack.sides[side]) for side in ("upper", "lower"))
     overlap = Overlap.of(one, other, one.nodes, revolved=False)
     at, N = overlap.functions[0]
@@ -33,7 +33,7 @@ def test_duals_of_quadratics_are_biorthogonal(cell):
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 def test_with_gaps_by_duals_a_multiplier_presses_its_own_node_alone(cell):
     """By the integral of its weight; and the master as much."""
-    stack = Stack((2, 3), cell)
+    stack = StackedBlocks((2, 3), cell)
     one, other = (gathered_trace(stack.space, stack.sides[side]) for side in ("upper", "lower"))
     found = mortar_ways._of_multipliers("pw-dual-gap", one, other, len(stack.x), 1.0)
     forces = found.forces.toarray()

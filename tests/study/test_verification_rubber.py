@@ -15,7 +15,7 @@ from study.matrices import dense
 from study.verification import v15_seal
 from study.verification.v15_meshes import moved_mesh
 from study.verification.v15_stability import infsup
-from tests.contact.cases import Elastic, at
+from tests.contact.cases import ElasticBody, on_plane
 
 
 @pytest.mark.parametrize("element", ["pw-hybrid-T6", "galerkin-hybrid-Q9", "pw-hybrid-T10"])
@@ -25,8 +25,8 @@ def test_inf_sup_constants_are_singular_values_between_the_norms(element):
     pair = spaces(element, mesh)
     state = StressState.SOLID if dim == 3 else StressState.PLANE_STRAIN
     # another shear modulus: the norms take it out
-    body, mu = Elastic(mesh, lambda _: pair, state, 12.0, 0.5), 4.0
-    held = body.clamped(at(dim - 1, 0.0))
+    body, mu = ElasticBody(mesh, lambda _: pair, state, 12.0, 0.5), 4.0
+    held = body.clamp(on_plane(dim - 1, 0.0))
 
     def norm(space):
         (u, p), (v, q) = (ufl.split(of(space)) for of in (ufl.TrialFunction, ufl.TestFunction))
@@ -48,7 +48,7 @@ def test_a_hardly_squeezed_seal_has_the_force_of_contact_at_small_displacements(
     large = -ring.force()[ring.upper, 1].sum()
 
     mesh = ring.space.mesh
-    body = Elastic(mesh, partial(spaces, "pw-hybrid-T6"), "axisymmetric", 3.0, 0.5)
+    body = ElasticBody(mesh, partial(spaces, "pw-hybrid-T6"), "axisymmetric", 3.0, 0.5)
 
     def outside(x, side):
         return (np.hypot(x[0] - v15_seal.RING, x[1]) > 1 - 1e-9) & (side * x[1] > 0.5)
@@ -62,7 +62,7 @@ def test_a_hardly_squeezed_seal_has_the_force_of_contact_at_small_displacements(
         )
         for side in (1.0, -1.0)
     ]
-    (state,) = body.contact(pairs)
+    (state,) = body.solve_contact(pairs)
     small = -state.pairs[0].force[1]
     closed = (state.pairs[0].status > 0).sum()
     assert closed == ring.upper.sum()

@@ -42,17 +42,22 @@ from pw_elements.contact.model import (
     step_error,
     with_step,
 )
-from pw_elements.elasticity import StressState, by_position, facet_nodes, facets_between
+from pw_elements.elasticity import (
+    StressState,
+    facet_nodes,
+    facets_with_all_nodes,
+    order_by_position,
+)
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
-    Assembled,
+    AssemblyRecord,
     Part,
     SubSpace,
     assemble_vector,
-    exterior_facets,
+    gather_from_owners,
     is_hybrid,
-    nodes_of,
-    of_owners,
+    locate_exterior_facets,
+    locate_nodes,
 )
 
 # Attributes of surfaces that are vectors (dim,)
@@ -100,7 +105,7 @@ class BodyNodes:
         mesh = self.space.mesh
         dim = mesh.geometry.dim
         self.x: Array = self.space.tabulate_dof_coordinates()[:, :dim]
-        self.column: Indices = free_columns(reduction.right)[self.field.owned]
+        self.column: Indices = free_columns(reduction.right)[self.field.owned_unknowns]
         v = ufl.TestFunction(self.space)
         normal = assemble_vector(ufl.inner(ufl.FacetNormal(mesh), v) * ufl.ds)
         # a view would keep the vector on the one process whose error holds these nodes
@@ -109,13 +114,13 @@ class BodyNodes:
         self.diagonal = float(np.linalg.norm(extents(mesh.comm, mesh.geometry.x)))
         self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
 
-    def find_axis(self, known: Assembled | None) -> None:
+    def find_axis(self, known: AssemblyRecord | None) -> None:
         """Mark radial components on the axis, if the stiffness is known to be axisymmetric."""
-        if known is not None and StressState.AXISYMMETRIC.value in known.states:
+        if known is not None and StressState.AXISYMMETRIC.value in known.stress_states:
             self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _ON_AXIS * self.diagonal
 
     def owned(self, whose: str, nodes: Part) -> LocalIndices:
-        given = nodes_of(self.given, whose, nodes)
+        given = locate_nodes(self.given, whose, nodes)
         return given[given < self.space.dofmap.index_map.size_local]
 
     def refuse(self, node: LocalIndices, what: str) -> None:
@@ -129,7 +134,7 @@ def nodal_interface(
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
     reduction: Reduction,
-    known: Assembled | None = None,
+    known: AssemblyRecord | None = None,
     deformed: bool = False,
 ) -> Interface:
     """Contact points of pairs, and checks of what can be checked before any computation.
@@ -173,7 +178,7 @@ def nodal_interface(
     mortars: dict[int, SlidingMortar] = {}
     for k, (pair, node, cone) in enumerate(zip(pairs, found, cones, strict=True)):
         if isinstance(pair.surface, DeformableSurface):
-            revolved = _revolved(k, pair.surface, known or Assembled(), dim)
+            revolved = _revolved(k, pair.surface, known or AssemblyRecord(), dim)
             if deformed:
                 of_pair, shapes[k], mortars[k] = sliding_points(k, pair, node, cone, body, revolved)
             else:
@@ -221,7 +226,7 @@ def _tell_of_lone(name: str, node: LocalIndices, body: BodyNodes) -> None:
     """Logs nodes that have no pressure, which files and pictures refuse when all is solved."""
     comm, own = body.space.mesh.comm, body.space.dofmap.index_map
     every = np.concatenate(comm.allgather(own.local_to_global(node)))
-    on_facets = facet_nodes(body.space, facets_between(body.space, every))
+    on_facets = facet_nodes(body.space, facets_with_all_nodes(body.space, every))
     on_facets = np.concatenate(comm.allgather(own.local_to_global(np.unique(on_facets))))
     lone = body.x[node[~np.isin(own.local_to_global(node), on_facets)]]
     places = np.concatenate(comm.allgather(lone))
@@ -279,18 +284,18 @@ def _at_nodes(
         return arguments.check_function_values(whose, given, (len(every),), layout)[own]
 
 
-def _revolved(number: int, master: DeformableSurface, known: Assembled, dim: int) -> bool:
+def _revolved(number: int, master: DeformableSurface, known: AssemblyRecord, dim: int) -> bool:
     """Whether areas are those of a circumference, by what is known of the stiffness if it is."""
-    axisymmetric = StressState.AXISYMMETRIC.value in known.states
-    if dim == 2 and not known.states and master.revolved is None:
+    axisymmetric = StressState.AXISYMMETRIC.value in known.stress_states
+    if dim == 2 and not known.stress_states and master.revolved is None:
         raise ValueError(
             f"contact pair {number}: the stiffness does not tell whether it is axisymmetric, as "
             "that of a Body does; give DeformableSurface(..., revolved=True or False)"
         )
-    if known.states and master.revolved not in (None, axisymmetric):
+    if known.stress_states and master.revolved not in (None, axisymmetric):
         raise ValueError(
             f"contact pair {number}: its surface is said to be revolved={master.revolved}, but the "
-            f"stiffness is one in {' and '.join(sorted(known.states))}"
+            f"stiffness is one in {' and '.join(sorted(known.stress_states))}"
         )
     return bool(axisymmetric or master.revolved)
 
@@ -395,8 +400,8 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
 
     They are told by their values a quarter along an edge, where quadratic ones are down to -1/8.
     """
-    assembled = Assembled.of(K)
-    if (test := assembled.weights) is None:
+    assembled = AssemblyRecord.read(K)
+    if (test := assembled.test_space) is None:
         return
     element = (test.sub([0]) if is_hybrid(space) else test).element.basix_element
     quarter = np.eye(1, space.mesh.topology.dim) / 4
@@ -417,8 +422,8 @@ def _sides(
     every = np.concatenate(space.mesh.comm.allgather(own))
     if not len(every):
         raise ValueError(f"{who} has no nodes: its marker holds nowhere")
-    one = gathered_trace(space, facets_between(space, every))
-    other = gathered_trace(space, exterior_facets(space.mesh, master.where))
+    one = gathered_trace(space, facets_with_all_nodes(space, every))
+    other = gathered_trace(space, locate_exterior_facets(space.mesh, master.where))
     if not len(other.node):
         raise ValueError(f"{who} has no opposite facets: their marker holds nowhere")
     body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
@@ -458,7 +463,7 @@ def sliding_points(
 
 def _facing(own: Indices, node: LocalIndices, other: Trace, body: BodyNodes) -> dict[str, Any]:
     x = other.positions_of_nodes()
-    order, held = by_position(x), _prescribed(other.nodes, body)
+    order, held = order_by_position(x), _prescribed(other.nodes, body)
     counterpart = np.full(body.x[node].shape, -1, dtype=np.int64)
     for axis in range(x.shape[1]):
         some = np.flatnonzero(held[:, axis])
@@ -556,7 +561,7 @@ def _tell_of_noise(number: int, squares: Array, gap: Array, body: BodyNodes, edg
 
 def _prescribed(node: Indices, body: BodyNodes) -> Mask:
     """Which displacements (n, dim) of global nodes are, of whichever process."""
-    return of_owners(body.space, node, (body.column == -1).astype(np.int8)) > 0
+    return gather_from_owners(body.space, node, (body.column == -1).astype(np.int8)) > 0
 
 
 def _in_symmetry_planes(normal: Array, free: Mask) -> Array:

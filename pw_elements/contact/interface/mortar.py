@@ -26,7 +26,7 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, LocalIndices
-from pw_elements.elasticity import facets_in_cells
+from pw_elements.elasticity import locate_facets_in_cells
 
 # Nodes of the sub-facets of a facet of so many nodes: vertices first, then the middles of edges,
 # and a quadrilateral's own
@@ -156,7 +156,7 @@ def flat_facets(
     space: fem.FunctionSpace, facets: LocalIndices
 ) -> tuple[LocalIndices, Array, Array]:
     """Nodes (f, k) of exterior facets, their positions, and outward unit normals as if flat."""
-    dim, (cells, places) = space.mesh.topology.dim, facets_in_cells(space, facets)
+    dim, (cells, places) = space.mesh.topology.dim, locate_facets_in_cells(space, facets)
     behind = space.dofmap.list[cells]
     nodes = np.take_along_axis(behind, places, axis=1)
     x = space.tabulate_dof_coordinates()[:, :dim]

@@ -34,8 +34,8 @@ from pw_elements.contact.model import (
     Surface,
     wrong_derivatives,
 )
-from pw_elements.elasticity import by_position
-from pw_elements.spaces import SubSpace, of_owners
+from pw_elements.elasticity import order_by_position
+from pw_elements.spaces import SubSpace, gather_from_owners
 
 # Values of `faced` that are no node: a rigid surface, or a deformable one, which has many
 RIGID, DEFORMABLE = -1, -2
@@ -78,7 +78,7 @@ class Points:
     # (m, dim), global number of the nearest node of a deformable surface that supports hold in this
     # component, too; -1 without any
     counterpart: Indices
-    # (k,), global numbers of a deformable surface's nodes, of all processes, `by_position`
+    # (k,), global numbers of a deformable surface's nodes, of all processes, `order_by_position`
     opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
@@ -305,13 +305,15 @@ class Interface:
         csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
         sizes = ((rows.shape[0], PETSc.DETERMINE), self.field.sizes)
         matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=self.comm)
-        return matrix if self.field.is_all else matrix.matMult(self.field.selection())
+        return (
+            matrix if self.field.is_whole_space else matrix.matMult(self.field.selection_matrix())
+        )
 
     @cached_property
     def _order(self) -> list[npt.NDArray[np.intp]]:
         """Order by position of each pair's points as they are gathered."""
         return [
-            by_position(
+            order_by_position(
                 self.gathered(self.position[self.pair == k]),
                 self.gathered(self._beside[self.pair == k]),
             )
@@ -350,13 +352,13 @@ class Interface:
 
     def at_points(self, unknowns: PETSc.Vec) -> Array:
         """What unknowns (n,) have at the points' nodes, (m, dim)."""
-        values = self.field.part(unknowns).array_r.reshape(-1, self.position.shape[1])
+        values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
         return np.asarray(values[self.own_nodes])
 
     def at_nodes(self, nodes: Indices, unknowns: PETSc.Vec) -> Array:
         """What unknowns (n,), or their equations, have at global nodes (k,): (k, dim)."""
-        values = self.field.part(unknowns).array_r.reshape(-1, self.position.shape[1])
-        return of_owners(self.field.space, nodes, values)
+        values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
+        return gather_from_owners(self.field.space, nodes, values)
 
     def gaps(self, translations: Array | None) -> Array:
         """Gap (m,) of the undeformed body to the translated surfaces, as the unknowns see it.

@@ -19,7 +19,7 @@ from dolfinx import fem
 from ufl.algorithms import extract_elements
 
 from pw_elements._compat import cell_nodes
-from pw_elements.algebra import Reduction, System
+from pw_elements.algebra import Reduction, ResidualSystem
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import ROUND_OFF
 from pw_elements.contact.iteration.increment import LinearEquilibrium
@@ -98,7 +98,7 @@ class FiniteEquilibrium:
 
     def __init__(
         self,
-        body: System,
+        body: ResidualSystem,
         system: ContactSystem,
         reduction: Reduction,
         guard: CellGuard,
@@ -111,10 +111,10 @@ class FiniteEquilibrium:
         # coordinates' round-off, as forces
         round_off = ROUND_OFF * float(system.scale.max(initial=0.0)) * guard.extent
         self._round_off = system.comm.allreduce(round_off, MPI.MAX) or np.finfo(float).tiny
-        diagonal = self._field.part(body.matrix.getDiagonal())
+        diagonal = self._field.extract(body.tangent.getDiagonal())
         self._max_row_sum = _ROW_SUM_OVER_DIAGONAL * float(diagonal.norm(PETSc.NormType.INFINITY))
         self._volume_round_off: Array | float = 0.0
-        body.take(start)
+        body.set_unknowns(start)
         if guard.min_determinant() <= 0:
             raise NotFound.at(
                 "cells at {} are turned inside out at the start", guard.inverted_midpoints()
@@ -139,7 +139,7 @@ class FiniteEquilibrium:
         for _ in range(_MAX_HALVINGS):
             u = self._u.copy()
             u.axpy(step_length, step)
-            self._body.take(u)
+            self._body.set_unknowns(u)
             if self._guard.min_determinant() > 0:
                 break
             step_length /= 2
@@ -167,7 +167,7 @@ class FiniteEquilibrium:
         Round-off of forces is allowed for: a body that has left its tool may have moved far, with
         no force to compare with. Equations of pressures are volumes, which have round-off, too.
         """
-        displacement = self._field.part(self._u).norm(PETSc.NormType.INFINITY)
+        displacement = self._field.extract(self._u).norm(PETSc.NormType.INFINITY)
         of_volumes = np.asarray(self._volume_round_off)
         allowed = TOLERANCE * self._max_force + self._round_off + of_volumes
         of_forces = ROUND_OFF * self._max_row_sum * displacement
@@ -177,8 +177,8 @@ class FiniteEquilibrium:
 
     def linearise(self, torque_map: TorqueMap) -> PETSc.Vec:
         """Assemble K and f at u, set the system's matrix and return f, reduced."""
-        K, reduction = self._body.matrix, self._reduction
-        self._body.assemble()
+        K, reduction = self._body.tangent, self._reduction
+        self._body.assemble_tangent()
         K = self._renew_system(K, torque_map)
         self.tangent, self._volume_round_off = K, self._round_off_of_volumes(K)
         load = K.createVecLeft()
@@ -199,7 +199,7 @@ class FiniteEquilibrium:
         """Round-off of the reduced equations (n_r,) of pressures; zero in all others."""
         if not is_hybrid(self._body.u.function_space):
             return 0.0
-        (x, image), owned = K.createVecs(), self._field.owned
+        (x, image), owned = K.createVecs(), self._field.owned_unknowns
         position = self._field.space.tabulate_dof_coordinates()[: len(owned), : owned.shape[1]]
         x.array[owned.ravel()] = position.ravel()
         K.mult(x, image)
@@ -210,8 +210,8 @@ class FiniteEquilibrium:
 
     def _update_forces(self) -> None:
         """Evaluate the residual at u."""
-        self._forces = self._body.forces()
-        self._max_force = self._field.part(self._forces).norm(PETSc.NormType.INFINITY)
+        self._forces = self._body.assemble_residual()
+        self._max_force = self._field.extract(self._forces).norm(PETSc.NormType.INFINITY)
         self._residual = self._reduction.left.createVecRight()
         self._reduction.left.multTranspose(self._forces, self._residual)
 
@@ -226,7 +226,7 @@ class SlidingEquilibrium(FiniteEquilibrium):
 
     def __init__(
         self,
-        body: System,
+        body: ResidualSystem,
         system: ContactSystem,
         reduction: Reduction,
         guard: CellGuard,

@@ -97,7 +97,7 @@ class LinearEquilibrium:
         reduction = system.reduction
         if load_factor != 1:
             reduction = replace(reduction, offset=load_factor * reduction.offset)
-        reduction = reduction.under(K, load)
+        reduction = reduction.for_load(K, load)
         reduced_load = reduction.load(K, load)
         max_row_sum = K.norm(PETSc.NormType.INFINITY)
         return cls(system.stiffness, reduced_load, reduction.right, reduction.offset, max_row_sum)

@@ -37,7 +37,7 @@ def make_contact_state(
         slides: whether the body may slide on for ever.
     """
     system = increment.system
-    signs = frozenset(system.tangent.solver.orientations)
+    signs = frozenset(system.tangent.solver.determinant_signs)
     orientations = signs | before.orientations if before.free == system.free else signs
     is_unique = len(orientations) <= 1 if signs else None
     scale, force, length = reference_sizes(increment, state, before.scale)
@@ -45,7 +45,7 @@ def make_contact_state(
     if increment.interface.cone.has_user_law:
         increment.interface.check_laws()
     return ContactState(
-        displacement=increment.interface.field.part(state.unknowns),
+        displacement=increment.interface.field.extract(state.unknowns),
         pairs=_make_pair_states(increment, state),
         iterations=iterations,
         unique=False if slides else is_unique,
@@ -75,7 +75,7 @@ def make_undeformed_state(interface: Interface, unknowns: PETSc.Vec) -> ContactS
         gap=interface.gaps(None),
         friction=interface.cone.steepest,
     )
-    return ContactState(interface.field.part(unknowns), pairs, unknowns=unknowns)
+    return ContactState(interface.field.extract(unknowns), pairs, unknowns=unknowns)
 
 
 def _make_pair_states(increment: Increment, state: NewtonState) -> tuple[PairState, ...]:

@@ -89,7 +89,7 @@ class MortarKinematics:
             indices = row[is_owned], dofs[part.col[is_owned]]
             total += sp.csr_matrix((part.data[is_owned], indices), sizes)
         matrix, field = interface.rows(total), interface.field
-        return matrix if field.is_all else field.selection().transposeMatMult(matrix)
+        return matrix if field.is_whole_space else field.selection_matrix().transposeMatMult(matrix)
 
     def fill_pairs(self, kinematics: LinearisedKinematics, force: Array) -> LinearisedKinematics:
         """Return kinematics with the points of these pairs filled in, under forces (m, dim)."""

@@ -36,14 +36,20 @@ from pw_elements.contact.interface import Overlap, SlidingMortar, Trace, gathere
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import HELD, OPEN
 from pw_elements.contact.output.storage import check_path
-from pw_elements.elasticity import Body, StressState, SurfaceNodes, boundary_measure, facets_between
+from pw_elements.elasticity import (
+    Body,
+    StressState,
+    SurfaceNodes,
+    boundary_measure,
+    facets_with_all_nodes,
+)
 from pw_elements.files import FolderReplacement
 from pw_elements.spaces import (
     SubSpace,
     as_function,
     assemble_vector,
+    gather_from_owners,
     is_hybrid,
-    of_owners,
     quadratic_element,
     scalar_space,
     split,
@@ -139,7 +145,7 @@ def mortar_sides(
     if not len(pair.opposite):
         return own, None
     nodes = pair.node, pair.opposite
-    one, other = (gathered_trace(space, facets_between(space, side)) for side in nodes)
+    one, other = (gathered_trace(space, facets_with_all_nodes(space, side)) for side in nodes)
     revolved = body is not None and body.state is StressState.AXISYMMETRIC
     if not deformed:
         means, duals = _fixed(space, pair, one, other, revolved)
@@ -148,7 +154,7 @@ def mortar_sides(
     else:
         mortar = SlidingMortar(one, other, revolved)
         moved = state.displacement.array_r.reshape(-1, mortar.x.shape[1])
-        x = mortar.x + of_owners(space, mortar.nodes, moved)
+        x = mortar.x + gather_from_owners(space, mortar.nodes, moved)
         x[mortar.slaves :] += pair.translation
         slaves, masters = (np.searchsorted(np.sort(side), side) for side in nodes)
         mortar.kept[slaves] = pair.normal != 0
@@ -165,15 +171,15 @@ def mortar_sides(
         whole_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
         for trace, side in zip((one, other), nodes, strict=True)
     )
-    opposite = SurfaceNodes.of(body, facets_between(space, pair.opposite))
+    opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite))
     if not np.array_equal(opposite.node, pair.opposite):
         raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
     share, part = covered / whole, (handed @ covered) / opposite_whole
-    seen = Opposite(nodes[1], facing, means, handed, share, part, own.own_area, opposite)
+    seen = Opposite(nodes[1], facing, means, handed, share, part, own.weight_area, opposite)
     if not deformed:
         counts = np.where(covered > 0, np.where(share < _TRUSTED, np.nan, share), 1.0)
-        areas = own.own_area * counts, own.tributary_area * counts
-        own = replace(own, own_area=areas[0], tributary_area=areas[1])
+        areas = own.weight_area * counts, own.tributary_area * counts
+        own = replace(own, weight_area=areas[0], tributary_area=areas[1])
     return own, seen
 
 
@@ -198,7 +204,7 @@ def _fixed(
 
 
 def _surface(number: int, pair: PairState, body: Body, space: fem.FunctionSpace) -> SurfaceNodes:
-    surface = SurfaceNodes.of(body, facets_between(space, pair.node))
+    surface = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.node))
     if not np.array_equal(surface.node, pair.node):
         lone = pair.position[~np.isin(pair.node, surface.node)]
         raise ValueError(
@@ -211,7 +217,7 @@ def _surface(number: int, pair: PairState, body: Body, space: fem.FunctionSpace)
 
 def own_results(surface: SurfaceNodes, pair: PairState) -> SideResults:
     """Results at a pair's own nodes; quotients are zero at open nodes of NaN areas."""
-    none = np.isnan(surface.own_area) & (pair.status == OPEN)
+    none = np.isnan(surface.weight_area) & (pair.status == OPEN)
     pressure, traction = (
         np.where(none, 0.0, surface.pressure(force).T).T
         for force in (pair.force_normal, pair.force_tangential)
@@ -385,8 +391,8 @@ class ContactFields:
         stretch = SurfaceNodes.stretch(u)
         if self.body.state is StressState.AXISYMMETRIC:
             stretch *= 1 + u[0] / ufl.SpatialCoordinate(space.mesh)[0]
-        facets = [facets_between(space, pair.node) for pair in pairs]
-        return [SurfaceNodes.of(self.body, where, stretch) for where in facets]
+        facets = [facets_with_all_nodes(space, pair.node) for pair in pairs]
+        return [SurfaceNodes.from_body(self.body, where, stretch) for where in facets]
 
     def _fill_opposite(self, pairs: Sequence[PairState], deformed: Sequence[SurfaceNodes]) -> None:
         """Results at nodes that face pairs and are in none: of the pair that they face most."""
@@ -402,7 +408,7 @@ class ContactFields:
             mine = (here >= 0) & (other.facing > most[here])
             at = here[mine]
             most[at] = other.facing[mine]
-            true = other.results(pair, deformed[k].own_area).pressure if deformed else None
+            true = other.results(pair, deformed[k].weight_area).pressure if deformed else None
             for out, values in (
                 (self.gap, seen.gap),
                 (self.status, seen.status),
@@ -440,13 +446,15 @@ class ContactFields:
                 "stresses follow from the displacements of a Body at small strains, one that is "
                 "not hybrid: give it to ContactFields.of, or integrate your own stress"
             )
-        if any(np.isnan(each.pressure(each.own_area)).any() for each in self.surfaces):
+        if any(np.isnan(each.pressure(each.weight_area)).any() for each in self.surfaces):
             raise ValueError(
                 "nodes of this element have no weight on the surface, so no pressure to compare "
                 "with stresses: Spaces.petrov_galerkin gives them one"
             )
         mesh, weights = self.body.spaces.mesh, test_space(self.pressure.function_space)
-        facets = [facets_between(self.displacement.function_space, s.node) for s in self.surfaces]
+        facets = [
+            facets_with_all_nodes(self.displacement.function_space, s.node) for s in self.surfaces
+        ]
         surface = boundary_measure(mesh, np.unique(np.concatenate(facets)), _INDICATOR_DEGREE)
         p, n = fem.Function(weights), ufl.FacetNormal(mesh)
         p.x.array[:] = self.pressure.x.array

@@ -24,7 +24,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from pw_elements.algebra import System
+from pw_elements.algebra import ResidualSystem
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, relative_difference
 from pw_elements.contact.interface import (
@@ -34,7 +34,7 @@ from pw_elements.contact.interface import (
     probe_surface,
 )
 from pw_elements.contact.model import ContactPair, PairState
-from pw_elements.spaces import SubSpace, fields_of, of_owners
+from pw_elements.spaces import SubSpace, gather_from_owners, list_fields
 
 # Largest difference of two fingerprints, over the values of their part, that counts as round-off
 _ROUND_OFF = 1e-8
@@ -286,7 +286,7 @@ def identify_problem(
             "friction#probes": probe_friction(interface, k, pair),
             "pivot": spin,
             "interference": probe_interference(interface, k, pair),
-            "opposite side": of_owners(probes.fields[0].space, facing, owned).ravel(),
+            "opposite side": gather_from_owners(probes.fields[0].space, facing, owned).ravel(),
         }
         for name, values in pair_numbers.items():
             status, separator, suffix = name.partition("#")
@@ -321,7 +321,7 @@ class ResidualProbe:
         coefficients: its constants and functions.
     """
 
-    def __init__(self, system: System, coefficients: Coefficients) -> None:
+    def __init__(self, system: ResidualSystem, coefficients: Coefficients) -> None:
         self._system, self._coefficients = system, coefficients
         self._space: fem.FunctionSpace = system.u.function_space
 
@@ -367,12 +367,14 @@ class ResidualProbe:
             functions.append((function.x.array.reshape(-1, mean.size), mean))
         sums = []
         with _temporary_values([*constants, *functions, (u.x.array, 0.0)]):
-            vector = self._system.forces()
+            vector = self._system.assemble_residual()
             sums.append(probes.weighted_sums(vector.array_r))
             for unknowns in probes.small_unknowns():
                 vector.setArray(unknowns)
-                self._system.take(vector)
-                sums.append(probes.weighted_sums(self._system.forces().array_r) - sums[0])
+                self._system.set_unknowns(vector)
+                sums.append(
+                    probes.weighted_sums(self._system.assemble_residual().array_r) - sums[0]
+                )
         return {
             f"residual#{field}": np.array(sums)[:, field] for field in range(len(probes.fields))
         }
@@ -420,9 +422,9 @@ class _Probes:
 
     def __init__(self, space: fem.FunctionSpace) -> None:
         self.comm: MPI.Comm = space.mesh.comm
-        self.fields: list[SubSpace] = fields_of(space)
+        self.fields: list[SubSpace] = list_fields(space)
         self.vectors = [
-            [field.spread(v) for v in _smooth_functions(field.space)] for field in self.fields
+            [field.embed(v) for v in _smooth_functions(field.space)] for field in self.fields
         ]
 
     def weighted_sums(self, values: Array) -> Array:

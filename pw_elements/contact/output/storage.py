@@ -35,7 +35,7 @@ from pw_elements.contact.output.identity import Identity
 from pw_elements.contact.output.stored_values import check_arrays, check_numbers, check_pairs
 from pw_elements.files import ForeignEntry, replacing_file
 from pw_elements.solvers import SolverReport
-from pw_elements.spaces import fields_of
+from pw_elements.spaces import list_fields
 
 # Arrays of nodal values, and the arrays of the positions of their nodes
 _NODES_OF_FIELD = {"displacement": "nodes", "pressure": "pressure_nodes"}
@@ -87,7 +87,7 @@ def write_state(
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
     arrays: dict[str, npt.NDArray] = {}
-    field_values = [field.part(state.unknowns).array_r for field in fields_of(space)]
+    field_values = [field.extract(state.unknowns).array_r for field in list_fields(space)]
     functions = zip(_list_functions(space, history), [*field_values, *state.history], strict=True)
     for (name, position_name, function_space), values in functions:
         positions = _node_positions(function_space)
@@ -175,7 +175,7 @@ def read_state(
     problem.refuse_another(path, comm.bcast(stored), changed)
     length = _MAX_DISPLACEMENT * float(np.linalg.norm(extents(comm, space.mesh.geometry.x)))
     max_scale = Scale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
-    fields = fields_of(space)
+    fields = list_fields(space)
     with collective_errors(comm):
         if comm.rank == 0:
             global_nodes = np.argsort(rows["displacement"])
@@ -186,9 +186,9 @@ def read_state(
             except (ValueError, IndexError) as error:
                 raise ValueError(f"{path} holds no contact state: {error}") from None
     header, pairs = comm.bcast((header, pairs))
-    unknowns = PETSc.Vec().createMPI(fields[0].rows, comm=comm)
+    unknowns = PETSc.Vec().createMPI(fields[0].full_sizes, comm=comm)
     field_vectors = [
-        field.spread(values[name]) for name, field in zip(_NODES_OF_FIELD, fields, strict=False)
+        field.embed(values[name]) for name, field in zip(_NODES_OF_FIELD, fields, strict=False)
     ]
     unknowns.setArray(np.sum(field_vectors, axis=0))
     state: dict[str, Any] = {name: header[name] for name in _PLAIN_ATTRIBUTES}
@@ -204,7 +204,7 @@ def read_state(
     state["history"] = tuple(
         _fill_ghosts(function_space, values[name]) for name, _, function_space in functions
     )
-    return ContactState(fields[0].part(unknowns), unknowns=unknowns, **state)
+    return ContactState(fields[0].extract(unknowns), unknowns=unknowns, **state)
 
 
 def _renumber_nodes(pairs: Sequence[dict[str, Any]], global_nodes: npt.NDArray[np.intp]) -> None:
@@ -265,7 +265,7 @@ def _list_functions(
     space: fem.FunctionSpace, history: Sequence[fem.FunctionSpace]
 ) -> list[tuple[str, str, fem.FunctionSpace]]:
     """Return names of value and position arrays, and the space, of all functions of a state."""
-    fields = zip(_NODES_OF_FIELD.items(), fields_of(space), strict=False)
+    fields = zip(_NODES_OF_FIELD.items(), list_fields(space), strict=False)
     functions = [
         (f"history_{number}", f"history_nodes_{number}", function_space)
         for number, function_space in enumerate(history)

@@ -16,7 +16,7 @@ from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective_errors
 from pw_elements.contact.interface import OUTWARDS, ROUND_OFF, Interface
 from pw_elements.contact.nodes import RigidSurfaceMotion
-from pw_elements.spaces import of_owners
+from pw_elements.spaces import gather_from_owners
 
 # Largest distance of supports from their best-fitting rigid motion, over the piece's extent
 _MAX_MISFIT = 1e-9
@@ -239,7 +239,7 @@ def _measure_body_separation(
     mortar = interface.mortars[pair]
     slaves, x = mortar.slaves, mortar.x
     owned = interface.field.space.dofmap.index_map.size_local
-    piece = of_owners(interface.field.space, mortar.nodes, pieces.number[:owned])
+    piece = gather_from_owners(interface.field.space, mortar.nodes, pieces.number[:owned])
     node_paths = pieces.move(x, piece)
     deformed = x + interface.at_nodes(mortar.nodes, unknowns)
     deformation = _max_length(deformed - node_paths[0])

@@ -57,7 +57,7 @@ from pw_elements.contact.rescue.rigid import (
     format_direction,
 )
 from pw_elements.progress import log_on_root
-from pw_elements.solvers import NotConverged, SingularSystem, SolverReport, together
+from pw_elements.solvers import NotConverged, SingularSystem, SolverReport, group_connected_nodes
 
 # Stiffness of the first and of the softest springs, over the diagonal stiffness of the nodes
 _FIRST_STIFFNESS, _MIN_STIFFNESS = 1e-2, 1e-13
@@ -122,7 +122,7 @@ class NodeVelocities:
     def group_motions(self) -> list[Indices]:
         """Return groups of motions that move common nodes, directly or through other motions."""
         is_moved = self._is_moved().astype(float)
-        return together(is_moved.T @ is_moved > 0)
+        return group_connected_nodes(is_moved.T @ is_moved > 0)
 
     def restrict(self, motions: Indices) -> "NodeVelocities":
         """Return the nodes that some of the motions move, with their velocities in these."""

@@ -30,7 +30,7 @@ from pw_elements.contact.nodes import (
     select_nodes,
 )
 from pw_elements.contact.system import ContactSystem, border_columns, local_rows
-from pw_elements.solvers import Pieces, destroy, null_space, triangle
+from pw_elements.solvers import RigidComponents, destroy_objects, null_space, qr_triangle
 
 _AXES = "xyz"
 # Part of a motion, over its largest one, that counts as zero in words and proofs
@@ -57,8 +57,8 @@ class Basis:
 class RigidModes:
     """Modes of rigid motion: of each connected piece, and free translations of surfaces.
 
-    A motion (modes,) has the amplitudes of one piece after another, as in `Pieces`, and then the
-    translations of the surfaces.
+    A motion (modes,) has the amplitudes of one piece after another, as in `RigidComponents`, and
+    then the translations of the surfaces.
 
     Attributes:
         centre: (pieces, dim), mean position of a piece's nodes.
@@ -69,10 +69,10 @@ class RigidModes:
         n_modes: number of all modes.
     """
 
-    def __init__(self, pieces: Pieces, free: Free, n_pairs: int) -> None:
+    def __init__(self, pieces: RigidComponents, free: Free, n_pairs: int) -> None:
         self.centre, self.length = pieces.centre, pieces.length
         self.free, self._n_pairs = free, n_pairs
-        self.modes_per_piece = pieces.motion.shape[2]
+        self.modes_per_piece = pieces.modes.shape[2]
         self.n_piece_modes = len(pieces.centre) * self.modes_per_piece
         self.n_modes = self.n_piece_modes + len(free)
 
@@ -172,11 +172,11 @@ class RigidMotions:
 
     def __init__(self, system: ContactSystem, K: PETSc.Mat, space: fem.FunctionSpace) -> None:
         self._system, self._K, self._space = system, K, space
-        pieces = Pieces.of(space)
+        pieces = RigidComponents.from_space(space)
         self.modes = RigidModes(pieces, system.free, system.interface.pairs)
-        self._displacement_rows = system.interface.field.owned.ravel()
+        self._displacement_rows = system.interface.field.owned_unknowns.ravel()
         # R of a QR factorisation: the motions that it takes to zero are free under the supports
-        self._support_rows = triangle(
+        self._support_rows = qr_triangle(
             self._assemble_resistance(pieces, transposed=False), system.comm
         )
         # (m dim, modes), relative motions of the contact nodes
@@ -255,8 +255,10 @@ class RigidMotions:
             A basis of k motions, each of a single piece or surface; and the motions (m, dim, k) of
             the contact nodes, relative to their surfaces, in which contact forces do work.
         """
-        pieces, mover = Pieces.of(self._space), self.modes.mover
-        resistance = triangle(self._assemble_resistance(pieces, transposed=True), self._system.comm)
+        pieces, mover = RigidComponents.from_space(self._space), self.modes.mover
+        resistance = qr_triangle(
+            self._assemble_resistance(pieces, transposed=True), self._system.comm
+        )
         by_mover = [
             resistance @ sp.diags_array((mover == k).astype(float)) for k in np.unique(mover)
         ]
@@ -275,8 +277,8 @@ class RigidMotions:
         column = self._reduced_columns()
         forces, is_kept = np.zeros(len(column)), column >= 0
         forces[is_kept] = load.array_r[column[is_kept] - load.getOwnershipRange()[0]]
-        pieces = Pieces.of(self._space)
-        motions = pieces.matrix(pieces.motion, len(self.modes.free))
+        pieces = RigidComponents.from_space(self._space)
+        motions = pieces.mode_matrix(pieces.modes, len(self.modes.free))
         work_and_size = np.array([motions.T @ forces, abs(motions).T @ np.abs(forces)])
         self._system.comm.Allreduce(MPI.IN_PLACE, work_and_size, MPI.SUM)
         work_and_size[:, self.modes.n_piece_modes :] = totals, np.abs(totals)
@@ -295,14 +297,14 @@ class RigidMotions:
         else:
             blocks = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
             rows = sp.csr_array(blocks @ motions)
-        all_rows = _stack_rows([self._support_rows, triangle(rows, self._system.comm)])
+        all_rows = _stack_rows([self._support_rows, qr_triangle(rows, self._system.comm)])
         return null_space(all_rows, _FREE_STIFFNESS)
 
     def _reduced_columns(self) -> Indices:
         """Return the reduced unknown of each owned displacement, negative without a single one."""
         return free_columns(self._system.reduction.right)[self._displacement_rows]
 
-    def _assemble_resistance(self, pieces: Pieces, transposed: bool) -> sp.csr_array:
+    def _assemble_resistance(self, pieces: RigidComponents, transposed: bool) -> sp.csr_array:
         """Return displacements at supports in each mode, and the forces that it causes elsewhere.
 
         There are forces in axisymmetry, for example, where a translation along the axis alone is
@@ -313,11 +315,11 @@ class RigidMotions:
             (owned displacements, modes); a free motion is taken to zero.
         """
         is_free = self._reduced_columns() != -1
-        return pieces.held(
+        return pieces.resistance(
             self._K, is_free, self._displacement_rows, transposed, len(self.modes.free)
         )
 
-    def _assemble_relative_motions(self, pieces: Pieces, for_work: bool) -> sp.csr_array:
+    def _assemble_relative_motions(self, pieces: RigidComponents, for_work: bool) -> sp.csr_array:
         """Return the relative motions (m dim, modes) of the contact nodes in each mode.
 
         With `for_work` they are those in which forces at the contact nodes do work, H^T in place of
@@ -325,20 +327,20 @@ class RigidMotions:
         """
         system, modes = self._system, self.modes
         interface, comm, field = system.interface, system.comm, system.interface.field
-        owned_motions = pieces.matrix(pieces.motion, len(modes.free))
+        owned_motions = pieces.mode_matrix(pieces.modes, len(modes.free))
         n_owned = len(self._displacement_rows)
         spread = sp.csr_array(
             (np.ones(n_owned), (self._displacement_rows, np.arange(n_owned))),
-            (field.rows[0], n_owned),
+            (field.full_sizes[0], n_owned),
         )
         full = sp.csr_array(spread @ owned_motions)  # (unknowns, modes)
         pattern = (x.astype(PETSc.IntType) for x in (full.indptr, full.indices))
-        sizes = field.rows, (modes.n_modes if comm.rank == 0 else 0, modes.n_modes)
+        sizes = field.full_sizes, (modes.n_modes if comm.rank == 0 else 0, modes.n_modes)
         motions = PETSc.Mat().createAIJ(sizes, csr=(*pattern, full.data), comm=comm)
         multiply = interface.force.transposeMatMult if for_work else interface.motion.matMult
         at_nodes = multiply(motions)
         dim, of_pieces = interface.position.shape[1], local_rows(at_nodes, 0)
-        destroy(motions, at_nodes)
+        destroy_objects(motions, at_nodes)
         of_surfaces = border_columns(modes.free, interface.pair, dim)
         no_surface_motion = sp.csr_array((len(interface.pair) * dim, modes.n_piece_modes))
         return sp.csr_array(of_pieces - sp.hstack([no_surface_motion, of_surfaces]))

@@ -20,7 +20,13 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import PetrovGalerkinProblem, Reduction, equilibrated, masked, prescribed
+from pw_elements.algebra import (
+    PetrovGalerkinProblem,
+    Reduction,
+    evaluate_conditions,
+    full_size_reduction,
+    scale_pressures,
+)
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import (
     arguments,
@@ -86,7 +92,7 @@ from pw_elements.contact.steps.verification import (
     verify_state,
 )
 from pw_elements.contact.system import ContactSystem
-from pw_elements.elasticity import REMEDY, TangentWatch
+from pw_elements.elasticity import HYBRID_SPACES_REMEDY, TangentRatioMonitor
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
 from pw_elements.spaces import is_hybrid
@@ -131,12 +137,12 @@ class FiniteStepping:
         self.solver, self._conditions, self._max_iterations = solver, conditions, max_iterations
         self._body, self._callback = problem.system, callback
         self.form, self.u, self._constants = problem.form, problem.u, problem.form.constants()
-        reduction = masked(reduction) if is_matrix_free(solver) else reduction
-        self._reduction = equilibrated(reduction, problem.system.matrix)
+        reduction = full_size_reduction(reduction) if is_matrix_free(solver) else reduction
+        self._reduction = scale_pressures(reduction, problem.system.tangent)
         self._whole = problem.u.function_space
         self.interface = nodal_interface(pairs, self._whole, self._reduction, deformed=True)
         remedy = "give -F, the forces of stresses less those of loads"
-        check_stiffness_sign(problem.system.matrix, self.interface, remedy)
+        check_stiffness_sign(problem.system.tangent, self.interface, remedy)
         if self.interface.mortars and is_matrix_free(solver):
             raise ValueError(
                 "Iterative() does not serve two bodies at large sliding, whose stiffness changes "
@@ -149,11 +155,11 @@ class FiniteStepping:
         self.history, self._update = list(history), update
         self.coefficients = Coefficients.from_form(self.form, self.u, self.history)
         self._system: ContactSystem | None = None
-        self._watch: TangentWatch | None = None
+        self._watch: TangentRatioMonitor | None = None
         (weights,) = self.form.arguments()
         standard = weights.ufl_element() == self._whole.ufl_element()
         if not (standard or is_hybrid(self._whole)):
-            self._watch = TangentWatch(self.form, self.u)
+            self._watch = TangentRatioMonitor(self.form, self.u)
 
     def step(
         self, state: ContactState, load: Loading | None, motions: Sequence[Motion | None]
@@ -190,7 +196,7 @@ class FiniteStepping:
                 self._restore(now)
                 self._apply(load, share)
                 if not state.increment and now is state:
-                    forces = self._body.forces().norm(PETSc.NormType.INFINITY)
+                    forces = self._body.assemble_residual().norm(PETSc.NormType.INFINITY)
                     arguments.check_magnitude("the load of the undeformed body", forces)
                 try:
                     target = interpolate(start, end, share)
@@ -223,7 +229,7 @@ class FiniteStepping:
                 where = f"from {done:.4g} to {share:.4g} of the increment"
                 words = f"{failed}; {where}, which cannot be halved further"
                 if self._watch is not None and self._watch.is_beyond_limit():
-                    words += f". The body is nearly incompressible: {REMEDY}"
+                    words += f". The body is nearly incompressible: {HYBRID_SPACES_REMEDY}"
                 by_friction = bool(end.free) or not self._held_axes().all()
                 if by_friction and (used_up := exhausted_friction(now)):
                     words += f". {used_up}"
@@ -294,23 +300,23 @@ class FiniteStepping:
             pieces = SupportedPieces.fit(*nodes, path, comm)
             if not ends_clear(interface, self._surfaces, pieces, ways, state.unknowns):
                 return None
-        begin, owned = state.unknowns.duplicate(), interface.field.owned
+        begin, owned = state.unknowns.duplicate(), interface.field.owned_unknowns
         moved = pieces.move(self._positions, self._piece)[-1] - self._positions
-        begin.setArray(interface.field.spread(moved.ravel()))
+        begin.setArray(interface.field.embed(moved.ravel()))
         begin.array[owned] = np.where(self._held, path[-1], begin.array_r[owned])
         return begin
 
     def _sample_supports(self, state: ContactState, load: Loading | None, samples: int) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim), zero where they are free."""
         field, dim = self.interface.field, self.interface.position.shape[1]
-        free, _ = prescribed(self._whole, self._conditions)
+        free, _ = evaluate_conditions(self._whole, self._conditions)
         start = state.unknowns.copy()
         start.array[free] = 0.0
         path = [start]
         for k in range(1, samples + 1):
             self._apply(load, k / samples)
             path.append(self.prescribed())
-        return np.array([field.part(values).array_r.reshape(-1, dim).copy() for values in path])
+        return np.array([field.extract(values).array_r.reshape(-1, dim).copy() for values in path])
 
     def _held_axes(self) -> Mask:
         """Along which axes (dim,) supports hold any node: friction alone may have to elsewhere."""
@@ -321,13 +327,13 @@ class FiniteStepping:
     @property
     def _held(self) -> Mask:
         """Components (owned nodes, dim) that supports prescribe."""
-        free, _ = prescribed(self._whole, self._conditions)
-        return np.asarray(~free[self.interface.field.owned])
+        free, _ = evaluate_conditions(self._whole, self._conditions)
+        return np.asarray(~free[self.interface.field.owned_unknowns])
 
     @property
     def _positions(self) -> Array:
         """Undeformed positions (owned nodes, dim)."""
-        owned, dim = self.interface.field.owned.shape
+        owned, dim = self.interface.field.owned_unknowns.shape
         return np.asarray(self.space.tabulate_dof_coordinates()[:owned, :dim])
 
     @cached_property
@@ -373,7 +379,7 @@ class FiniteStepping:
             no_force = np.zeros_like(start.force)
             linearised = kinematics.linearise(q, system.point_displacements(begin), no_force)
             closed = np.zeros(len(interface.pair), dtype=bool)
-        n_signs = len(system.tangent.solver.orientations)
+        n_signs = len(system.tangent.solver.determinant_signs)
         end = solve_increment(
             increment,
             make_sticking_set(closed, interface.cone, linearised.frame.shape[1] - 1),
@@ -435,7 +441,7 @@ class FiniteStepping:
         Raises:
             NotFound: for a tangent whose determinant has another sign than the state's before.
         """
-        of_solver = system.tangent.solver.orientations[n_signs:]
+        of_solver = system.tangent.solver.determinant_signs[n_signs:]
         signs = of_solver or system.tangent.determinant_signs()
         if self._watch is not None and self._watch.is_beyond_limit():
             signs = ()  # they change without any instability
@@ -454,11 +460,11 @@ class FiniteStepping:
     ) -> ContactState:
         """Return the state with residuals that the form, surfaces and law alone give."""
         _, force, length = sizes
-        self._body.take(solution.unknowns)
-        unbalanced = self._body.forces()
+        self._body.set_unknowns(solution.unknowns)
+        unbalanced = self._body.assemble_residual()
         assert self._system is not None
         scale, comm = self._system.scale, self.interface.comm
-        largest = self.interface.field.part(unbalanced).norm(PETSc.NormType.INFINITY)
+        largest = self.interface.field.extract(unbalanced).norm(PETSc.NormType.INFINITY)
         stiffness = comm.allreduce(scale.max(initial=0.0), MPI.MAX)
         round_off = TOLERANCE * largest + ROUND_OFF * stiffness * self._guard.extent
         return verify_state(
@@ -494,16 +500,16 @@ class FiniteStepping:
 
     def identify(self) -> tuple[Indices, ResidualProbe]:
         """Return -1 for each unknown (n,) of this process that is prescribed, and the residual."""
-        free, _ = prescribed(self._whole, self._conditions)
+        free, _ = evaluate_conditions(self._whole, self._conditions)
         return np.where(free, 0, -1), ResidualProbe(self._body, self.coefficients)
 
     @property
     def stiffness(self) -> PETSc.Mat:
         """Return the last tangent (n, n)."""
-        return self._body.matrix
+        return self._body.tangent
 
     def prescribed(self) -> PETSc.Vec:
-        return prescribed(self._whole, self._conditions)[1]
+        return evaluate_conditions(self._whole, self._conditions)[1]
 
     def contains(self, constant: fem.Constant) -> bool:
         """Whether the residual or one of its Dirichlet conditions depends on a constant."""
@@ -534,7 +540,7 @@ class FiniteStepping:
         solution = increment.evaluate(unknowns, end.q, linearised)
         increment.equilibrium.linearise(linearised.torque_map)
         slip_by_start = kinematics.slip_by_start(linearised)
-        return Linearised(increment, solution, self._body.matrix, self._reduction, slip_by_start)
+        return Linearised(increment, solution, self._body.tangent, self._reduction, slip_by_start)
 
     def _system_for(self, free: Free) -> ContactSystem:
         """Return the system for these free motions; the last one is kept."""
@@ -543,7 +549,7 @@ class FiniteStepping:
             no_vector = np.zeros_like(self.interface.position)
             rest = np.zeros((self.interface.pairs, no_vector.shape[1] + 1))
             self._system = ContactSystem(
-                self._body.matrix,
+                self._body.tangent,
                 self._reduction,
                 self.interface,
                 free,
@@ -553,7 +559,7 @@ class FiniteStepping:
         return self._system
 
     def _restore(self, state: ContactState) -> None:
-        self._body.take(state.unknowns)
+        self._body.set_unknowns(state.unknowns)
         for function, values in zip(self.history, state.history, strict=False):
             function.x.array[:] = values
 

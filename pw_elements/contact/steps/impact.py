@@ -12,7 +12,13 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, check_load, check_problem, critical_step, diagonal_mass
+from pw_elements.algebra import (
+    Reduction,
+    check_load,
+    check_problem,
+    critical_step,
+    extract_diagonal_mass,
+)
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import (
     arguments,
@@ -29,7 +35,7 @@ from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked
 from pw_elements.contact.steps.smallness import Gradients, SmallnessCheck, log_large
 from pw_elements.progress import report_activity
 from pw_elements.solvers import is_blocked
-from pw_elements.spaces import Assembled
+from pw_elements.spaces import AssemblyRecord
 
 Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 
@@ -238,7 +244,7 @@ def solve_impact(
 ) -> ImpactHistory:
     """Compute the motion of a body that may hit rigid surfaces, by central differences.
 
-        sibling = Sibling.of(U)
+        sibling = Sibling.from_space(U)
         K, M = sibling.matrix(K_standard), lumped_mass(sibling.matrix(M_standard), U)
         history = solve_impact(K, M, sibling.dirichlet(walls), ground, U, 9.0, thrown)
         history.time[:-1], history.pairs[0].total, history.energies.kinetic
@@ -304,8 +310,8 @@ def solve_impact(
             f"duration = {duration:.6g} takes {n_steps:.3g} steps of {step:.3g}, more than "
             f"max_steps = {max_steps}: about {hours:.2g} hours"
         )
-    n_steps, sibling = int(n_steps), Assembled.of(K).sibling
-    interface = nodal_interface(contact_pairs, space, reduction, Assembled.of(K))
+    n_steps, sibling = int(n_steps), AssemblyRecord.read(K).sibling
+    interface = nodal_interface(contact_pairs, space, reduction, AssemblyRecord.read(K))
     is_free = _find_free_unknowns(reduction)
     u, v = reduction.offset.copy(), velocity.copy()
     v.setArray(np.where(is_free, velocity.array_r, 0.0))
@@ -545,7 +551,7 @@ class _TimeIntegration:
 
 def _nodal_masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
     """Return masses (n,) of this process, and raise ValueError if components differ."""
-    mass = diagonal_mass(M).array_r.copy()
+    mass = extract_diagonal_mass(M).array_r.copy()
     mass_of_node = mass.reshape(-1, space.dofmap.index_map_bs)
     with collective_errors(space.mesh.comm):
         if np.any(np.ptp(mass_of_node, axis=1) > _ROUND_OFF * mass_of_node[:, 0]):
@@ -559,6 +565,6 @@ def _find_free_unknowns(reduction: Reduction) -> Mask:
     """Return which unknowns (n,) of this process no support prescribes."""
     column = free_columns(reduction.right)
     with collective_errors(reduction.offset.comm.tompi4py()):
-        if reduction.inner is not None or np.any(column < -1):
+        if reduction.inner_flexibility is not None or np.any(column < -1):
             raise ValueError("explicit dynamics takes Dirichlet conditions, no condensation")
     return np.asarray(column >= 0)

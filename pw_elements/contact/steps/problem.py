@@ -53,10 +53,10 @@ from pw_elements.solvers import (
     Direct,
     LinearSolver,
     Solver,
-    auto_solver,
+    choose_solver,
     collect_garbage,
+    compute_with_fallback,
     is_matrix_free,
-    with_fallback,
 )
 from pw_elements.spaces import is_hybrid
 
@@ -260,7 +260,7 @@ class ContactProblem:
         )
         self._seen = K.stateGet()
         self._stepping: Stepping = self._by(
-            solver=auto_solver(solver, self._supports, in_contact=K)
+            solver=choose_solver(solver, self._supports, contact_stiffness=K)
         )
         self.undeformed: ContactState = make_undeformed_state(
             self._stepping.interface, K.createVecRight()
@@ -384,7 +384,7 @@ class ContactProblem:
                 self._stepping = self._by(solver=solver)
             return self._stepping.step(state, load, motions)
 
-        return with_fallback(self._stepping.solver, self._asked, self._supports, step_by)
+        return compute_with_fallback(self._stepping.solver, self._asked, self._supports, step_by)
 
     def _renew(self) -> None:
         """Rebuild all if K has changed since the last factorisation."""
@@ -574,11 +574,11 @@ class _ResidualProblem(ContactProblem):
             if not all(np.isfinite(one.x.array).all() for one in functions):
                 raise ValueError("a function of the history has values that are not finite")
         reduction = Reduction.dirichlet(space, conditions)
-        taken = auto_solver(Direct() if solver is None else solver, reduction.supports)
+        taken = choose_solver(Direct() if solver is None else solver, reduction.supports)
         problem.system.blocked = is_matrix_free(taken)
         u.x.array[:] = 0.0
-        problem.system.assemble()
-        K = problem.system.matrix
+        problem.system.assemble_tangent()
+        K = problem.system.tangent
         self.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
         check_deformed(self.pairs, space)
         check_mesh(space.mesh)

@@ -269,7 +269,7 @@ class Linearised:
         totals = np.array([translations[pair_and_axis] for pair_and_axis in system.free])
         for pair_and_axis in system.free:
             translations[pair_and_axis] = 0.0
-        reduction = replace(self._reduction, offset=rates.offset).under(self._K, rates.load)
+        reduction = replace(self._reduction, offset=rates.offset).for_load(self._K, rates.load)
         pair = system.interface.pair
         law = replace(self._law, c=rates.friction[pair, None] * self._by_friction)
         n_angles = (

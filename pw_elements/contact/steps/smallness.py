@@ -119,7 +119,7 @@ class SmallnessCheck:
         """
         self._check_way(increment.start, end.q)
         interface, nodes = self._interface, end.nodes
-        strain, rotation = self._gradients.largest(interface.field.part(end.unknowns))
+        strain, rotation = self._gradients.largest(interface.field.extract(end.unknowns))
         closed = nodes.active_set.status != OPEN
         cosine = self._cosines(nodes.frame[:, 0])
         for k in np.flatnonzero(self._rigid):

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, equilibrated, masked
+from pw_elements.algebra import Reduction, full_size_reduction, scale_pressures
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks import collective_errors
 from pw_elements.contact.interface import Interface, NoContactStated, nodal_interface
@@ -84,11 +84,11 @@ from pw_elements.solvers import (
     NotConverged,
     SingularSystem,
     SolverReport,
-    add,
+    add_scaled,
     is_matrix_free,
-    unblocked,
+    to_aij,
 )
-from pw_elements.spaces import Assembled
+from pw_elements.spaces import AssemblyRecord
 
 # Smallest part of an increment
 _MIN_SUBSTEP = 1 / 16
@@ -366,12 +366,14 @@ class Stepping:
         self.solver = solver
         iterative = is_matrix_free(solver)
         self._K = K
-        self._reduction = equilibrated(masked(reduction) if iterative else reduction, K)
+        self._reduction = scale_pressures(
+            full_size_reduction(reduction) if iterative else reduction, K
+        )
         self._max_iterations, self._callback = max_iterations, callback
         # springs are in an assembled matrix
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not iterative}
         self._n_first_attempt = 0  # linear systems of an increment's first attempt
-        self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K))
+        self.interface = nodal_interface(pairs, space, self._reduction, AssemblyRecord.read(K))
         check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
         self._smallness, self._slips = (
@@ -585,14 +587,16 @@ class Stepping:
         stated, stiffness = interface.equation >= 0, share * self._system_for(free)[0].scale
         node = interface.node - field.space.dofmap.index_map.local_range[0]
         diagonal, load = self._K.createVecs()
-        diagonal.array[field.owned[node][stated]] = np.repeat(stiffness, stated.sum(axis=1))
+        diagonal.array[field.owned_unknowns[node][stated]] = np.repeat(
+            stiffness, stated.sum(axis=1)
+        )
         of_pair = np.bincount(interface.pair, stiffness, interface.pairs).astype(float)
         interface.comm.Allreduce(MPI.IN_PLACE, of_pair, MPI.SUM)
         springs = PETSc.Mat().createAIJ(self._K.getSizes(), nnz=1, comm=self._K.comm)
         springs.setDiagonal(diagonal)
         springs.assemble()
-        K = unblocked(self._K).copy()
-        add(K, 1.0, springs)
+        K = to_aij(self._K).copy()
+        add_scaled(K, 1.0, springs)
         if self._system_with_springs is None:
             self._system_with_springs = self._make_system(K, free)
         system = self._system_with_springs
@@ -668,7 +672,7 @@ class Stepping:
         n_solved, report = system.n_solved, system.report
         if self._system_with_springs is not None:
             n_solved += self._system_with_springs.n_solved
-            report = self._system_with_springs.report.after(report)
+            report = self._system_with_springs.report.plus(report)
         return n_solved - before[0], report.since(before[1])
 
     def release(self) -> None:

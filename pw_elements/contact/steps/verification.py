@@ -217,7 +217,7 @@ def check_stiffness_sign(K: PETSc.Mat, interface: Interface, remedy: str) -> Non
         remedy: correction of the input, for the message.
     """
     first_node = interface.field.space.dofmap.index_map.local_range[0]
-    diagonal = K.getDiagonal().array_r[interface.field.owned[interface.node - first_node]]
+    diagonal = K.getDiagonal().array_r[interface.field.owned_unknowns[interface.node - first_node]]
     total = interface.comm.allreduce(float(diagonal.sum()), MPI.SUM)
     n_entries = interface.comm.allreduce(diagonal.size, MPI.SUM)
     if total < 0:
@@ -298,7 +298,7 @@ def measure_residuals(
     comm = interface.comm
     has_equation = interface.equation >= 0
     state_force = interface.local([pair.force_vector for pair in state.pairs])
-    nodal_force = interface.field.part(unbalanced).array_r.reshape(-1, state_force.shape[1])
+    nodal_force = interface.field.extract(unbalanced).array_r.reshape(-1, state_force.shape[1])
     first_node = interface.field.space.dofmap.index_map.local_range[0]
     # a supported component of R is a reaction; the friction in it is known from the state alone
     force = np.where(has_equation, nodal_force[interface.node - first_node], state_force)
@@ -425,7 +425,7 @@ def _max_unbalanced_force(
     remainder.axpy(-1.0, operator * node_forces)
     displacements = remainder.duplicate()
     displacements.setArray(0.0)
-    owned = interface.field.owned.ravel()
+    owned = interface.field.owned_unknowns.ravel()
     displacements.array[owned] = remainder.array_r[owned]
     reduced = reduction.left.createVecRight()
     reduction.left.multTranspose(displacements, reduced)

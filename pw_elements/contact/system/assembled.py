@@ -218,7 +218,7 @@ class AssembledTangent:
             return
         self._place = self._points.place(self._first)
         self.matrix = PETSc.Mat().createAIJ(self.matrix.getSizes(), csr=csr, comm=self._comm)
-        take = getattr(self.solver, "take", None)
+        take = getattr(self.solver, "set_matrix", None)
         if take is None:
             raise ValueError(
                 "two bodies at large sliding need a solver whose factors follow another pattern, "
@@ -269,4 +269,4 @@ class AssembledTangent:
         size = np.abs(self._factorised).max(axis=(0, 1), keepdims=True, initial=0.0)
         change = np.abs(coefficients - self._factorised) > _ROW_CHANGE_TOLERANCE * size
         rows = self._points.own[change.any(axis=2)]
-        return self.solver.solve_changed(right, self._first + rows[rows >= 0])
+        return self.solver.solve_with_changed_rows(right, self._first + rows[rows >= 0])

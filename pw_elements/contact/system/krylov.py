@@ -5,7 +5,7 @@ others stay, but those of opposite nodes, which r acts on, too. The precondition
 K in which directions are held, see the guide's page on theory ("Large systems") and `Sprung`. Free
 translations U, of which there are few, are eliminated by the Schur complement of the
 preconditioner. In hybrid bodies held are displacements alone, the first block of the triangle, see
-`SaddlePoint`.
+`BlockTriangularPreconditioner`.
 """
 
 from collections.abc import Callable
@@ -23,19 +23,19 @@ from pw_elements.contact.model import Free
 from pw_elements.contact.nodes import TOLERANCE, LinearisedLaw
 from pw_elements.contact.system.solution import Accuracy, TangentSolution
 from pw_elements.solvers import (
-    MatrixFree,
-    Pieces,
+    MatrixFreeSolver,
     PreparedSolver,
+    RigidComponents,
     SingularSystem,
     Supports,
-    add,
-    block_diagonal,
+    add_scaled,
+    as_krylov_solver,
+    block_diagonal_matrix,
     collect_garbage,
-    destroy,
-    free_motion,
+    destroy_objects,
+    has_free_rigid_motion,
     python_matrix,
-    solve_by,
-    with_levels,
+    solve_with_ksp,
 )
 from pw_elements.spaces import SubSpace
 
@@ -110,9 +110,9 @@ class NodePoints:
 
     def of_displacements(self, field: SubSpace) -> "NodePoints":
         """The same points where displacements are all unknowns; no surface is free there."""
-        number = np.full(field.rows[0] + 1, -1, dtype=np.int64)  # -1 stays what it is
-        number[field.owned.ravel()] = np.arange(field.owned.size)
-        columns = field.selection().transpose(PETSc.Mat())
+        number = np.full(field.full_sizes[0] + 1, -1, dtype=np.int64)  # -1 stays what it is
+        number[field.owned_unknowns.ravel()] = np.arange(field.owned_unknowns.size)
+        columns = field.selection_matrix().transpose(PETSc.Mat())
         motion, force = (each.matMult(columns) for each in (self.motion, self.force))
         return replace(self, motion=motion, force=force, own=number[self.own], translations=0)
 
@@ -207,7 +207,9 @@ class Sprung:
         self._held: Array = self._springs * held * both
         E, C = np.where(both, law.E, one), np.where(both, law.C, 0.0)
         T = self._times(C, self._flexible)
-        add(T, 1.0, block_diagonal(E, points.motion.getSizes()[0], points.motion.comm))
+        add_scaled(
+            T, 1.0, block_diagonal_matrix(E, points.motion.getSizes()[0], points.motion.comm)
+        )
         self._ksp.setOperators(T)
         half = self._times(self._springs * anchored * both, points.motion)
         return points.force.transposeMatMult(half)
@@ -225,12 +227,12 @@ class Sprung:
         self._inner.apply(self._rest, y)
 
     def release(self) -> None:
-        destroy(self._ksp)
+        destroy_objects(self._ksp)
 
     def _times(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
-        return block_diagonal(blocks, self._points.motion.getSizes()[0], matrix.comm).matMult(
-            matrix
-        )
+        return block_diagonal_matrix(
+            blocks, self._points.motion.getSizes()[0], matrix.comm
+        ).matMult(matrix)
 
 
 def stated_mean(values: Array, stated: Mask) -> Array:
@@ -282,8 +284,8 @@ class RigidHolds:
     def __init__(self, space: fem.FunctionSpace, points: NodePoints) -> None:
         nodes = points.node
         self._comm: MPI.Comm = space.mesh.comm
-        pieces = Pieces.of(space)
-        self._piece, self._pieces = pieces.number[nodes], len(pieces.centre)
+        pieces = RigidComponents.from_space(space)
+        self._piece, self._pieces = pieces.component_of_node[nodes], len(pieces.centre)
         x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
         among = np.where(points.facing, self._piece, -1)
         every, where = (np.concatenate(self._comm.allgather(part)) for part in (x, among))
@@ -334,17 +336,17 @@ class KrylovTangent:
         K: PETSc.Mat,
         supports: Supports,
         points: NodePoints,
-        how: MatrixFree,
+        how: MatrixFreeSolver,
         supported: PETSc.Mat,
     ) -> None:
         self._supported = supported
         self._points = points
         self._comm: MPI.Comm = K.comm.tompi4py()
         self.solver: PreparedSolver = how.prepare(K, supports=supports)
-        self._krylov = krylov = with_levels(self.solver, K, supports)
-        saddle = self._saddle = krylov.saddle
-        self._multigrid = krylov.levels
-        stiffness = saddle.scaled if saddle else self._multigrid.blocked
+        self._krylov = krylov = as_krylov_solver(self.solver, K, supports)
+        saddle = self._saddle = krylov.block_preconditioner
+        self._multigrid = krylov.multigrid
+        stiffness = saddle.scaled_matrix if saddle else self._multigrid.block_matrix
         self._context = Unassembled(stiffness, supports.free, points)
         local, whole = K.getSizes()[0]
         self._unknowns = local
@@ -356,21 +358,23 @@ class KrylovTangent:
         self._border: Bordered | None = None
         if points.spread is not None:
             alone = points.of_displacements(saddle.displacements) if saddle else points
-            self._sprung = Sprung(saddle.inner if saddle else inner, alone, krylov.elastic[0])
+            self._sprung = Sprung(
+                saddle.displacement_pc if saddle else inner, alone, krylov.displacement_block[0]
+            )
             sprung = PETSc.PC().createPython(self._sprung, comm=K.comm)
             sprung.setOperators(self._multigrid.operator)
             if saddle:
-                saddle.inner = sprung
+                saddle.displacement_pc = sprung
             else:
                 inner = sprung
         if points.translations:
             sums = [self._sum(stiffness, supports, j) for j in range(points.translations)]
             self._border = Bordered(inner, sums, self._comm, K.createVecRight())
         outer = self._border or (None if saddle else self._sprung)
-        self._ksp = krylov.briefly(self._operator, outer)
+        self._ksp = krylov.create_flexible_ksp(self._operator, outer)
         # supports that hold all pieces need no help of contact
-        elastic, held = krylov.elastic
-        loose = free_motion(elastic, held)
+        elastic, held = krylov.displacement_block
+        loose = has_free_rigid_motion(elastic, held)
         self._rigid_holds = RigidHolds(held.space, points) if loose else None
         self._solution = self._operator.createVecRight()
         self._final = self._enclosed = False
@@ -396,7 +400,7 @@ class KrylovTangent:
         """Makes new levels, when old ones have cost as much as these would; K is the same."""
         self._renewed = True
         if self._wasted >= self._set_up:
-            self._krylov.multigrid.renew()
+            self._krylov.preconditioner.refresh()
             self._pace = None
 
     def determinant_signs(self) -> tuple[int, ...]:
@@ -405,7 +409,7 @@ class KrylovTangent:
         Over the levels its eigenvalues are near one, and each that changes its sign leaves them: an
         outlier, which Arnoldi's method from an arbitrary vector finds first. This is no proof.
         """
-        if self._krylov.foreign:
+        if self._krylov.uses_external_method:
             return ()
         arbitrary, image = self._operator.createVecs()
         first, last = arbitrary.getOwnershipRange()
@@ -413,7 +417,7 @@ class KrylovTangent:
         sign = -1
         for again in (False, True):
             if again:  # a smoother beyond its bounds changes signs, too
-                self._multigrid.bound()
+                self._multigrid.re_estimate_eigenvalues()
             self._ksp.setTolerances(rtol=_EXAMINED, atol=0.0, max_it=self._most)
             self._ksp.solve(arbitrary, image)
             values = self._ksp.computeEigenvalues()
@@ -477,7 +481,7 @@ class KrylovTangent:
         """Makes the preconditioner for a law; projectors (m, dim, dim) onto what it fixes."""
         begun = self._operations()
         fixed = self._hold(law)
-        if self._saddle and self._saddle.free_pressure(self._operator):
+        if self._saddle and self._saddle.has_free_constant_pressure(self._operator):
             self._enclosed = True
             raise SingularSystem("the pressure is known up to a constant")
         self._krylov.ksp.getPC().setUp()
@@ -504,10 +508,12 @@ class KrylovTangent:
                 worth = _LEVELS_WORTH * self._set_up + pace * np.log10(first / target)
                 most = min(most, 1 + int(worth / self._each))
             self._ksp.setTolerances(rtol=0.0, atol=target, max_it=most)
-            if self._size and not self._krylov.foreign:  # its options have been looked at
+            if (
+                self._size and not self._krylov.uses_external_method
+            ):  # its options have been looked at
                 self._ksp.solve(rest, step)
             else:
-                solve_by(self._ksp, rest, step, self._krylov.options)
+                solve_with_ksp(self._ksp, rest, step, self._krylov.options)
             done += self._ksp.getIterationNumber()
             x.axpy(1.0, step)
             before, left = left, self._left(known, rest)
@@ -533,12 +539,12 @@ class KrylovTangent:
         self._ksp.setPC(none)  # levels would be reset with the method
         self._ksp.reset()
         self._ksp.setPC(preconditioner)
-        destroy(none)
+        destroy_objects(none)
 
     def release(self) -> None:
         if self._sprung is not None:
             self._sprung.release()
-        destroy(self._ksp, self._operator, self._supported)
+        destroy_objects(self._ksp, self._operator, self._supported)
         self._krylov.release()
         if self.solver is not self._krylov:
             self.solver.release()
@@ -580,7 +586,7 @@ class KrylovTangent:
         if self._rigid_holds is not None:
             anchored = self._rigid_holds.held(held)
         springs = self._sprung.hold(law, held, anchored) if self._sprung else None
-        self._multigrid.hold(points.node, anchored, points.scale, springs)
+        self._multigrid.constrain(points.node, anchored, points.scale, springs)
         return fixed
 
     def _land(self, known: PETSc.Vec, x: PETSc.Vec, fixed: Array) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pw_elements._compat import single_entry_matrix
-from pw_elements.algebra import Reduction, free_pressure, supported
+from pw_elements.algebra import Reduction, constrained_operator, has_free_constant_pressure
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.model import Free
@@ -34,7 +34,13 @@ from pw_elements.contact.system.assembled import (
 )
 from pw_elements.contact.system.krylov import KrylovTangent, NodePoints, stated_mean
 from pw_elements.contact.system.solution import Accuracy, Solution, TangentSolution
-from pw_elements.solvers import LinearSolver, PreparedSolver, SolverReport, add, is_matrix_free
+from pw_elements.solvers import (
+    LinearSolver,
+    PreparedSolver,
+    SolverReport,
+    add_scaled,
+    is_matrix_free,
+)
 
 
 class ContactTangent(Protocol):
@@ -99,7 +105,9 @@ class ContactSystem:
         self._torque_map = torque_map
         self.comm: MPI.Comm = interface.comm
         self.n_solved = 0
-        self.stiffness = supported(reduction, K) if is_matrix_free(solver) else reduction.matrix(K)
+        self.stiffness = (
+            constrained_operator(reduction, K) if is_matrix_free(solver) else reduction.matrix(K)
+        )
         self._motion_sizes = interface.motion.copy()
         rows = interface.motion.getValuesCSR()
         self._motion_sizes.setValuesCSR(*rows[:2], np.abs(rows[2]))
@@ -129,7 +137,9 @@ class ContactSystem:
         self.scale = stated_mean(own_entries(read, interface.equation) / unit, stated)
         sizes = len(csr[0]) - 1, read.shape[1]
         matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=self.comm)
-        enclosed = partial(free_pressure, self.stiffness, reduction, self._equations[stated])
+        enclosed = partial(
+            has_free_constant_pressure, self.stiffness, reduction, self._equations[stated]
+        )
         borders = len(csr[0]) - 1 - (last - first)
         self.tangent = AssembledTangent(matrix, rows, first, borders, solver, enclosed)
 
@@ -140,7 +150,7 @@ class ContactSystem:
         forces = L.matMult(K)
         if self._spread is not None:
             fixed = self._spread.transposeMatMult(forces)
-            add(fixed, 1.0, K, last=False)
+            add_scaled(fixed, 1.0, K, destroy_term=False)
             K = fixed
         fixed, read = (local_rows(part, len(self.free)) for part in (K, forces))
         rows = PointRows(read, self._moved, self._borders, self._equations)

@@ -1,0 +1,262 @@
+"""The study in unusual environments: it ends with a result, or with a reason in one line.
+
+The tests run nightly, on one real section. Environments that cannot be created on this machine are
+skipped, with the reason.
+"""
+
+import ctypes
+import os
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from study.core.store import Results
+
+ROOT = Path(__file__).parents[2]
+RUN = ROOT / "run"
+CASES = ["7.1/pw-T6", "7.1/galerkin-T6"]
+ERROR_LINE = re.compile(r"(run|study|figures|site|7\.1/[\w-]+): \S.*")
+ODD_NAME = "a b'c\"ü$x"
+
+pytestmark = pytest.mark.random
+
+
+@pytest.fixture(autouse=True)
+def require_nightly(request):
+    """Skip the tests of this module without the option --nightly."""
+    if not request.config.getoption("--nightly"):
+        pytest.skip("with --nightly")
+
+
+READ_ONLY, BIND, REMOUNT, PRIVATE = 1, 4096, 32, 0x40000 | 16384  # flags of mount(2)
+
+
+@dataclass(frozen=True)
+class Mount:
+    """A mount on a folder: an empty file system in memory, or a bind mount of the folder itself."""
+
+    folder: Path
+    flags: int = 0
+    size: str = "64k"
+
+    def make(self):
+        """Mount the file system; raise OSError on failure."""
+        folder, bind = str(self.folder).encode(), self.flags & BIND
+        flags = self.flags | (REMOUNT if bind and self.flags & READ_ONLY else 0)
+        kind, options = (folder, None) if bind else (b"tmpfs", f"size={self.size}".encode())
+        libc = ctypes.CDLL(None, use_errno=True)
+        if libc.mount(kind, folder, None if bind else b"tmpfs", flags, options):
+            raise OSError(ctypes.get_errno(), "mount")
+
+
+def skip_without_mounts():
+    """Skip the test if this process may not create mounts."""
+    code = "import os; os.unshare(os.CLONE_NEWNS)"
+    if subprocess.run([sys.executable, "-c", code], capture_output=True).returncode:
+        pytest.skip("this machine cannot create mounts: they need root, and Python 3.12")
+
+
+def run_study(out, *arguments, wrapped=(), mounts=(), limits=(), script=RUN, cwd=ROOT, **changes):
+    """Run the study of two cases and return the process; a variable given as None is unset."""
+    environment = {k: v for k, v in {**os.environ, **changes}.items() if v is not None}
+
+    if mounts:
+        skip_without_mounts()
+
+    def set_mounts_and_limits():
+        if mounts:
+            os.unshare(os.CLONE_NEWNS)
+            ctypes.CDLL(None).mount(b"none", b"/", None, PRIVATE, None)
+        for mount in mounts:
+            mount.make()
+        for resource_name, value in limits:
+            resource.setrlimit(resource_name, (value, value))
+
+    return subprocess.run(
+        [*wrapped, script, "study", *(arguments or CASES), "--out", str(out)],
+        cwd=cwd,
+        env=environment,
+        preexec_fn=set_mounts_and_limits,
+        capture_output=True,
+        text=True,
+        errors="replace",
+    )
+
+
+def assert_complete(process, out):
+    """Assert status 0 and complete results in the folder `out`."""
+    assert process.returncode == 0, process.stderr
+    results = Results(out)
+    assert [case in results for case in CASES] == [True, True]
+    assert "Traceback" not in process.stderr
+
+
+def assert_complete_or_explained(process, out):
+    """Assert complete results, or a positive status and messages that end with the reason."""
+    if process.returncode == 0:
+        assert_complete(process, out)
+        return
+    assert 0 < process.returncode < 128, process.stderr
+    assert "Traceback" not in process.stderr, process.stderr
+    assert ERROR_LINE.fullmatch(process.stderr.splitlines()[-1]), process.stderr
+
+
+def test_a_full_file_system_gives_an_error_without_traceback(tmp_path):
+    out = tmp_path / "full"
+    out.mkdir()
+    process = run_study(out, mounts=[Mount(out, size="4k")])
+    assert "Traceback" not in process.stderr
+    assert "No space left on device" in process.stderr
+    assert process.returncode in (1, 2)
+
+
+def test_a_full_temporary_folder_gives_results_or_a_reason(tmp_path):
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    mounts = [Mount(temporary, size="4k")]
+    process = run_study(tmp_path / "out", mounts=mounts, TMPDIR=str(temporary))
+    assert_complete_or_explained(process, tmp_path / "out")
+
+
+def test_read_only_shared_memory_gives_results_or_a_reason(tmp_path):
+    """The folder /dev/shm is read-only."""
+    mounts = [Mount(Path("/dev/shm"), READ_ONLY)]
+    variable = {"OMPI_MCA_btl_sm_backing_directory": None}
+    process = run_study(tmp_path / "out", mounts=mounts, **variable)
+    assert_complete_or_explained(process, tmp_path / "out")
+
+
+def test_read_only_results_are_refused_and_a_read_only_clone_works(tmp_path):
+    """Read-only results give an error; a read-only clone can write results elsewhere."""
+    out = tmp_path / "read-only"
+    out.mkdir()
+    process = run_study(out, mounts=[Mount(out, READ_ONLY)])
+    assert (process.returncode, process.stdout) == (2, "")
+    assert process.stderr == f"study: {out} cannot be written to: Read-only file system\n"
+    process = run_study(tmp_path / "out", mounts=[Mount(ROOT, BIND), Mount(ROOT, BIND | READ_ONLY)])
+    assert_complete(process, tmp_path / "out")
+
+
+def test_two_studies_at_once_in_one_folder_both_complete(tmp_path):
+    out = tmp_path / "out"
+    command = [RUN, "study", *CASES, "--force", "--out", str(out)]
+    processes = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    messages = [process.communicate()[1] for process in processes]
+    assert [process.returncode for process in processes] == [0, 0], messages
+    assert_complete(run_study(out), out)
+    assert [path.name for path in out.rglob(".*")] == [".pw-elements"]  # marks a results folder
+
+
+@pytest.mark.parametrize("files", [16, 24, 64])
+def test_few_open_files_give_results_or_a_reason(tmp_path, files):
+    process = run_study(tmp_path / "out", limits=[(resource.RLIMIT_NOFILE, files)])
+    assert_complete_or_explained(process, tmp_path / "out")
+
+
+@pytest.mark.parametrize("megabytes", [1200, 3000])
+def test_limited_memory_gives_results_or_a_reason(tmp_path, megabytes):
+    process = run_study(tmp_path / "out", limits=[(resource.RLIMIT_AS, megabytes << 20)])
+    assert_complete_or_explained(process, tmp_path / "out")
+
+
+@pytest.mark.parametrize("megabytes", [300, 600])
+@pytest.mark.parametrize("command", [(RUN, "study"), (sys.executable, "-m", "study")])
+def test_insufficient_memory_is_refused(tmp_path, command, megabytes):
+    """The study is refused before OpenBLAS waits for memory forever."""
+    size = megabytes << 20
+    process = subprocess.run(
+        [*command, *CASES, "--out", str(tmp_path / "out")],
+        cwd=ROOT,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size)),
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    assert process.returncode in (1, 2)
+    assert re.fullmatch(
+        rf"(run|study): a process is allowed {megabytes} MB of memory, and needs 1024: "
+        r"allow them by ulimit -v 1048576\n",
+        process.stderr,
+    )
+
+
+def test_results_from_the_future_remain_valid(tmp_path):
+    """The clock may have been set back after they were written."""
+    out = tmp_path / "out"
+    assert_complete(run_study(out), out)
+    later = time.time() + 1e8
+    for path in out.rglob("*"):
+        os.utime(path, (later, later))
+    process = run_study(out)
+    assert_complete(process, out)
+    assert "2 of 2 results are reused" in process.stderr
+
+
+@pytest.mark.parametrize("locale", ["tr_TR.UTF-8", "de_DE.UTF-8", "tr_TR.ISO-8859-9", "C", "none"])
+def test_the_study_completes_in_any_locale(tmp_path, locale):
+    """The study works with installed and missing locales."""
+    process = run_study(tmp_path / "out", LC_ALL=locale, LANG=locale, LC_NUMERIC=locale)
+    assert_complete(process, tmp_path / "out")
+
+
+@pytest.mark.parametrize("mask", [0o000, 0o077])
+def test_results_have_the_permissions_of_the_umask(tmp_path, mask):
+    old_mask = os.umask(mask)
+    try:
+        process = run_study(tmp_path / "out")
+    finally:
+        os.umask(old_mask)
+    assert_complete(process, tmp_path / "out")
+    for path in (tmp_path / "out" / "7.1").iterdir():
+        assert path.stat().st_mode & 0o777 == 0o666 & ~mask, path
+
+
+@pytest.mark.parametrize("home", [None, "", "/nonexistent"])
+def test_a_missing_home_folder_gives_results_or_a_reason(tmp_path, home):
+    process = run_study(tmp_path / "out", HOME=home, XDG_CACHE_HOME=None, XDG_CONFIG_HOME=None)
+    assert_complete_or_explained(process, tmp_path / "out")
+
+
+def test_names_with_spaces_quotes_and_umlauts_are_supported(tmp_path):
+    """Tested are names of results, current folder, project folder and TMPDIR."""
+    folder, project = tmp_path / ODD_NAME, tmp_path / f"project {ODD_NAME}"
+    (folder / "temporary").mkdir(parents=True)
+    ignored = shutil.ignore_patterns(".git", "results*", ".cache", "__pycache__")
+    shutil.copytree(ROOT, project, ignore=ignored)
+    options = {"cwd": folder, "TMPDIR": str(folder / "temporary"), "PYTHONPATH": None}
+    process = run_study(ODD_NAME, script=project / "run", **options)
+    assert_complete(process, folder / ODD_NAME)
+    figure = subprocess.run(
+        [project / "run", "figure", "fig05", "--results", ODD_NAME, "--out", f"drawn {ODD_NAME}"],
+        cwd=folder,
+        env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"},
+        capture_output=True,
+        text=True,
+    )
+    assert figure.returncode == 0, figure.stderr
+    assert (folder / f"drawn {ODD_NAME}" / "fig05.png").exists()
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-"])
+def test_the_study_completes_with_closed_streams(tmp_path, closed):
+    """Some daemons start commands with closed streams."""
+    out = tmp_path / "out"
+    line = f'exec "$@" {closed}'
+    process = run_study(out, wrapped=["sh", "-c", line, "sh"])
+    assert "Traceback" not in process.stderr
+    results = Results(out)
+    assert [case in results for case in CASES] == [True, True], process.stderr
+
+
+def test_modules_of_another_project_in_the_current_folder_are_not_imported(tmp_path):
+    (tmp_path / "study.py").write_text("raise SystemExit('not this one')\n")
+    (tmp_path / "numpy.py").write_text("raise SystemExit('nor this one')\n")
+    process = run_study(tmp_path / "out", cwd=tmp_path)
+    assert_complete(process, tmp_path / "out")
