@@ -48,10 +48,10 @@ _RECORD_TYPES = {
     "scale": Scale,
     "smallness": Smallness,
 }
-_KIND = "pw_elements contact state"
-_FORMAT = f"{_KIND} 7"
+_FILE_KIND = "pw_elements contact state"
+_FORMAT = f"{_FILE_KIND} 7"
 # Name of a file's first array, the digest of all others, which marks even an unfinished state
-_DIGEST_NAME = f"{_KIND}, digest"
+_DIGEST_NAME = f"{_FILE_KIND}, digest"
 # Bytes at the start of a file that have the name of its first array
 _HEAD_SIZE = 200
 # Prefix of the arrays of the problem's fingerprint
@@ -365,5 +365,5 @@ def _holds_state(path: Path) -> bool:
     if not head or f"{_DIGEST_NAME}.npy".encode() in head:
         return True
     with suppress(Exception), np.load(path, allow_pickle=False) as archive:  # of earlier formats
-        return str(json.loads(str(archive["state"]))["format"]).startswith(_KIND)
+        return str(json.loads(str(archive["state"]))["format"]).startswith(_FILE_KIND)
     return False

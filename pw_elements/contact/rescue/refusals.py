@@ -308,7 +308,7 @@ def check_loose(
     before: ContactState,
     spent: Callable[[], tuple[int, SolverReport]],
 ) -> None:
-    """Raise NotUnique if a body is loose in a solution: nothing but its contact could hold it."""
+    """Raise NotUnique if a solution leaves a body loose, clear of all contact forces."""
     if not (motions := rigid.describe_loose_motions(end.nodes, increment.allowance(end))):
         return
     iterations, report = spent()

@@ -301,7 +301,7 @@ class RigidMotions:
         return null_space(all_rows, _FREE_STIFFNESS)
 
     def _reduced_columns(self) -> Indices:
-        """Return the reduced unknown of each owned displacement, negative without a single one."""
+        """Return the reduced unknown of each owned displacement; -1 if prescribed, -2 if combined."""
         return free_columns(self._system.reduction.right)[self._displacement_rows]
 
     def _assemble_resistance(self, pieces: RigidComponents, transposed: bool) -> sp.csr_array:
