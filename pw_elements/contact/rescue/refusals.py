@@ -126,9 +126,9 @@ class NodeVelocities:
 
     def restrict(self, motions: Indices) -> "NodeVelocities":
         """Return the nodes that some of the motions move, with their velocities in these."""
-        moved = self.select(np.any(self._is_moved()[:, motions], axis=1))
-        normal, tangential = moved.normal[:, motions], moved.tangential[..., motions]
-        return replace(moved, normal=normal, tangential=tangential)
+        moved_nodes = self.select(np.any(self._is_moved()[:, motions], axis=1))
+        normal, tangential = moved_nodes.normal[:, motions], moved_nodes.tangential[..., motions]
+        return replace(moved_nodes, normal=normal, tangential=tangential)
 
     def cone_rows(self, direction: Array) -> Array:
         """Return rows (m, k) of v_n - mu v_t·d for unit vectors d (m, dim).
@@ -445,8 +445,8 @@ def _describe_contacts(nodes: NodeVelocities, motion: Array) -> str:
         if slides.any():
             directions = sliding[slides] / speed[slides, None]
             is_common = np.all(directions @ directions[0] > 1 - NEGLIGIBLE_PART)
-            along = f"along {format_direction(directions[0])} " if is_common else ""
-            words.append(f"slides {along}on pair {k}")
+            direction = f"along {format_direction(directions[0])} " if is_common else ""
+            words.append(f"slides {direction}on pair {k}")
         elif np.any(margin[nodes.pair == k] > negligible):
             words.append(f"lifts off pair {k}")
     return f", by which the body {' and '.join(words)}" if words else ""
