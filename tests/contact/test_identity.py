@@ -262,7 +262,7 @@ def test_another_version_is_said_where_a_residual_differs(tmp_path):
     forge(path, lambda arrays, _: arrays.update({"problem version": np.array("0.8.0")}))
     assert case.problem.load(path).increment == 0
     words = said(lambda: Rubber(quadratic=1e-3).problem.load(path))
-    assert "The file is one of DOLFINx 0.8.0" in words
+    assert "The file was written with DOLFINx 0.8.0" in words
 
 
 # -- forged files ----------------------------------------------------------------------------------

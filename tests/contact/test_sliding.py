@@ -22,7 +22,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.interface import SlidingMortar, Trace
 from pw_elements.contact.steps import finite
-from pw_elements.contact.steps.slip import SlipCheck
+from pw_elements.contact.steps.smallness import SlipCheck
 from tests.contact.cases import on_plane
 from tests.contact.sliding import (
     DIE_PATH,

@@ -18,6 +18,7 @@ def make_contact_state(
     state: NewtonState,
     before: ContactState,
     *,
+    sizes: tuple[Scale, float, float],
     iterations: int,
     report: SolverReport,
     smallness: Smallness | None,
@@ -30,6 +31,7 @@ def make_contact_state(
         increment: its equations.
         state: of the iteration.
         before: at the start of the increment.
+        sizes: as `reference_sizes` gives them.
         iterations: linear systems solved.
         report: of their solver.
         smallness: of the displacements; None at large strains.
@@ -40,8 +42,9 @@ def make_contact_state(
     signs = frozenset(system.tangent.solver.determinant_signs)
     orientations = signs | before.orientations if before.free == system.free else signs
     is_unique = len(orientations) <= 1 if signs else None
-    scale, force, length = reference_sizes(increment, state, before.scale)
+    scale, force, length = sizes
     residuals = increment.residuals(state, force, length)
+    largest = increment.max_over_ranks(*residuals.values())
     if increment.interface.cone.has_user_law:
         increment.interface.check_laws()
     return ContactState(
@@ -49,9 +52,7 @@ def make_contact_state(
         pairs=_make_pair_states(increment, state),
         iterations=iterations,
         unique=False if slides else is_unique,
-        residuals=Residuals(
-            **{name: increment.max_over_ranks(values) for name, values in residuals.items()}
-        ),
+        residuals=Residuals(**dict(zip(residuals, largest, strict=True))),
         report=report,
         increment=before.increment + 1,
         free=system.free,
@@ -91,10 +92,9 @@ def _make_pair_states(increment: Increment, state: NewtonState) -> tuple[PairSta
     def to_global(values: Array) -> Array:
         return np.einsum("nab,na->nb", tangents, values)
 
-    slip = np.where(
-        (status == HELD)[:, None], remove_normal_part(motion, normal), to_global(nodes.slip)
-    )
     path_slip = increment.kinematics.integrate_slip(state.q, state.displacement, normal)
+    of_held = remove_normal_part(motion, normal)
+    slip = np.where((status == HELD)[:, None], of_held, to_global(nodes.slip))
     is_closed = (status != OPEN)[:, None]
     return make_pair_states(
         interface,
@@ -139,18 +139,19 @@ def make_pair_states(
     )
     of_points |= dict.fromkeys(("force_normal", "turning", "torque"), no_vector[:, 0])
     of_points |= {"status": np.full(len(no_vector), OPEN, dtype=np.int8)} | points
-    torque = of_points.pop("torque")
+    opposite_force = interface.on_opposite(force, force_operator)
+    of_pairs = interface.gather_pairs(of_points | {"total": force})
     return tuple(
         PairState(
             translation=q[k, :dim].copy(),
-            force=interface.in_order(k, force).sum(axis=0),
+            force=of_pair.pop("total").sum(axis=0),
             rotation=np.array(q[k, dim:].sum()),
-            torque=np.array(interface.in_order(k, torque).sum()),
+            torque=np.array(of_pair.pop("torque").sum()),
             opposite=interface.opposite[k].copy(),
-            opposite_force=interface.on_opposite(k, force, force_operator),
-            **{name: interface.in_order(k, values) for name, values in of_points.items()},
+            opposite_force=opposite_force[k],
+            **of_pair,
         )
-        for k in range(interface.pairs)
+        for k, of_pair in enumerate(of_pairs)
     )
 
 
@@ -158,16 +159,19 @@ def reference_sizes(
     increment: Increment, state: NewtonState, before: Scale
 ) -> tuple[Scale, float, float]:
     """Return the scale of the history up to here, and force and length that residuals are over."""
-    force = increment.max_over_ranks(np.linalg.norm(state.force, axis=1))
     pair, V = increment.interface.pair, state.kinematics.torque_map.V
     shifts = np.einsum("nak,nk->na", V, state.q[pair])
-    displacements = np.concatenate([increment.system.displacement_sizes(state.unknowns), shifts])
-    length = increment.max_over_ranks(np.linalg.norm(displacements, axis=1))
+    displacements = np.concatenate([state.displacement_size, shifts])
+    force, length, extent, stiffness = increment.max_over_ranks(
+        np.linalg.norm(state.force, axis=1),
+        np.linalg.norm(displacements, axis=1),
+        np.abs(increment.interface.position),
+        increment.system.scale,
+    )
     scale = before
-    if force > increment.round_off(state):
+    if force > state.round_off:
         scale = Scale(max(force, before.force), max(length, before.length))
-    extent = increment.max_over_ranks(np.abs(increment.interface.position))
     length = max(length, scale.length)
     length = length if length > ROUND_OFF * extent else extent
-    force = scale.force or increment.max_over_ranks(increment.system.scale) * length
+    force = scale.force or stiffness * length
     return scale, force, length

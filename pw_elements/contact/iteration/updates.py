@@ -29,6 +29,7 @@ from pw_elements.contact.nodes import (
     count_statuses,
     find_differences,
     is_same_set,
+    linearise_friction_limits,
     make_sticking_set,
     rotate_to_frames,
     select_nodes,
@@ -353,19 +354,22 @@ def resume_active_set(
     interface: Interface, kinematics: LinearisedKinematics, before: ContactState
 ) -> ActiveSet:
     """Return the active set that a state ended with."""
-    local, pairs = interface.local, before.pairs
-    status = local([pair.status for pair in pairs])
-    direction, friction = (
-        np.einsum("nab,nb->na", kinematics.frame[:, 1:], local(vectors))
-        for vectors in zip(
-            *((pair.direction, pair.force_tangential) for pair in pairs), strict=True
-        )
+    status, turning, force_normal, *vectors = interface.local(
+        before.pairs, "status", "turning", "force_normal", "direction", "force_tangential"
     )
-    return ActiveSet.at_trial_pressure(
+    direction, friction = (
+        np.einsum("nab,nb->na", kinematics.frame[:, 1:], vector) for vector in vectors
+    )
+    pressure = np.maximum(0.0, force_normal)
+    limits = interface.cone.limit(pressure)
+    slope, intercept = linearise_friction_limits(pressure, limits, direction)
+    return ActiveSet(
         np.where(status == HELD, STICK, status).astype(np.int8),
         direction,
-        local([pair.turning for pair in pairs]),
-        cone=interface.cone,
-        trial_pressure=local([pair.force_normal for pair in pairs]),
+        turning,
+        slope,
+        intercept,
+        turning_by_slip=np.zeros_like(turning),
         support_friction=np.where(kinematics.held_tangents, friction, 0.0),
+        support_slip=np.zeros_like(direction),
     )

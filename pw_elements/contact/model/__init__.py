@@ -13,7 +13,7 @@ from pw_elements.contact.model.errors import (
     SurfacePassed,
     exhausted_friction,
 )
-from pw_elements.contact.model.friction import Cone, Coulomb, Friction, projected
+from pw_elements.contact.model.friction import Cone, Coulomb, Friction
 from pw_elements.contact.model.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.model.state import (
     NOTHING_DONE,
@@ -26,6 +26,7 @@ from pw_elements.contact.model.state import (
 )
 from pw_elements.contact.model.surfaces import (
     CLOSED_FORMS,
+    DEFINED_EVERYWHERE,
     KNOWN_BODIES,
     MAX_STEP_ERROR,
     FlatPunch,

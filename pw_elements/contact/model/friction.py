@@ -184,14 +184,7 @@ class Cone:
         unlike = ~((slope >= least - allowed) & (slope <= most + allowed))
         return slope, np.clip(slope, least, most), pressed & unlike
 
-    @property
+    @cached_property
     def rough(self) -> Mask:
         """Which points (m,) have any friction."""
         return self.steepest > 0
-
-
-def projected(tangential: Array, radius: Array) -> Array:
-    """Tangential forces (m, dim - 1), those beyond their radius (m,) being shortened to it."""
-    size = np.linalg.norm(tangential, axis=1)
-    beyond = size > radius
-    return np.where(beyond, radius / np.where(beyond, size, 1.0), 1.0)[:, None] * tangential

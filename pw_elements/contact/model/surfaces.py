@@ -36,11 +36,17 @@ MAX_STEP_ERROR = 1e-5
 
 def unit(direction: Sequence[float]) -> Array:
     """The unit vector (dim,) along a direction; a ValueError if that has no finite length."""
-    along = arguments.check_vector("direction", direction)
+    along = np.asarray(direction, dtype=float)
     length = np.linalg.norm(along)
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"direction {list(direction)}: needs a finite length")
     return along / length
+
+
+def check_direction(direction: Sequence[float]) -> None:
+    """Raise ValueError for a direction that is no vector of finite numbers, or has no length."""
+    arguments.check_vector("direction", direction)
+    unit(direction)
 
 
 def normalised(vectors: Points) -> Points:
@@ -94,7 +100,7 @@ class Plane:
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
         arguments.check_vector("the point of a plane", self.point)
-        unit(self.direction)
+        check_direction(self.direction)
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim), positive on the side that the direction points to."""
@@ -218,7 +224,7 @@ class FlatPunch:
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
         arguments.check_vector("the centre of a punch", self.centre)
-        unit(self.direction)
+        check_direction(self.direction)
         arguments.check_positive("half_width", self.half_width)
 
     def gap(self, x: Points) -> Array:
@@ -393,9 +399,11 @@ class SignedDistance:
         return np.asarray(bend.transpose(1, 0, 2) + bend.transpose(1, 2, 0)) / 2
 
 
-# Surfaces whose closest points are the library's own, and those of which nothing is a user's
+# Surfaces whose closest points are the library's own, those of which nothing is a user's, and
+# those of these that have a normal everywhere
 KNOWN_BODIES = (Plane, Sphere, SignedDistance)
 CLOSED_FORMS = (Plane, Parabola, Sphere, FlatPunch)
+DEFINED_EVERYWHERE = (Plane, Parabola, FlatPunch)
 
 
 def wrong_derivatives(surface: RigidBody, x: Points, step: float) -> str:

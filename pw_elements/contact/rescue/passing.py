@@ -247,3 +247,18 @@ def _smallest_extent(interface: Interface, pair: int) -> float:
         mortar = interface.mortars[pair]
         sides = [mortar.x[: mortar.slaves], mortar.x[mortar.slaves :]]
     return min(float(np.ptp(side, axis=0).max()) for side in sides)
+
+
+def sample_ways(q_start: Array, q_end: Array, path: Array, samples: int) -> tuple[Array, Array]:
+    """Return placements (samples + 1, pairs, dim + 1) of surfaces, and of a path."""
+    shares: Array = np.linspace(0, 1, samples + 1, dtype=float)
+    ways = np.array([(1 - s) * q_start + s * q_end for s in shares])
+    return ways, _interpolate(path, shares)
+
+
+def _interpolate(path: Array, shares: Array) -> Array:
+    """Return values (k, ...) at shares (k,) of a path (samples + 1, ...) by straight pieces."""
+    place = shares * (len(path) - 1)
+    before = np.minimum(place.astype(int), len(path) - 2)
+    after = (place - before).reshape(-1, *[1] * (path.ndim - 1))
+    return np.asarray((1 - after) * path[before] + after * path[before + 1])

@@ -28,6 +28,7 @@ from pw_elements.contact.iteration import (
     LinearIncrement,
     NewtonState,
     make_contact_state,
+    reference_sizes,
     solve_increment,
 )
 from pw_elements.contact.model import (
@@ -309,21 +310,28 @@ def check_loose(
     spent: Callable[[], tuple[int, SolverReport]],
 ) -> None:
     """Raise NotUnique if a solution leaves a body loose, clear of all contact forces."""
-    if not (motions := rigid.describe_loose_motions(end.nodes, increment.allowance(end))):
+    if not (motions := rigid.describe_loose_motions(end.nodes, end.allowance)):
         return
-    iterations, report = spent()
-    size = Smallness(np.nan, np.nan, np.nan)
     failure = NotUnique(f"{_LOOSE_BODY_MESSAGE}. Nothing stops a {', '.join(motions)}")
-    failure.state = make_contact_state(
+    failure.state = _make_unsolved_state(increment, end, before, spent())
+    raise failure
+
+
+def _make_unsolved_state(
+    increment: Increment, state: NewtonState, before: ContactState, cost: tuple[int, SolverReport]
+) -> ContactState:
+    """Return the contact state of a Newton state that is no solution, at a cost so far."""
+    iterations, report = cost
+    return make_contact_state(
         increment,
-        end,
+        state,
         before,
+        sizes=reference_sizes(increment, state, before.scale),
         iterations=iterations,
         report=report,
-        smallness=size,
+        smallness=Smallness(np.nan, np.nan, np.nan),
         converged=False,
     )
-    raise failure
 
 
 def rescue(
@@ -366,16 +374,7 @@ def rescue(
             return solution
     nearest, state = "", None
     if increment.nearest is not None:
-        iterations, report = spent()
-        state = make_contact_state(
-            increment,
-            increment.nearest,
-            before,
-            iterations=iterations,
-            report=report,
-            smallness=Smallness(np.nan, np.nan, np.nan),  # of no solution
-            converged=False,
-        )
+        state = _make_unsolved_state(increment, increment.nearest, before, spent())
         violation = f"{increment.nearest.violation * TOLERANCE:.1g}"
         nearest = (
             f" The state that came nearest violates the law by {violation} of its largest force."
@@ -558,8 +557,8 @@ def solve_with_springs(
                 log_on_root(comm, logging.INFO, words, ".contact")
                 if state.violation <= 1:
                     if isinstance(failed.__cause__, SingularSystem):
-                        force = increment.max_over_ranks(np.abs(state.force))
-                        is_loose = force <= increment.round_off(state)
+                        (force,) = increment.max_over_ranks(np.abs(state.force))
+                        is_loose = force <= state.round_off
                         message = _LOOSE_BODY_MESSAGE if is_loose else f"at a solution, {failed}"
                         raise NotUnique(message) from failed
                     return state  # the iteration has left it by round-off alone

@@ -67,6 +67,7 @@ class RigidModes:
         modes_per_piece: number of translations and rotations.
         n_piece_modes: number of modes of all pieces.
         n_modes: number of all modes.
+        mover: (modes,), number of the piece that a mode moves; a further one per surface mode.
     """
 
     def __init__(self, pieces: RigidComponents, free: Free, n_pairs: int) -> None:
@@ -75,13 +76,9 @@ class RigidModes:
         self.modes_per_piece = pieces.modes.shape[2]
         self.n_piece_modes = len(pieces.centre) * self.modes_per_piece
         self.n_modes = self.n_piece_modes + len(free)
-
-    @property
-    def mover(self) -> Indices:
-        """Number (modes,) of the piece that a mode moves, or a further one per surface mode."""
-        n_pieces = len(self.centre)
+        n_pieces = len(pieces.centre)
         piece = np.repeat(np.arange(n_pieces), self.modes_per_piece)
-        return np.concatenate([piece, n_pieces + np.arange(len(self.free))])
+        self.mover: Indices = np.concatenate([piece, n_pieces + np.arange(len(free))])
 
     def split(self, motion: Array) -> tuple[Array, Array, Array]:
         """Return translations and rotations of pieces, and translations of surfaces.
@@ -187,6 +184,8 @@ class RigidMotions:
     def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
         """Describe the motions that an active set in its frames (m, dim, dim) leaves free."""
         free = self._find_free_motions(active, frame)
+        if not len(free):
+            return []
         return [
             self.modes.describe(motion) for motion in self.modes.make_simplest_basis(free).motions
         ]
@@ -301,7 +300,7 @@ class RigidMotions:
         return null_space(all_rows, _FREE_STIFFNESS)
 
     def _reduced_columns(self) -> Indices:
-        """Return the reduced unknown of each owned displacement; -1 if prescribed, -2 if combined."""
+        """Return the reduced unknown of each displacement; -1 if prescribed, -2 if combined."""
         return free_columns(self._system.reduction.right)[self._displacement_rows]
 
     def _assemble_resistance(self, pieces: RigidComponents, transposed: bool) -> sp.csr_array:

@@ -60,29 +60,28 @@ from pw_elements.contact.nodes import (
     OPEN,
     TOLERANCE,
     DeformedKinematics,
-    IncrementStart,
     MortarKinematics,
     RigidSurfaceMotion,
     RigidSurfacesOnly,
+    make_increment_start,
     make_sticking_set,
 )
-from pw_elements.contact.output import Coefficients, ResidualProbe
+from pw_elements.contact.output import Callback, Coefficients, Reporter, ResidualProbe
 from pw_elements.contact.rescue import (
     SupportedPieces,
+    combine_substeps,
     ends_clear,
     find_passed,
     refuse_supports_through_each_other,
     refuse_tools_through_supports,
+    sample_ways,
+    solve_in_substeps,
 )
 from pw_elements.contact.steps.sensitivity import Linearised, Part
-from pw_elements.contact.steps.slip import SlipCheck
+from pw_elements.contact.steps.smallness import SlipCheck
 from pw_elements.contact.steps.stepping import (
-    Callback,
     IncrementTarget,
-    Reporter,
-    combine_substeps,
     interpolate,
-    solve_in_substeps,
 )
 from pw_elements.contact.steps.verification import (
     Sizes,
@@ -269,7 +268,7 @@ class FiniteStepping:
         """Raise SurfacePassed if supports and surfaces are led through each other."""
         interface, q = self.interface, state.placements
         nodes = self._positions, self._held, self._piece
-        ways, path = _sample_ways(start, end, path, max(len(path) - 1, _WAY_SAMPLES))
+        ways, path = sample_ways(start.q, end.q, path, max(len(path) - 1, _WAY_SAMPLES))
         refuse_tools_through_supports(interface, self._surfaces, *nodes, ways, path)
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, q, q)
@@ -288,7 +287,7 @@ class FiniteStepping:
         None where it has not been in contact, does not end clear, or has a history on the way.
         """
         interface, comm = self.interface, self.interface.comm
-        closed = interface.local([pair.status for pair in state.pairs]) != OPEN
+        closed = interface.local(state.pairs, "status")[0] != OPEN
         if self.history or self._update or not comm.allreduce(bool(closed.any()), MPI.LOR):
             return None
         nodes = self._positions, self._held, self._piece
@@ -296,7 +295,7 @@ class FiniteStepping:
         for samples in (1, _LEAVING_SAMPLES):  # the ends alone tell most
             if samples > 1:
                 path = self._sample_supports(state, load, samples)
-            ways, _ = _sample_ways(start, end, path, samples)
+            ways, _ = sample_ways(start.q, end.q, path, samples)
             pieces = SupportedPieces.fit(*nodes, path, comm)
             if not ends_clear(interface, self._surfaces, pieces, ways, state.unknowns):
                 return None
@@ -370,7 +369,7 @@ class FiniteStepping:
         system.start(lambda: unknowns, q)
         max_iterations = self._max_iterations
         if begin is None:
-            closed = interface.local([pair.status for pair in state.pairs]) != OPEN
+            closed = interface.local(state.pairs, "status")[0] != OPEN
             displacement = kinematics.carry_closed(q, start.displacement, closed)
             linearised = kinematics.linearise(q, displacement, start.force)
             closed |= linearised.gap < 0
@@ -391,10 +390,10 @@ class FiniteStepping:
         reporter.violation = end.violation
         self._check_end(increment, kinematics, end, target, starts_clear=begin is not None)
         signs = self._check_stability(system, n_signs, state)
-        solution = make_contact_state(
-            increment, end, state, iterations=0, report=system.report, smallness=None
-        )
         sizes = reference_sizes(increment, end, state.scale)
+        solution = make_contact_state(
+            increment, end, state, sizes=sizes, iterations=0, report=system.report, smallness=None
+        )
         solution = self._verify(solution, state, target, sizes)
         return replace(solution, unique=None, orientations=frozenset(signs[-1:]))
 
@@ -483,7 +482,7 @@ class FiniteStepping:
     ) -> tuple[Increment, DeformedKinematics]:
         """Return the equations from a state to a target, the body being at all unknowns (n,)."""
         interface = self.interface
-        start = IncrementStart.from_state(state, interface, turning=True)
+        start = make_increment_start(state, interface, state.placements)
         reduction = replace(self._reduction, offset=self.prescribed())
         of_body = self._body, system, reduction, self._guard, at
         if interface.mortars:
@@ -535,7 +534,7 @@ class FiniteStepping:
         turned = any(pair.rotation for state in states for pair in state.pairs)
         if turned or any(axis == dim for _, axis in free):
             raise ValueError("has a surface that has turned, of which no derivatives are given")
-        end = IncrementStart.from_state(part.state, self.interface, turning=True)
+        end = make_increment_start(part.state, self.interface, part.state.placements)
         linearised = kinematics.linearise(end.q, end.displacement, end.force)
         solution = increment.evaluate(unknowns, end.q, linearised)
         increment.equilibrium.linearise(linearised.torque_map)
@@ -581,23 +580,6 @@ class FiniteStepping:
                             "not finite"
                         )
         return tuple(function.x.array.copy() for function in self.history)
-
-
-def _sample_ways(
-    start: IncrementTarget, end: IncrementTarget, path: Array, samples: int
-) -> tuple[Array, Array]:
-    """Return placements (samples + 1, pairs, dim + 1) of surfaces, and of a path."""
-    shares: Array = np.linspace(0, 1, samples + 1, dtype=float)
-    ways = np.array([(1 - s) * start.q + s * end.q for s in shares])
-    return ways, _interpolate(path, shares)
-
-
-def _interpolate(path: Array, shares: Array) -> Array:
-    """Return values (k, ...) at shares (k,) of a path (samples + 1, ...) by straight pieces."""
-    place = shares * (len(path) - 1)
-    before = np.minimum(place.astype(int), len(path) - 2)
-    after = (place - before).reshape(-1, *[1] * (path.ndim - 1))
-    return np.asarray((1 - after) * path[before] + after * path[before + 1])
 
 
 def _round_up_to_power_of_two(number: float) -> int:

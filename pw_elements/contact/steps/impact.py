@@ -31,8 +31,13 @@ from pw_elements.contact.interface import Interface, free_columns, nodal_interfa
 from pw_elements.contact.iteration import make_pair_states
 from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
-from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
-from pw_elements.contact.steps.smallness import Gradients, SmallnessCheck, log_large
+from pw_elements.contact.steps.checks import PathInTime, check_contact_arguments, check_paths
+from pw_elements.contact.steps.smallness import (
+    SmallnessCheck,
+    gradient_at_vertices,
+    log_large,
+    measure_largest_gradient,
+)
 from pw_elements.progress import report_activity
 from pw_elements.solvers import is_blocked
 from pw_elements.spaces import AssemblyRecord
@@ -280,8 +285,8 @@ def solve_impact(
         DegenerateMesh: for cells that are flat or inverted.
         FloatingPointError: if the motion is not finite.
     """
-    contact_pairs = checked_problem(K, reduction, pairs, space, 1, None)
-    surface_paths = checked_paths(paths, contact_pairs, space)
+    contact_pairs = check_contact_arguments(K, reduction, pairs, space, 1, None)
+    surface_paths = check_paths(paths, contact_pairs, space)
     initial_values = {"the velocity": velocity}
     if displacement is not None:
         initial_values["the displacement"] = displacement
@@ -320,7 +325,8 @@ def solve_impact(
     integration = _TimeIntegration(
         K, _nodal_masses(M, space), is_free, interface, surface_paths, load, step, u, v
     )
-    gradients, smallness = Gradients(space), Smallness()
+    smallness, gradient_function = Smallness(), fem.Function(space)
+    gradient = gradient_at_vertices(gradient_function)
     integration.max_surface_steps = SmallnessCheck(interface, space).finest
     kept_steps = np.unique(np.linspace(0, n_steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
@@ -330,7 +336,8 @@ def solve_impact(
             if n in kept_steps or n == n_steps:
                 true_displacement = u.copy() if sibling is None else sibling.displacement(u)
                 state = integration.make_frame(true_displacement, contact)
-                previous, smallness = smallness, Smallness(*gradients.largest(true_displacement))
+                largest = measure_largest_gradient(gradient, gradient_function, true_displacement)
+                previous, smallness = smallness, Smallness(*largest)
                 log_large(smallness, previous, f"step {n}", comm)
                 states += [replace(state, smallness=smallness)] * (n in kept_steps)
     forces, translations = np.array(integration.forces), np.array(integration.translations)
@@ -517,8 +524,10 @@ class _TimeIntegration:
     def _evaluate_surfaces(self) -> tuple[Array, Array]:
         """Return gaps and normals of the undeformed nodes at the present surfaces."""
         translations = self.translations[-1]
-        self._interface.check_supports(translations)
-        return self._interface.gaps(translations), self._interface.normals(translations)
+        normal = self._interface.normals(translations)
+        gap = self._interface.gaps(translations)
+        self._interface.check_supports(normal, gap)
+        return gap, normal
 
     def _evaluate_load(self, time: float) -> Array:
         """Return the load (n,) of this process at a time."""

@@ -25,7 +25,11 @@ from pw_elements.checks import arguments, format_points
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactPair, ContactState, Coulomb
-from pw_elements.contact.nodes import LinearisedLaw, assemble_node_equations
+from pw_elements.contact.nodes import (
+    LinearisedLaw,
+    assemble_node_equations,
+    eliminate_known_motions,
+)
 from pw_elements.contact.system import AssembledTangent
 from pw_elements.spaces import assemble_scalar, assemble_vector
 
@@ -155,7 +159,7 @@ class Linearised:
                 "and `loads` of the computation"
             )
         self._system, self._K, self._reduction = increment.system, K, reduction
-        self._check_margin(increment, end)
+        self._check_margin(end)
         active, kinematics = end.nodes.active_set, end.kinematics
         self._law = kinematics.linearise_law(active, self._system.scale)
         self._torque_map = kinematics.torque_map
@@ -165,7 +169,7 @@ class Linearised:
         friction = end.nodes.force[:, :1] * active.direction
         self._by_friction = np.einsum("nat,nt->na", to_global[:, :, 1:], friction)
 
-    def _check_margin(self, increment: Increment, end: NewtonState) -> None:
+    def _check_margin(self, end: NewtonState) -> None:
         """Raise ValueError if a status is about to change, or supports bear friction."""
         interface, nodes = self._system.interface, end.nodes
         is_closed = nodes.trial_pressure > 0
@@ -188,7 +192,7 @@ class Linearised:
         )
         max_force = np.linalg.norm(nodes.force, axis=1).max(initial=0.0)
         max_force = self._system.comm.allreduce(max_force, MPI.MAX)
-        is_near_change = margin < _MIN_STATUS_MARGIN * max_force + increment.round_off(end)
+        is_near_change = margin < _MIN_STATUS_MARGIN * max_force + end.round_off
         positions, margins = (
             interface.gathered(interface.position[is_near_change]),
             interface.gathered(margin),
@@ -272,11 +276,10 @@ class Linearised:
         reduction = replace(self._reduction, offset=rates.offset).for_load(self._K, rates.load)
         pair = system.interface.pair
         law = replace(self._law, c=rates.friction[pair, None] * self._by_friction)
-        n_angles = (
-            law.D.shape[2] - translations.shape[1]
-        )  # of surfaces that may turn, with zero rates
+        # surfaces that may turn have angles, too, whose rates are zero
+        n_angles = law.D.shape[2] - translations.shape[1]
         known_motions = np.pad(translations[pair], [(0, 0), (0, n_angles)])
-        law = law.eliminate_known(known_motions, system.point_motions(reduction.offset))
+        law = eliminate_known_motions(law, known_motions, system.point_motions(reduction.offset))
         return reduction.load(self._K, rates.load), law, totals, translations, reduction.offset
 
 

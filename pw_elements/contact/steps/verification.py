@@ -297,7 +297,7 @@ def measure_residuals(
     """
     comm = interface.comm
     has_equation = interface.equation >= 0
-    state_force = interface.local([pair.force_vector for pair in state.pairs])
+    (state_force,) = interface.local(state.pairs, "force_vector")
     nodal_force = interface.field.extract(unbalanced).array_r.reshape(-1, state_force.shape[1])
     first_node = interface.field.space.dofmap.index_map.local_range[0]
     # a supported component of R is a reaction; the friction in it is known from the state alone
