@@ -386,8 +386,8 @@ def test_fields_have_pressures_and_forces_of_both_sides(whole):
     assert np.nanmax(theirs) < 1.1 * own.max()
     (other,) = fields.opposite
     seen = other.results(pair)
-    assert 0 < seen.draw < 0.1
-    assert seen.draw == -seen.pressed.min() / seen.pressed.max()
+    assert 0 < seen.tension_ratio < 0.1
+    assert seen.tension_ratio == -seen.normal_force.min() / seen.normal_force.max()
     true = fields.true_pressure.x.array[pair.opposite][pressed]
     assert np.abs(true / theirs[pressed] - 1).max() < 0.2
     again = ContactFields.of(states[-1], bodies.body)

@@ -250,15 +250,25 @@ def _smallest_extent(interface: Interface, pair: int) -> float:
 
 
 def sample_ways(q_start: Array, q_end: Array, path: Array, samples: int) -> tuple[Array, Array]:
-    """Return placements (samples + 1, pairs, dim + 1) of surfaces, and of a path."""
-    shares: Array = np.linspace(0, 1, samples + 1, dtype=float)
-    ways = np.array([(1 - s) * q_start + s * q_end for s in shares])
-    return ways, _interpolate(path, shares)
+    """Return placements of surfaces and values of a path at equally spaced samples.
+
+    Args:
+        q_start: (pairs, dim + 1), placements at the start.
+        q_end: (pairs, dim + 1), placements at the end.
+        path: (k, ...), values at equally spaced points.
+        samples: number of intervals.
+
+    Returns:
+        (samples + 1, pairs, dim + 1) and (samples + 1, ...).
+    """
+    load_factors: Array = np.linspace(0, 1, samples + 1, dtype=float)
+    placements = np.array([(1 - factor) * q_start + factor * q_end for factor in load_factors])
+    return placements, _interpolate(path, load_factors)
 
 
-def _interpolate(path: Array, shares: Array) -> Array:
-    """Return values (k, ...) at shares (k,) of a path (samples + 1, ...) by straight pieces."""
-    place = shares * (len(path) - 1)
-    before = np.minimum(place.astype(int), len(path) - 2)
-    after = (place - before).reshape(-1, *[1] * (path.ndim - 1))
-    return np.asarray((1 - after) * path[before] + after * path[before + 1])
+def _interpolate(path: Array, ratios: Array) -> Array:
+    """Return values of a path (samples + 1, ...) at ratios (k,) of its length, linearly."""
+    position = ratios * (len(path) - 1)
+    lower = np.minimum(position.astype(int), len(path) - 2)
+    weight = (position - lower).reshape(-1, *[1] * (path.ndim - 1))
+    return np.asarray((1 - weight) * path[lower] + weight * path[lower + 1])

@@ -327,7 +327,7 @@ def solve_impact(
     )
     smallness, gradient_function = Smallness(), fem.Function(space)
     gradient = gradient_at_vertices(gradient_function)
-    integration.max_surface_steps = SmallnessCheck(interface, space).finest
+    integration.max_surface_steps = SmallnessCheck(interface, space).min_facet_sizes
     kept_steps = np.unique(np.linspace(0, n_steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
     with report_activity(comm, f"{n_steps} time steps"):
