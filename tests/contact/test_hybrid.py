@@ -50,7 +50,7 @@ def test_even_pressure_on_a_rigid_plane_is_exact(method, nu):
         body.make_supports((0, on_plane(0, 0.0))),
     )
     (state,) = body.solve_contact(ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1))), held, load)
-    fields = ContactFields.of(state, body.body)
+    fields = ContactFields.from_state(state, body.body)
     (pair,) = state.pairs
     assert np.allclose(fields.pressure.x.array[pair.node], 1e5, rtol=1e-9)
     u, p = split(body.space, state.unknowns)
@@ -67,7 +67,7 @@ def test_files_and_fields_have_the_pressure_of_the_body(tmp_path):
     problem.save(pressed, tmp_path / "pressed.npz")
     assert (problem.load(tmp_path / "pressed.npz").unknowns - pressed.unknowns).norm() == 0
 
-    fields = ContactFields.of(pressed, case.body)
+    fields = ContactFields.from_state(pressed, case.body)
     _, p = split(case.space, pressed.unknowns)
     x = p.function_space.tabulate_dof_coordinates()
     of = fields.body_pressure.function_space.tabulate_dof_coordinates()
@@ -78,11 +78,11 @@ def test_files_and_fields_have_the_pressure_of_the_body(tmp_path):
     middle = np.linalg.norm(of - [0, 2, 0], axis=1).argmin()
     assert values[middle] == pytest.approx(fields.pressure.x.array[middle], rel=0.05)
     write(tmp_path / "rubber.bp", [problem.undeformed, pressed], case.body)
-    assert ContactFields.of(pressed, case.space).body_pressure is not None
+    assert ContactFields.from_state(pressed, case.space).body_pressure is not None
 
     plain = Rubber(PW, 0.3)
     other = plain.under()
-    assert ContactFields.of(other.undeformed, plain.body).body_pressure is None
+    assert ContactFields.from_state(other.undeformed, plain.body).body_pressure is None
     other.save(other.undeformed, tmp_path / "plain.npz")
     with pytest.raises(ValueError, match="has the state of a problem without pressure"):
         problem.load(tmp_path / "plain.npz")

@@ -241,7 +241,7 @@ def numbers_of(comm, path):
     case = Rubber(comm=comm, load=0.1, warm=0.2, stiffer=0.5)
     if comm.size > 1:
         case.problem.load(path)
-    return case.problem._identify().numbers()
+    return case.problem._identify().evaluate()
 
 
 def test_the_numbers_are_the_same_on_any_number_of_processes(tmp_path):

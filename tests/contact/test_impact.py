@@ -216,7 +216,7 @@ def test_frames_are_written(tmp_path):
     assert history.frame_times[-1] == pytest.approx(history.time[-1])
     write(tmp_path / "thrown.bp", history.frames, BLOCK.body, history.frame_times)
     assert (tmp_path / "thrown.bp").exists()
-    fields = ContactFields.of(history.frames[-1], BLOCK.body)
+    fields = ContactFields.from_state(history.frames[-1], BLOCK.body)
     true = BLOCK.sibling.displacement(history.displacement)
     assert fields.displacement.x.array == pytest.approx(true.array)
     (pair,) = history.frames[-1].pairs

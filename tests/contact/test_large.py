@@ -394,7 +394,7 @@ def test_pressures_of_uniform_compression(kind, tmp_path):
     problem = ContactProblem.of_residual(residual, w, held, pair)
     state = problem.step(problem.undeformed, motions=Motion(-0.3 * up))
     body = Body(spaces, Material(1.0, 0.3), "plane strain" if hybrid else kind)
-    fields, (top,) = ContactFields.of(state, body), state.pairs
+    fields, (top,) = ContactFields.from_state(state, body), state.pairs
     wide = 1 + top.displacement[:, 0].max()
     deep = wide if solid or ring else 1.0
     area = wide * deep
@@ -411,7 +411,10 @@ def test_pressures_of_uniform_compression(kind, tmp_path):
         assert not first["true_pressure"].any()
         assert abs(last["true_pressure"].max() * area / nominal - 1) < 1e-7
     problem.save(state, tmp_path / "state.npz")
-    assert ContactFields.of(problem.load(tmp_path / "state.npz"), body).true_pressure is not None
+    assert (
+        ContactFields.from_state(problem.load(tmp_path / "state.npz"), body).true_pressure
+        is not None
+    )
 
 
 FAR = SignedDistance(lambda x: (x[:, 1] - 1) ** 2 + 1.0, lambda x: 2 * (x - [0, 1]) * [0, 1])

@@ -13,7 +13,11 @@ from pw_elements.contact import (
     Sphere,
     SurfacePassed,
 )
-from pw_elements.contact.rescue import SupportedPieces, ends_clear, refuse_tools_through_supports
+from pw_elements.contact.rescue import (
+    SupportedPieces,
+    ends_all_contact,
+    refuse_tools_through_supports,
+)
 from tests.contact.cases import on_plane
 from tests.contact.sliding import (
     SlidingBodies,
@@ -94,7 +98,7 @@ def lifts_clear(problem, ends, unknowns):
     pieces = SupportedPieces.fit(
         stepping._positions, stepping._held, stepping._piece, path, stepping.interface.comm
     )
-    return ends_clear(stepping.interface, stepping._surfaces, pieces, ways, unknowns)
+    return ends_all_contact(stepping.interface, stepping._surfaces, pieces, ways, unknowns)
 
 
 def test_what_goes_through_a_body_does_not_leave_it():

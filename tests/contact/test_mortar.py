@@ -95,7 +95,7 @@ def test_patch(cell, slave, friction, element, nu, state):
         share = nu if stack.dim == 2 else nu / (1 + nu)
         _, pressure = split(stack.space, found.unknowns)
         assert pressure.x.array == pytest.approx(PRESSURE * share, rel=1e-9)
-    fields = ContactFields.of(found, stack.body)
+    fields = ContactFields.from_state(found, stack.body)
     for side in ("upper", "lower"):
         nodes = stack.side_nodes(side)
         for of in (fields.pressure, fields.tributary_pressure):
@@ -133,7 +133,7 @@ def test_patch_where_facets_are_covered_in_part(cell, slave):
     state = stack.solve_uniaxial(slave, 0.3 if cell == "hexahedron" else 0.0, load)
     assert_uniaxial(stack, state, near=1e-9)
     assert np.isinf(state.pairs[0].gap).any() == (slave == "lower")
-    pressure = ContactFields.of(state, stack.body).pressure
+    pressure = ContactFields.from_state(state, stack.body).pressure
     assert values(pressure, stack.side_nodes("upper")) == pytest.approx(PRESSURE, rel=1e-8)
     lower = np.flatnonzero(stack.side_nodes("lower"))
     x, found = stack.x[lower, 0], values(pressure, lower)
@@ -176,7 +176,7 @@ def test_forces_and_moments_balance_and_fields_have_them(cell, slave, element, n
     state = stack.solve_shifted_top(slave)
     assert state.residuals.largest() < 1e-9
     assert balance(stack, state, stack.zero_load) < 1e-12
-    fields, (pair,) = ContactFields.of(state, stack.body), state.pairs
+    fields, (pair,) = ContactFields.from_state(state, stack.body), state.pairs
     assert_friction_law(pair, lambda r, _: 0.2 * r, None)
     force = values(fields.force, slice(None))
     face = stack.side_nodes("upper") | stack.side_nodes("lower")
@@ -309,7 +309,7 @@ def test_gap_slip_and_status_are_means_of_the_pairs(slave):
     state = stack.solve_shifted_top(slave, lambda x: 0.1 + 0.2 * x[0])
     (pair,) = state.pairs
     assert set(pair.status) >= {STICK, SLIP}
-    fields, alone = (ContactFields.of(state, of) for of in (stack.body, stack.space))
+    fields, alone = (ContactFields.from_state(state, of) for of in (stack.body, stack.space))
     x = low + (high - low) * (np.arange(100_000) + 0.5) / 100_000
     own, theirs = hats(x, pair.position[:, 0]), hats(x, stack.x[pair.opposite, 0])
     weight = theirs.T @ own
@@ -354,7 +354,7 @@ def test_two_slaves_on_one_master_and_a_rigid_floor():
     (state,) = body.solve_contact(
         pairs, held, body.traction_load((0.0, -PRESSURE), on_plane(1, 2.0))
     )
-    fields = ContactFields.of(state, body.body)
+    fields = ContactFields.from_state(state, body.body)
     on_master = fem.locate_dofs_topological(body.space, 1, theirs)
     for at_ in (*nodes, on_master, state.pairs[1].node):
         assert values(fields.pressure, at_) == pytest.approx(PRESSURE, rel=1e-9)
@@ -362,7 +362,7 @@ def test_two_slaves_on_one_master_and_a_rigid_floor():
     other = replace(state, pairs=(*state.pairs[:2], replace(state.pairs[2], opposite=nodes[0])))
     for of in (body.body, body.space):
         with pytest.raises(ValueError, match="other contact nodes than the fields"):
-            ContactFields.of(state, of).fill(other)
+            ContactFields.from_state(state, of).fill(other)
 
 
 def test_a_body_between_two_others_has_the_pressures_of_both_pairs():
@@ -379,7 +379,7 @@ def test_a_body_between_two_others_has_the_pressures_of_both_pairs():
     (state,) = body.solve_contact(
         pairs, held, body.traction_load((0.0, -PRESSURE), on_plane(1, 3.0))
     )
-    fields = ContactFields.of(state, body.body)
+    fields = ContactFields.from_state(state, body.body)
     for nodes in faces:
         assert values(fields.pressure, nodes) == pytest.approx(PRESSURE, rel=1e-8)
         assert set(values(fields.status, nodes)) <= {STICK, HELD}
@@ -391,7 +391,7 @@ def test_pictures_of_the_opposite_side(element, tmp_path):
     stack = StackedBlocks((5, 4), upper_range=(0.13, 0.83), element=element)
     state = stack.solve_shifted_top()
     write(tmp_path / "two.bp", [state], stack.body)
-    (pair,), fields = state.pairs, ContactFields.of(state, stack.body)
+    (pair,), fields = state.pairs, ContactFields.from_state(state, stack.body)
     drawn = [line.get_xydata() for line in plot(state, stack.body, along=0, opposite=True).lines]
     shear = values(fields.traction, pair.opposite)[:, 0]
     for expected in (values(fields.pressure, pair.opposite), shear):

@@ -59,7 +59,7 @@ def matching(comm):
     loads = [blocks.traction_load((pull, -3.0)) for pull in (0.0, 0.4)]
     states = blocks.solve_contact(blocks.make_pair(0.3), blocks.clamp(on_plane(1, 0.0)), loads)
     left = reactions(blocks.K, states[-1].displacement, loads[-1]).array_r
-    force = ContactFields.of(states[-1], blocks.space).force.x.array[: len(left)]
+    force = ContactFields.from_state(states[-1], blocks.space).force.x.array[: len(left)]
     wrong = np.abs(left - force).reshape(-1, 2)[~np.isclose(blocks.x[: len(left) // 2, 1], 0.0)]
     assert wrong.max(initial=0.0) < 1e-8 * np.abs(states[-1].pairs[0].force).max()
     return blocks, states

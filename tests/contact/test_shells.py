@@ -115,7 +115,7 @@ def errors(shells):
     """
     (state,) = shells.solve_contact(shells.pair, shells.supports, shells.inside)
     (pair,) = state.pairs
-    fields = ContactFields.of(state, shells.body)
+    fields = ContactFields.from_state(state, shells.body)
     exact = shells.displacement()
     wrong = state.displacement.array.reshape(exact.shape) - exact
     found = [np.abs(wrong).max() / np.abs(exact).max()]
@@ -187,7 +187,7 @@ def fitted(state, edges, interference, depth=DEPTH, slave="inner"):
     ends = [(0, on_plane(0, 0.0))] if round_ else [(1, on_plane(1, 0.5))]
     (found,) = rings.solve_contact(pair, rings.make_supports((1, on_plane(1, 0.0)), *ends))
     both = np.concatenate([found.pairs[0].node, found.pairs[0].opposite])
-    pressure = ContactFields.of(found, rings.body).pressure.x.array[both]
+    pressure = ContactFields.from_state(found, rings.body).pressure.x.array[both]
     a, b, c = INNER, BETWEEN, OUTER
     exact = depth / (1 - NU**2) / (2 * b**3) * (b**2 - a**2) * (c**2 - b**2) / (c**2 - a**2)
     return np.abs(pressure / exact - 1).max()
@@ -246,7 +246,7 @@ def test_friction_on_a_curved_face_has_coulombs_torque(slave):
         (state,) = rings.solve_contact(pair, Reduction.dirichlet(rings.space, held))
         (result,) = state.pairs
         assert (result.status == SLIP).all()
-        fields, x = ContactFields.of(state, rings.body), rings.x
+        fields, x = ContactFields.from_state(state, rings.body), rings.x
         errors_ = []
         for at_ in (result.node, result.opposite):
             force = fields.force.x.array.reshape(-1, 2)[at_]

@@ -267,16 +267,16 @@ def test_slip_is_that_of_the_path(whole, caplog):
         assert (apart < 0.06 * size)[moved].all()
     check = SlipCheck(bodies.problem._finite.interface)
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
-        check.check(states[-1])
+        check.log_differences(states[-1])
         assert not caplog.records
         (pair,) = states[-1].pairs
         lost = replace(states[-1], pairs=(replace(pair, slip=0 * pair.slip),))
-        check.check(lost)
-        check.check(lost)
+        check.log_differences(lost)
+        check.log_differences(lost)
     (record,) = caplog.records
     assert record.getMessage().startswith("increment 3, contact pair 0: slip differs")
     smooth = replace(pair, slip=0 * pair.slip, friction=0 * pair.friction)
-    SlipCheck(bodies.problem._finite.interface).check(replace(lost, pairs=(smooth,)))
+    SlipCheck(bodies.problem._finite.interface).log_differences(replace(lost, pairs=(smooth,)))
     assert len(caplog.records) == 1
 
 
@@ -373,7 +373,7 @@ def test_a_way_that_is_resumed_is_the_way(whole, tmp_path):
 
 def test_fields_have_pressures_and_forces_of_both_sides(whole):
     bodies, states, _ = whole
-    fields = ContactFields.of(states[0], bodies.body)
+    fields = ContactFields.from_state(states[0], bodies.body)
     fields.fill(states[-1])
     (pair,) = states[-1].pairs
     forces = fields.force.x.array.reshape(-1, 2)
@@ -390,7 +390,7 @@ def test_fields_have_pressures_and_forces_of_both_sides(whole):
     assert seen.tension_ratio == -seen.normal_force.min() / seen.normal_force.max()
     true = fields.true_pressure.x.array[pair.opposite][pressed]
     assert np.abs(true / theirs[pressed] - 1).max() < 0.2
-    again = ContactFields.of(states[-1], bodies.body)
+    again = ContactFields.from_state(states[-1], bodies.body)
     for one, same in zip(fields.functions(), again.functions(), strict=True):
         assert np.array_equal(one.x.array, same.x.array, equal_nan=True), one.name
 
@@ -409,7 +409,7 @@ def test_an_even_pressure_arrives_as_it_is():
     state = problem.step(
         problem.undeformed, lambda share: walled.prescribe_base_and_top((0, -0.1 * share), 0)
     )
-    fields = ContactFields.of(state, walled.body)
+    fields = ContactFields.from_state(state, walled.body)
     (pair,) = state.pairs
     both = np.concatenate([pair.node, pair.opposite])
     for function in (fields.pressure, fields.true_pressure, fields.tributary_pressure):

@@ -9,7 +9,11 @@ from pw_elements.contact import ContactFailed, ContactPair, Motion, NotFound, Pl
 from pw_elements.contact.interface.sliding import Meeting, SlidingMortar
 from pw_elements.contact.iteration import Increment
 from pw_elements.contact.nodes import DeformedKinematics, UndeformedKinematics
-from pw_elements.contact.steps.verification import Sizes, measure_residuals, places_undeformed
+from pw_elements.contact.steps.verification import (
+    ReferenceSizes,
+    measure_residuals,
+    measure_undeformed,
+)
 from pw_elements.meshes import triangles
 from tests.contact.cases import BlockOnFloor, GrecoPlate, PunchedBlock, on_plane
 from tests.contact.sliding import DIE_PATH, iterate_along_path, make_die_on_block, slide_along_path
@@ -144,11 +148,11 @@ def test_residuals_are_those_of_plain_arithmetic():
     interface = stepping.interface
     found, _ = measure_residuals(
         wrong,
-        places_undeformed(interface, problem.undeformed, wrong, 0.0),
+        measure_undeformed(interface, problem.undeformed, wrong, 0.0),
         unbalanced,
         interface,
         body.make_supports(),
-        Sizes(2.0, 0.5, np.ones(len(interface.pair)), 0.0),
+        ReferenceSizes(2.0, 0.5, np.ones(len(interface.pair)), 0.0),
         np.empty(0),
     )
     below = np.isclose(body.x[:, 1], 0.0)

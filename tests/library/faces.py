@@ -84,7 +84,7 @@ def calls(comm):
     floor = pw_elements.contact.ContactPair(FOOT, Plane((0, 0), (0, 1)))
     tops = [prescribe(w.U, i, TOP) for i in (0, 1)]
     finite = {"residual": F, "u": u, "conditions": tops, "pairs": floor}
-    one, fields = as_function(w.U, w.a), ContactFields.of(state, w.body)
+    one, fields = as_function(w.U, w.a), ContactFields.from_state(state, w.body)
     condensed = np.zeros(0, dtype=np.int32)
     x = ufl.SpatialCoordinate(w.mesh)
     rectangle = {"comm": comm, "lower": (0, 0), "upper": (1, 1), "divisions": (4, 3)}
@@ -102,7 +102,7 @@ def calls(comm):
         "Body.surface_load": (w.body.surface_load, {"traction": (0.0, 1.0), "surface": ds}),
         "Body.body_load": (w.body.body_load, {"force": fem.Constant(w.mesh, (0.0, 1.0))}),
         "Body.initial_stress": (w.body.initial_stress, {"stress": w.body.stress(one), "form": "G"}),
-        "ContactFields.of": (ContactFields.of, {"state": state, "body": w.body}),
+        "ContactFields.from_state": (ContactFields.from_state, {"state": state, "body": w.body}),
         "ContactFields.fill": (fields.fill, {"state": state}),
         "ContactFields.indicator": (fields.indicator, {}),
         "ContactProblem": (ContactProblem, contact | shared | {"callback": None}),

@@ -406,7 +406,7 @@ NAN_ON_ONE = {
     "prescribed function": lambda w: Reduction.dirichlet(w.U, [fem.dirichletbc(
         w.function(w.one(NAN, 0.0), w.U), fem.locate_dofs_geometrical(w.U, FOOT))]),
     "guess": lambda w: w.nonlinear(w.one(NAN, 0.0)),
-    "displacement of a picture": lambda w: ContactFields.of(nan_state(w), w.block.body),
+    "displacement of a picture": lambda w: ContactFields.from_state(nan_state(w), w.block.body),
     "state": lambda w: w.step(state=nan_state(w)),
     "history that update sets": lambda w: w.residual(
         history=[(one := w.function(0.0))], update=set_on(one, w.one(NAN, 0.0)),

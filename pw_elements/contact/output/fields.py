@@ -1,6 +1,7 @@
 """Results of a state as functions on the body: forces, pressures, gap, slip and status.
 
-    fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fields.status ...
+    fields = ContactFields.from_state(states[-1], body)
+    fields.pressure, fields.gap, fields.status
 
 Given the trial space in place of the body, the fields have no pressures.
 """
@@ -89,7 +90,7 @@ class SideResults:
 
 
 @dataclass(frozen=True)
-class Opposite:
+class OppositeSurface:
     """The deformable surface (k nodes) that the m nodes of a pair face; the same on every process.
 
     Its nodes receive areas in the same way as forces: see the guide's page on theory ("Two
@@ -108,7 +109,7 @@ class Opposite:
     """
 
     node: Indices
-    facing: Array
+    facing_area: Array
     means: sp.csr_array
     force_transfer: sp.csr_array
     covered_area: Array
@@ -150,9 +151,9 @@ class Opposite:
         )
 
 
-def mortar_sides(
+def make_pair_sides(
     number: int, state: ContactState, body: Body | None, space: fem.FunctionSpace
-) -> tuple[SurfaceNodes | None, Opposite | None]:
+) -> tuple[SurfaceNodes | None, OppositeSurface | None]:
     """Return a pair's own surface nodes, with a body, and the deformable surface that it faces.
 
     Areas of the own surface are those of the part that faces the opposite one, and NaN where this
@@ -209,7 +210,7 @@ def mortar_sides(
     means = sp.diags_array(1 / np.where(facing > 0, facing, 1.0)) @ means
     if surface is None or body is None:
         no_fractions = np.zeros(len(pair.opposite))
-        return None, Opposite(
+        return None, OppositeSurface(
             nodes[1],
             facing,
             means,
@@ -230,7 +231,7 @@ def mortar_sides(
         covered_area / whole_areas_of_pair,
         (force_transfer @ covered_area) / opposite_whole_areas,
     )
-    opposite_side = Opposite(
+    opposite_side = OppositeSurface(
         nodes[1],
         facing,
         means,
@@ -305,7 +306,7 @@ def _make_pair_surface(
     return surface
 
 
-def own_results(surface: SurfaceNodes, pair: PairState) -> SideResults:
+def make_pair_results(surface: SurfaceNodes, pair: PairState) -> SideResults:
     """Return the results at a pair's own nodes; zero at open nodes whose area is NaN."""
     has_no_pressure = np.isnan(surface.weight_area) & (pair.status == OPEN)
     pressure, traction = (
@@ -325,10 +326,10 @@ class ContactFields:
     nodes match, the opposite nodes have the same scalars and the reversed vectors.
 
     Nodes of a deformable surface have pressures and tractions of their own forces, over the areas
-    that face the pair (see `Opposite`). The contact law is not stated there: gap and slip are means
-    over the pair's nodes that they face, and the status is the most frequent one; nodes that face
-    two pairs have the forces of both, and the other fields of the pair that they face most. On both
-    sides, pressures and tractions are NaN at loaded nodes of whose area less than a tenth faces the
+    that face the pair (see `OppositeSurface`). The contact law is not stated there: gap and slip
+    are means over the pair's nodes that they face, and the status is the most frequent one; nodes
+    that face two pairs have the forces of both, and the other fields of the pair that they face
+    most. On both sides, pressures and tractions are NaN at loaded nodes of whose area less than a tenth faces the
     other side: the forces are right there, but not their quotients by such an area. At large
     sliding the areas are those of the pair's own nodes, transferred in the same way as their
     forces.
@@ -377,7 +378,7 @@ class ContactFields:
     tributary_pressure: fem.Function | None
     traction: fem.Function | None
     surfaces: tuple[SurfaceNodes, ...]
-    opposite: tuple[Opposite | None, ...]
+    opposite: tuple[OppositeSurface | None, ...]
     body_pressure: fem.Function | None = None
     hybrid: fem.FunctionSpace | None = None
     true_pressure: fem.Function | None = None
@@ -385,7 +386,7 @@ class ContactFields:
 
     @classmethod
     @check_same_arguments
-    def of(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
+    def from_state(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
         """Create functions with the values of a state; collective.
 
         Args:
@@ -397,7 +398,7 @@ class ContactFields:
             ValueError: for a state of another space, or, with a body, if a node belongs to no facet
                 that has all of its nodes in the pair.
         """
-        space = trial_space(body)
+        space = displacement_space(body)
         check_state(state, space)
         scalars = scalar_space(space)
         given_body, whole_space = (
@@ -409,7 +410,7 @@ class ContactFields:
         ) -> fem.Function | None:
             return fem.Function(functions, name=name) if is_wanted else None
 
-        sides = [mortar_sides(k, state, given_body, space) for k in range(len(state.pairs))]
+        sides = [make_pair_sides(k, state, given_body, space) for k in range(len(state.pairs))]
         fields = cls(
             fem.Function(space, name="displacement"),
             fem.Function(space, name="contact_force"),
@@ -453,7 +454,7 @@ class ContactFields:
         ]:
             raise ValueError("the state has other contact nodes than the fields")
         if state.smallness is None:  # sides have slid: they face each other elsewhere
-            sides = [mortar_sides(k, state, self.body, space) for k in range(len(pairs))]
+            sides = [make_pair_sides(k, state, self.body, space) for k in range(len(pairs))]
             object.__setattr__(self, "opposite", tuple(opposite for _, opposite in sides))
         as_function(space, state.displacement, out=self.displacement)
         _set_nodal_values(self.force, pairs, [pair.force_vector for pair in pairs])
@@ -466,7 +467,8 @@ class ContactFields:
         _set_nodal_values(self.slip, pairs, [pair.slip for pair in pairs])
         _set_nodal_values(self.status, pairs, [pair.status for pair in pairs])
         results = [
-            own_results(surface, pair) for surface, pair in zip(self.surfaces, pairs, strict=False)
+            make_pair_results(surface, pair)
+            for surface, pair in zip(self.surfaces, pairs, strict=False)
         ]
         _set_nodal_values(self.pressure, pairs, [side.pressure for side in results])
         _set_nodal_values(self.traction, pairs, [side.traction for side in results])
@@ -515,9 +517,9 @@ class ContactFields:
             if opposite is None:
                 continue
             results, local = opposite.results(pair), _find_local_nodes(space, pair.opposite)
-            is_set = (local >= 0) & (opposite.facing > max_facing[local])
+            is_set = (local >= 0) & (opposite.facing_area > max_facing[local])
             nodes = local[is_set]
-            max_facing[nodes] = opposite.facing[is_set]
+            max_facing[nodes] = opposite.facing_area[is_set]
             true_pressure = (
                 opposite.results(pair, deformed_surfaces[k].weight_area).pressure
                 if deformed_surfaces
@@ -557,7 +559,7 @@ class ContactFields:
         if self.body is None or self.pressure is None or self.hybrid or self.true_pressure:
             raise ValueError(
                 "stresses follow from the displacements of a Body at small strains, one that is "
-                "not hybrid: give it to ContactFields.of, or integrate your own stress"
+                "not hybrid: give it to ContactFields.from_state, or integrate your own stress"
             )
         if any(
             np.isnan(surface_nodes.pressure(surface_nodes.weight_area)).any()
@@ -620,7 +622,7 @@ def _find_local_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
     return np.where(nodes < 0, -1, local)
 
 
-def trial_space(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
+def displacement_space(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
     """Return the space of displacements of a body or a trial space, or raise an error."""
     kinds = (Body, fem.FunctionSpace)
     arguments.check_type("body", body, kinds, "it has to be a Body, or its trial space")

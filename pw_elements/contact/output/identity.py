@@ -47,7 +47,7 @@ _FIRST_PHASES = np.array([0.4, 1.1, 2.3])
 # Size of probing displacements over the body's diagonal, which makes strains of a few per cent
 _PROBE_DISPLACEMENT = 0.005
 # Parts of a problem that a user may declare as changed
-CHANGEABLE = (
+CHANGEABLE_PARTS = (
     *("constants", "friction", "interference", "pivot"),
     *("residual", "stiffness", "supports", "surface"),
 )
@@ -55,11 +55,11 @@ _RESIDUAL_SUFFIX = " of the residual"
 # Least scale of one row of values, over the largest value of all rows: sums have round-off
 _MIN_ROW_SCALE = 1e-3
 
-Numbers = dict[str, npt.NDArray]
+FingerprintValues = dict[str, npt.NDArray]
 
 
 @dataclass
-class Coefficients:
+class ResidualCoefficients:
     """Constants and functions of a residual, except for its unknown.
 
     Args:
@@ -84,7 +84,7 @@ class Coefficients:
     @classmethod
     def from_form(
         cls, form: ufl.Form, u: fem.Function, history: Sequence[fem.Function]
-    ) -> "Coefficients":
+    ) -> "ResidualCoefficients":
         """Collect the coefficients of a form with the unknown u."""
         functions = [f for f in form.coefficients() if isinstance(f, fem.Function) and f is not u]
         history_functions = [f for f in functions if any(f is h for h in history)]
@@ -95,7 +95,7 @@ class Coefficients:
         )
 
     @contextmanager
-    def note_changes(self) -> Iterator[None]:
+    def record_changes(self) -> Iterator[None]:
         """Record which constants and functions change in a block that applies a load."""
         old_constants = [np.array(coefficient.value) for coefficient in self.constants]
         old_functions = [coefficient.x.array.copy() for coefficient in self.functions]
@@ -119,7 +119,7 @@ class Coefficients:
 
 
 @dataclass(frozen=True)
-class Identity:
+class Fingerprint:
     """Fingerprint of a problem, by the names of its parts.
 
     Args:
@@ -127,42 +127,42 @@ class Identity:
         residual: probe of the residual, whose values depend on them; None with a stiffness.
     """
 
-    parts: Numbers
-    residual: "ResidualProbe | None" = None
+    parts: FingerprintValues
+    residual_probe: "ResidualProbe | None" = None
 
-    def numbers(self) -> Numbers:
+    def evaluate(self) -> FingerprintValues:
         """Return all values that a file needs to identify the problem; collective."""
-        if self.residual is None:
+        if self.residual_probe is None:
             return self.parts
-        values = self.residual.coefficients()
-        return self.parts | values | self.residual.evaluate(values)
+        values = self.residual_probe.evaluate_coefficients()
+        return self.parts | values | self.residual_probe.evaluate_residual(values)
 
-    def refuse_another(
+    def refuse_other_problem(
         self, path: Path, stored: Mapping[str, npt.NDArray], changed: Collection[object]
     ) -> None:
         """Raise ValueError unless a file's fingerprint is this problem's; collective.
 
         Args:
             path: of the file.
-            stored: the values of `numbers` when the file was written, the same on all processes.
-            changed: names of `CHANGEABLE` parts, constants and functions that may differ.
+            stored: the values of `evaluate` when the file was written, the same on all processes.
+            changed: names of `CHANGEABLE_PARTS`, constants and functions that may differ.
         """
         values, ignored = dict(self.parts), {name for name in changed if isinstance(name, str)}
-        if self.residual is not None:
-            values |= self.residual.coefficients()
-            ignored |= self.residual.names_of_changed(stored, changed)
+        if self.residual_probe is not None:
+            values |= self.residual_probe.evaluate_coefficients()
+            ignored |= self.residual_probe.list_changed_names(stored, changed)
         stored_parts = {
             name: value for name, value in stored.items() if not name.startswith("residual")
         }
         for name in values | stored_parts:
             _refuse_difference(path, name, values.get(name), stored.get(name), ignored)
-        if self.residual is None:
+        if self.residual_probe is None:
             return
         if "residual" not in ignored:
-            for name, residual_values in self.residual.evaluate(stored).items():
+            for name, residual_values in self.residual_probe.evaluate_residual(stored).items():
                 note = _version_note(stored)
                 _refuse_difference(path, name, residual_values, stored.get(name), ignored, note)
-        self.residual.take_changed(stored)
+        self.residual_probe.mark_changed(stored)
 
 
 def _refuse_difference(
@@ -205,21 +205,21 @@ def _refuse_difference(
             ". Set it to that value first; or, if it is a load and no property of the body, name "
             "it: load(path, changed=[...])"
         )
-    elif kind in CHANGEABLE:
+    elif kind in CHANGEABLE_PARTS:
         note += f". If the change is intended, name it: load(path, changed=[{kind!r}])"
     raise ValueError(f"{refusal}: {amount}{note}")
 
 
-def check_changed(changed: object) -> None:
-    """Raise TypeError or ValueError unless the argument `changed` is one of `refuse_another`."""
+def check_changed_parts(changed: object) -> None:
+    """Raise TypeError or ValueError unless `changed` lists changeable parts or coefficients."""
     remedy = "give a list of names, constants and functions"
     arguments.check_type("changed", changed, (list, tuple, set, frozenset), remedy)
     assert isinstance(changed, Collection)
     for item in changed:
         kinds = (str, fem.Constant, fem.Function)
         arguments.check_type("an item of changed", item, kinds, remedy)
-        if isinstance(item, str) and item not in CHANGEABLE:
-            raise ValueError(f"changed {item!r}: the names are {', '.join(CHANGEABLE)}")
+        if isinstance(item, str) and item not in CHANGEABLE_PARTS:
+            raise ValueError(f"changed {item!r}: the names are {', '.join(CHANGEABLE_PARTS)}")
 
 
 def _relative_difference(values: npt.NDArray, stored: npt.NDArray) -> float:
@@ -245,13 +245,13 @@ def _version_note(stored: Mapping[str, npt.NDArray]) -> str:
     )
 
 
-def identify_problem(
+def fingerprint_problem(
     interface: Interface,
     pairs: Sequence[ContactPair],
     states: Sequence[PairState],
     column: Indices,
     space: fem.FunctionSpace,
-) -> Numbers:
+) -> FingerprintValues:
     """Return the fingerprint of mesh, spaces, supports and pairs; collective.
 
     Args:
@@ -266,7 +266,7 @@ def identify_problem(
     elements = [(field.space.element.basix_element, field.space.dofmap) for field in probes.fields]
     element_kinds = [(e.degree, int(e.family), dofmap.index_map_bs) for e, dofmap in elements]
     supports = [probes.weighted_sums((column == status).astype(float)) for status in (-1, -2)]
-    numbers: Numbers = {
+    numbers: FingerprintValues = {
         "mesh": np.array([topology.index_map(topology.dim).size_global, topology.dim], dtype=float),
         "element": np.array(element_kinds, dtype=float),
         "supports": np.ravel(supports),
@@ -294,7 +294,7 @@ def identify_problem(
     return numbers
 
 
-def identify_stiffness(K: PETSc.Mat, space: fem.FunctionSpace) -> Numbers:
+def fingerprint_stiffness(K: PETSc.Mat, space: fem.FunctionSpace) -> FingerprintValues:
     """Return sums of smooth weights times a stiffness (n, n) times smooth unknowns; collective.
 
     Sums of displacements and pressures are separate, since their units differ.
@@ -321,17 +321,17 @@ class ResidualProbe:
         coefficients: its constants and functions.
     """
 
-    def __init__(self, system: ResidualSystem, coefficients: Coefficients) -> None:
+    def __init__(self, system: ResidualSystem, coefficients: ResidualCoefficients) -> None:
         self._system, self._coefficients = system, coefficients
         self._space: fem.FunctionSpace = system.u.function_space
 
-    def coefficients(self) -> Numbers:
+    def evaluate_coefficients(self) -> FingerprintValues:
         """Return constants, means and sums of functions, by name; collective.
 
         Entries "changed#..." say which of them loads have changed.
         """
         coefficients, comm = self._coefficients, self._space.mesh.comm
-        numbers: Numbers = {"version": np.array(dolfinx.__version__)}
+        numbers: FingerprintValues = {"version": np.array(dolfinx.__version__)}
         for number, constant in enumerate(coefficients.constants):
             numbers[f"constant {number}{_RESIDUAL_SUFFIX}"] = np.array(
                 constant.value, dtype=float
@@ -346,12 +346,12 @@ class ResidualProbe:
         numbers["changed#functions"] = changed_functions
         return numbers
 
-    def evaluate(self, values: Mapping[str, npt.NDArray]) -> Numbers:
+    def evaluate_residual(self, values: Mapping[str, npt.NDArray]) -> FingerprintValues:
         """Return sums of smooth weights times the residual at smooth unknowns; collective.
 
         Args:
-            values: of `coefficients`, of this problem or a file. While the residual is evaluated,
-                constants have these values and functions their means.
+            values: of `evaluate_coefficients`, of this problem or a file. While the residual is
+                evaluated, constants have these values and functions their means.
         """
         coefficients, u, probes = self._coefficients, self._system.u, _Probes(self._space)
         constants = [
@@ -379,7 +379,7 @@ class ResidualProbe:
             f"residual#{field}": np.array(sums)[:, field] for field in range(len(probes.fields))
         }
 
-    def names_of_changed(
+    def list_changed_names(
         self, stored: Mapping[str, npt.NDArray], changed: Collection[object]
     ) -> set[str]:
         """Return the names of constants and functions that may differ from a file's."""
@@ -398,7 +398,7 @@ class ResidualProbe:
             }
         return names
 
-    def take_changed(self, stored: Mapping[str, npt.NDArray]) -> None:
+    def mark_changed(self, stored: Mapping[str, npt.NDArray]) -> None:
         """Mark as changed by loads the coefficients that are so marked in a file."""
         coefficients = self._coefficients
         coefficients.changed_constants |= _stored_flags(

@@ -19,7 +19,12 @@ from pw_elements.arrays import Indices
 from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK
-from pw_elements.contact.output.fields import SideResults, check_state, mortar_sides, own_results
+from pw_elements.contact.output.fields import (
+    SideResults,
+    check_state,
+    make_pair_results,
+    make_pair_sides,
+)
 from pw_elements.elasticity import Body, StressState, SurfaceNodes
 from pw_elements.pictures import SUB_TRIANGLES, check_axes
 
@@ -70,7 +75,7 @@ def plot(
     Raises:
         TypeError: for arguments of the wrong type.
         ValueError: for a pair, coordinate or opposite surface that does not exist, and for the
-            reasons of `ContactFields.of`.
+            reasons of `ContactFields.from_state`.
     """
     import matplotlib.pyplot as plt
 
@@ -102,11 +107,11 @@ def _select_side(
     number: int, state: ContactState, body: Body, opposite: bool
 ) -> tuple[SurfaceNodes, SideResults]:
     """Return nodes and results of a pair's part, or of the opposite surface."""
-    slave, master = mortar_sides(number, state, body, body.spaces.displacements.trial)
+    slave, master = make_pair_sides(number, state, body, body.spaces.displacements.trial)
     pair = state.pairs[number]
     if not opposite:
         assert slave is not None
-        return slave, own_results(slave, pair)
+        return slave, make_pair_results(slave, pair)
     if master is None or master.surface is None:
         raise ValueError(f"opposite = True: pair {number} does not face a deformable surface")
     return master.surface, master.results(pair)

@@ -31,8 +31,12 @@ from pw_elements.contact.model import (
     Scale,
     Smallness,
 )
-from pw_elements.contact.output.identity import Identity
-from pw_elements.contact.output.stored_values import check_arrays, check_numbers, check_pairs
+from pw_elements.contact.output.identity import Fingerprint
+from pw_elements.contact.output.stored_values import (
+    check_pair_results,
+    check_real_arrays,
+    check_state_numbers,
+)
 from pw_elements.files import ForeignEntry, replacing_file
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import list_fields
@@ -67,7 +71,7 @@ def write_state(
     state: ContactState,
     space: fem.FunctionSpace,
     history: Sequence[fem.FunctionSpace],
-    problem: Identity,
+    fingerprint: Fingerprint,
 ) -> None:
     """Write a state to a file, completely or not at all; process 0 writes.
 
@@ -76,13 +80,13 @@ def write_state(
         state: a solution of the problem.
         space: of the unknowns.
         history: spaces of the functions that belong to a state.
-        problem: fingerprint of the problem.
+        fingerprint: of the problem.
 
     Raises:
         ValueError: if the state is not a solution.
         OSError: if the file cannot be written.
     """
-    path, fingerprint = check_path(path), problem.numbers()
+    path, fingerprint = check_path(path), fingerprint.evaluate()
     if not state.converged:
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
@@ -126,9 +130,9 @@ def read_state(
     path: str | Path,
     space: fem.FunctionSpace,
     history: Sequence[fem.FunctionSpace],
-    problem: Identity,
-    own: ContactState,
-    stated: Sequence[ContactPair],
+    fingerprint: Fingerprint,
+    undeformed_state: ContactState,
+    contact_pairs: Sequence[ContactPair],
     stiffness: PETSc.Mat,
     changed: Collection[object] = (),
 ) -> ContactState:
@@ -138,9 +142,9 @@ def read_state(
         path: of the file.
         space: of the unknowns.
         history: spaces of the functions that belong to a state.
-        problem: fingerprint of the problem.
-        own: the problem's undeformed state.
-        stated: the problem's contact pairs.
+        fingerprint: of the problem.
+        undeformed_state: the problem's undeformed state.
+        contact_pairs: the problem's contact pairs.
         stiffness: (n, n), from which the largest plausible force follows.
         changed: names of parts of the problem that may differ.
 
@@ -172,7 +176,7 @@ def read_state(
         for name, value in arrays.items()
         if name.startswith(_FINGERPRINT_PREFIX)
     }
-    problem.refuse_another(path, comm.bcast(stored), changed)
+    fingerprint.refuse_other_problem(path, comm.bcast(stored), changed)
     length = _MAX_DISPLACEMENT * float(np.linalg.norm(extents(comm, space.mesh.geometry.x)))
     max_scale = Scale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
     fields = list_fields(space)
@@ -182,7 +186,9 @@ def read_state(
             displacement = arrays["displacement"][rows["displacement"]]
             try:
                 _renumber_nodes(pairs, global_nodes)
-                check_pairs(pairs, own, stated, header, displacement, max_scale)
+                check_pair_results(
+                    pairs, undeformed_state, contact_pairs, header, displacement, max_scale
+                )
             except (ValueError, IndexError) as error:
                 raise ValueError(f"{path} holds no contact state: {error}") from None
     header, pairs = comm.bcast((header, pairs))
@@ -241,8 +247,8 @@ def _read_file(
             )
         if digest is None or digest.tobytes() != _compute_digest(arrays).tobytes():
             raise ValueError("it has been changed since it was written")
-        check_arrays(arrays, ("state", f"{_FINGERPRINT_PREFIX}version"))
-        check_numbers(header, dim)
+        check_real_arrays(arrays, ("state", f"{_FINGERPRINT_PREFIX}version"))
+        check_state_numbers(header, dim)
         pairs = [
             {name: arrays[f"{name}_{k}"] for name in PairState.__dataclass_fields__}
             for k in range(header["pairs"])

@@ -31,7 +31,7 @@ _UNIT_TOLERANCE = 1e-6
 _MAX_COUNT = 2**62
 
 
-def check_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
+def check_state_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
     """Raise ValueError unless the numbers of a file are those of a state.
 
     Args:
@@ -64,17 +64,17 @@ def check_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
         _check_count(name, report[name])
 
 
-def check_arrays(arrays: Mapping[str, npt.NDArray], text_names: Sequence[str]) -> None:
+def check_real_arrays(arrays: Mapping[str, npt.NDArray], text_names: Sequence[str]) -> None:
     """Raise ValueError for arrays that are not of real numbers, except for those of text."""
     for name, values in arrays.items():
         if name not in text_names and values.dtype.kind not in "fiub":
             raise ValueError(f"{name} is of the type {values.dtype}: it must have real numbers")
 
 
-def check_pairs(
+def check_pair_results(
     pairs: Sequence[Mapping[str, npt.NDArray]],
-    own: ContactState,
-    stated: Sequence[ContactPair],
+    undeformed_state: ContactState,
+    contact_pairs: Sequence[ContactPair],
     numbers: Mapping[str, Any],
     displacement: npt.NDArray,
     max_scale: Scale,
@@ -83,15 +83,15 @@ def check_pairs(
 
     Args:
         pairs: values of the fields of `PairState`, with present global node numbers.
-        own: undeformed state of the problem.
-        stated: the problem's contact pairs.
-        numbers: of the file, checked by `check_numbers`.
+        undeformed_state: of the problem.
+        contact_pairs: the problem's contact pairs.
+        numbers: of the file, checked by `check_state_numbers`.
         displacement: (nodes, dim), by global numbers.
         max_scale: largest plausible force and length.
     """
     dim = displacement.shape[1]
     for pair, axis in numbers["free"]:
-        if axis == dim and stated[pair].pivot is None:
+        if axis == dim and contact_pairs[pair].pivot is None:
             raise ValueError(f"the surface of contact pair {pair} is free to turn, without a pivot")
     scale = Scale(**numbers["scale"])
     check_size("the scale of forces", scale.force, max_scale.force)
@@ -99,7 +99,7 @@ def check_pairs(
     check_size("a displacement", np.abs(displacement).max(initial=0.0), max_scale.length)
     if not numbers["increment"] and np.any(displacement != 0):
         raise ValueError("an undeformed body has displacements")
-    for k, (values, expected) in enumerate(zip(pairs, own.pairs, strict=True)):
+    for k, (values, expected) in enumerate(zip(pairs, undeformed_state.pairs, strict=True)):
         try:
             _check_pair(values, expected, displacement, max_scale)
         except ValueError as error:

@@ -22,7 +22,7 @@ from dolfinx import fem, io
 
 from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.contact.model import ContactState
-from pw_elements.contact.output.fields import STATE_REMEDY, ContactFields, trial_space
+from pw_elements.contact.output.fields import STATE_REMEDY, ContactFields, displacement_space
 from pw_elements.contact.output.storage import check_path
 from pw_elements.elasticity import Body
 from pw_elements.files import FolderReplacement
@@ -71,7 +71,7 @@ def write(
         RuntimeError: if DOLFINx was built without ADIOS2.
         OSError: if something else is there, which is not replaced, or the disk is full.
     """
-    path, space = check_path(path), trial_space(body)
+    path, space = check_path(path), displacement_space(body)
     states = arguments.as_list(states)
     comm = space.mesh.comm
     with collective_errors(comm):
@@ -87,7 +87,7 @@ def write(
         if comm.rank == 0:
             replacement.start()
     try:
-        fields = ContactFields.of(states[0], body)
+        fields = ContactFields.from_state(states[0], body)
         size = _estimate_size(fields, len(states))
         with collective_errors(comm):
             if comm.rank == 0:

@@ -228,7 +228,7 @@ def refuse_supports_through_each_other(
                 )
 
 
-def find_passed(interface: Interface, pair: int, start: Array, end: Array) -> Array:
+def find_passed_nodes(interface: Interface, pair: int, start: Array, end: Array) -> Array:
     """Return undeformed positions (p, dim) of slave nodes that pass through the master.
 
     They do so on the straight path between the positions (n, dim) of both sides, at the start and
@@ -249,7 +249,9 @@ def _smallest_extent(interface: Interface, pair: int) -> float:
     return min(float(np.ptp(side, axis=0).max()) for side in sides)
 
 
-def sample_ways(q_start: Array, q_end: Array, path: Array, samples: int) -> tuple[Array, Array]:
+def sample_placements(
+    q_start: Array, q_end: Array, path: Array, samples: int
+) -> tuple[Array, Array]:
     """Return placements of surfaces and values of a path at equally spaced samples.
 
     Args:

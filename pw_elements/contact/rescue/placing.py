@@ -135,7 +135,7 @@ class _RigidSeparation:
     is_outside: bool
 
 
-def ends_clear(
+def ends_all_contact(
     interface: Interface,
     surface_motion: RigidSurfaceMotion,
     pieces: SupportedPieces,

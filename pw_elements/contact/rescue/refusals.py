@@ -302,18 +302,18 @@ def prove_no_equilibrium(
     return comm.bcast(error)
 
 
-def check_loose(
+def refuse_loose_body(
     increment: Increment,
     end: NewtonState,
     rigid: RigidMotions,
     before: ContactState,
-    spent: Callable[[], tuple[int, SolverReport]],
+    measure_cost: Callable[[], tuple[int, SolverReport]],
 ) -> None:
     """Raise NotUnique if a solution leaves a body loose, clear of all contact forces."""
     if not (motions := rigid.describe_loose_motions(end.nodes, end.allowance)):
         return
     failure = NotUnique(f"{_LOOSE_BODY_MESSAGE}. Nothing stops a {', '.join(motions)}")
-    failure.state = _make_unsolved_state(increment, end, before, spent())
+    failure.state = _make_unsolved_state(increment, end, before, measure_cost())
     raise failure
 
 
@@ -334,13 +334,13 @@ def _make_unsolved_state(
     )
 
 
-def rescue(
+def rescue_increment(
     failure: ContactFailed | NotConverged,
     increment: Increment,
-    proved: Callable[[], NoEquilibrium | None],
+    prove: Callable[[], NoEquilibrium | None],
     remedy: Callable[[], NewtonState | None] | None,
     before: ContactState,
-    spent: Callable[[], tuple[int, SolverReport]],
+    measure_cost: Callable[[], tuple[int, SolverReport]],
 ) -> NewtonState:
     """Return the solution of an increment whose iteration has failed, or raise the reason.
 
@@ -350,10 +350,10 @@ def rescue(
     Args:
         failure: of the iteration.
         increment: the equations of the increment.
-        proved: looks for a proof that there is no equilibrium.
+        prove: looks for a proof that there is no equilibrium.
         remedy: another method of solution, None without any; it returns None where it fails, too.
         before: state at the start of the increment.
-        spent: returns iterations and solver report of the increment so far.
+        measure_cost: returns iterations and solver report of the increment so far.
 
     Raises:
         NoEquilibrium: if it is proved.
@@ -361,7 +361,7 @@ def rescue(
         NotUnique: if a solution has a singular tangent.
         NotFound: otherwise; with the state that came nearest to a solution.
     """
-    if proof := proved():
+    if proof := prove():
         raise proof from None
     if isinstance(failure, NotConverged):
         raise failure
@@ -374,7 +374,7 @@ def rescue(
             return solution
     nearest, state = "", None
     if increment.nearest is not None:
-        state = _make_unsolved_state(increment, increment.nearest, before, spent())
+        state = _make_unsolved_state(increment, increment.nearest, before, measure_cost())
         violation = f"{increment.nearest.violation * TOLERANCE:.1g}"
         nearest = (
             f" The state that came nearest violates the law by {violation} of its largest force."
@@ -478,10 +478,10 @@ def solve_with_springs(
     with_springs: SpringIncrementMaker,
     kinematics: UndeformedKinematics,
     *,
-    first: tuple[ActiveSet, LinearisedKinematics, PETSc.Vec],
+    start: tuple[ActiveSet, LinearisedKinematics, PETSc.Vec],
     make_update: Callable[[], ActiveSetUpdate],
     max_iterations: int,
-    left: Callable[[], float],
+    remaining_systems: Callable[[], float],
 ) -> NewtonState | None:
     """Solve an increment with springs at the contact nodes that get softer and softer.
 
@@ -489,10 +489,10 @@ def solve_with_springs(
         increment: without springs.
         with_springs: makes the increment with springs of a given stiffness and given ends.
         kinematics: of the body.
-        first: active set, kinematics and all unknowns (n,) at the start.
+        start: active set, kinematics and all unknowns (n,) at the start.
         make_update: makes the update of active sets of the increment without springs.
         max_iterations: largest number of linear systems in one iteration.
-        left: returns how many linear systems may still be solved in all.
+        remaining_systems: returns how many linear systems may still be solved in all.
 
     Returns:
         The solution without springs, or None if there is none.
@@ -502,14 +502,14 @@ def solve_with_springs(
     """
 
     def limit_iterations(n: int) -> int:
-        return int(max(1, min(n, max_iterations, left())))
+        return int(max(1, min(n, max_iterations, remaining_systems())))
 
-    (active, linearised, unknowns), comm = first, increment.interface.comm
+    (active, linearised, unknowns), comm = start, increment.interface.comm
     q, stiffness, softening, n_failures = linearised.q0, _FIRST_STIFFNESS, _SOFTENING, 0
     previous: ActiveSet | None = None
-    words = f"by springs, for what {left():.0f} linear systems take at most"
+    words = f"by springs, for what {remaining_systems():.0f} linear systems take at most"
     log_on_root(comm, logging.INFO, words, ".contact")
-    while stiffness > _MIN_STIFFNESS and n_failures < _MAX_FAILURES and left() > 0:
+    while stiffness > _MIN_STIFFNESS and n_failures < _MAX_FAILURES and remaining_systems() > 0:
         spring_increment = with_springs(stiffness, unknowns, q)
         update = ActiveSetUpdate(_no_free_motions, increment.interface)
         try:

@@ -181,7 +181,7 @@ class RigidMotions:
         if isinstance(self._support_rows, np.ndarray):  # of few modes
             self._relative_motions = self._relative_motions.toarray()
 
-    def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
+    def describe_free_motions(self, active: ActiveSet, frame: Array) -> list[str]:
         """Describe the motions that an active set in its frames (m, dim, dim) leaves free."""
         free = self._find_free_motions(active, frame)
         if not len(free):
@@ -190,7 +190,7 @@ class RigidMotions:
             self.modes.describe(motion) for motion in self.modes.make_simplest_basis(free).motions
         ]
 
-    def slides(self, nodes: ContactNodes, allowance: float) -> bool:
+    def is_friction_exhausted(self, nodes: ContactNodes, allowance: float) -> bool:
         """Return whether friction is used up, to within a force: a body may slide on for ever."""
         comm, shear, active = self._system.comm, nodes.force[:, 1:], nodes.active_set
         size, limit = np.linalg.norm(shear, axis=1), nodes.friction_limits[0]

@@ -16,26 +16,26 @@ from pw_elements.solvers import SingularSystem
 def solve_in_substeps(
     step: Callable[[ContactState, float], ContactState],
     state: ContactState,
-    sizes: tuple[float, float, float],
-    may_go_on: Callable[[], bool] = lambda: True,
+    substep_sizes: tuple[float, float, float],
+    may_continue: Callable[[], bool] = lambda: True,
 ) -> tuple[list[tuple[float, ContactState]], tuple[float, Exception] | None]:
     """Solve an increment in substeps: halved after a failure, larger after a success.
 
     Args:
         step: solves from a state to a part of the increment's loads and motions, between 0 and 1.
         state: at the start of the increment.
-        sizes: size of the first and largest substep, size of the smallest one, growth factor.
-        may_go_on: returns whether another substep may be tried.
+        substep_sizes: of the first and largest substep, of the smallest one, and growth factor.
+        may_continue: returns whether another substep may be tried.
 
     Returns:
         End (load factor, state) of each substep; and load factor and error of the last failure, or
         None.
     """
-    max_size, min_size, growth = sizes
+    max_size, min_size, growth = substep_sizes
     size = max_size
     load_factor, current_state, failure = 0.0, state, None
     substeps: list[tuple[float, ContactState]] = []
-    while load_factor < 1 and size >= min_size and may_go_on():
+    while load_factor < 1 and size >= min_size and may_continue():
         next_factor = min(1.0, load_factor + size)
         try:
             current_state = replace(step(current_state, next_factor), increment=state.increment + 1)

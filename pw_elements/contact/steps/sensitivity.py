@@ -48,27 +48,29 @@ _MAX_END_VIOLATION = 10.0
 
 
 @dataclass(frozen=True)
-class Part:
+class HistoryPart:
     """An increment, or a part of one that has been cut.
 
     Args:
-        number: of the increment, from 0.
-        start: state at the start of the increment.
-        before: state at the start of the part.
-        state: state at the end of the part.
-        share: part of the increment's loads and motions that is applied at the end.
+        increment: number of the increment, from 0.
+        increment_start: state at the start of the increment.
+        part_start: state at the start of the part.
+        part_end: state at the end of the part.
+        load_factor: part of the increment's loads and motions that is applied at the end.
         load: of the increment, as it was given to `step`.
     """
 
-    number: int
-    start: ContactState
-    before: ContactState
-    state: ContactState
-    share: float
+    increment: int
+    increment_start: ContactState
+    part_start: ContactState
+    part_end: ContactState
+    load_factor: float
     load: Any
 
 
-def parts_of(states: Sequence[ContactState], loads: Sequence[Any]) -> Iterator[Part]:
+def iterate_history_parts(
+    states: Sequence[ContactState], loads: Sequence[Any]
+) -> Iterator[HistoryPart]:
     """Yield all parts of a history of states under loads, one load per increment."""
     for k, ((start, end), load) in enumerate(zip(pairwise(states), loads, strict=True)):
         if k and end.substates and start.free != end.free:
@@ -78,12 +80,12 @@ def parts_of(states: Sequence[ContactState], loads: Sequence[Any]) -> Iterator[P
             )
         part_start = start
         for load_factor, state in (*end.substates, (1.0, end)):
-            yield Part(k, start, part_start, state, load_factor, load)
+            yield HistoryPart(k, start, part_start, state, load_factor, load)
             part_start = state
 
 
 @dataclass(frozen=True)
-class Change:
+class StateChange:
     """Derivative of a state by a parameter, or weights of all of its components.
 
     Args:
@@ -96,17 +98,17 @@ class Change:
     translations: Array
     force: Array
 
-    def add_multiple(self, factor: float, other: "Change") -> "Change":
+    def add_multiple(self, factor: float, other: "StateChange") -> "StateChange":
         """Return the sum of this change and a multiple of another one."""
         unknowns = self.unknowns.copy()
         unknowns.axpy(factor, other.unknowns)
-        return Change(
+        return StateChange(
             unknowns,
             self.translations + factor * other.translations,
             self.force + factor * other.force,
         )
 
-    def weighted_sum(self, change: "Change") -> float:
+    def weighted_sum(self, change: "StateChange") -> float:
         """Return the sum of a change's components with these weights."""
         comm = self.unknowns.comm.tompi4py()
         of_forces = comm.allreduce(float(np.sum(self.force * change.force)), MPI.SUM)
@@ -115,7 +117,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Given:
+class DataRates:
     """Derivatives of the data at the end of an increment by a parameter.
 
     Args:
@@ -131,7 +133,7 @@ class Given:
     friction: Array
 
 
-class Linearised:
+class LinearisedEnd:
     """Equations of an increment, or of a part of one, linearised at its end.
 
     Args:
@@ -205,7 +207,7 @@ class Linearised:
                 "before or after"
             )
 
-    def change(self, rates: Given, start_change: Change) -> Change:
+    def propagate_change(self, rates: DataRates, start_change: StateChange) -> StateChange:
         """Return the change of the end by rates of the data and by the change of the start."""
         system = self._system
         load, law, totals, translations, offset = self._right_hand_side(rates)
@@ -221,11 +223,11 @@ class Linearised:
         self._reduction.right.multAdd(solution.reduced, offset, unknowns)
         system.stiffness.mult(solution.reduced, residual)
         residual.axpy(-1.0, load)
-        return Change(unknowns, translations, system.forces(residual)[0])
+        return StateChange(unknowns, translations, system.forces(residual)[0])
 
-    def gradient(
-        self, weights: Change, rates_of_parameters: Sequence[Given]
-    ) -> tuple[Array, Change]:
+    def propagate_weights(
+        self, weights: StateChange, rates_of_parameters: Sequence[DataRates]
+    ) -> tuple[Array, StateChange]:
         """Return derivatives of the weighted end by data, and the weights of the start.
 
         Args:
@@ -263,10 +265,10 @@ class Linearised:
         np.add.at(translations, system.interface.pair, -start_weights)
         for values in (derivatives, translations):
             system.comm.Allreduce(MPI.IN_PLACE, values, MPI.SUM)
-        return derivatives, Change(unknowns, translations, np.zeros_like(start_weights))
+        return derivatives, StateChange(unknowns, translations, np.zeros_like(start_weights))
 
     def _right_hand_side(
-        self, rates: Given
+        self, rates: DataRates
     ) -> tuple[PETSc.Vec, LinearisedLaw, Array, Array, PETSc.Vec]:
         """Return reduced load, law, totals, translations and displacements of data rates."""
         system, translations = self._system, rates.motions.copy()
@@ -283,7 +285,7 @@ class Linearised:
         return reduction.load(self._K, rates.load), law, totals, translations, reduction.offset
 
 
-class Residual(Protocol):
+class ParametricResidual(Protocol):
     """A residual with its unknown and Dirichlet conditions, whose derivatives are needed."""
 
     form: ufl.Form
@@ -292,7 +294,7 @@ class Residual(Protocol):
     def contains(self, constant: fem.Constant) -> bool:
         """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
 
-    def prescribed(self) -> PETSc.Vec:
+    def prescribed_displacements(self) -> PETSc.Vec:
         """Return displacements (n,) that the conditions prescribe with present constants."""
 
 
@@ -302,7 +304,7 @@ class Derivatives:
 
     Args:
         interface: the contact nodes.
-        at_end: linearises the equations at the end of a part, and leaves u, constants and
+        linearise_end: linearises the equations at the end of a part, and leaves u, constants and
             conditions at their values there.
         residual: of the body, None with a stiffness.
         parts: of the history.
@@ -311,29 +313,31 @@ class Derivatives:
     """
 
     interface: Interface
-    at_end: Callable[[Part], Linearised]
-    residual: Residual | None
-    parts: Sequence[Part]
+    linearise_end: Callable[[HistoryPart], LinearisedEnd]
+    residual: ParametricResidual | None
+    parts: Sequence[HistoryPart]
     outputs: Sequence[Output]
     parameters: Sequence[tuple[Parameter, Array]]
 
-    def direct(self) -> Array:
+    def compute_direct(self) -> Array:
         """Return all derivatives (increments, outputs, parameters), in the direct mode."""
-        shape = self.parts[-1].number + 1, len(self.outputs), len(self.parameters)
+        shape = self.parts[-1].increment + 1, len(self.outputs), len(self.parameters)
         derivatives, changes = np.zeros(shape), [self._zero_change()] * len(self.parameters)
         for part in self.parts:
             linearised, rates = self._linearise(part), self._evaluate_rates(part)
             changes = [
-                linearised.change(rate, start_change)
+                linearised.propagate_change(rate, start_change)
                 for rate, start_change in zip(rates, changes, strict=True)
             ]
-            for i, output in enumerate(self.outputs if part.share == 1 else ()):
+            for i, output in enumerate(self.outputs if part.load_factor == 1 else ()):
                 weights = self._output_weights(output)
-                derivatives[part.number, i] = [weights.weighted_sum(change) for change in changes]
-                derivatives[part.number, i] += self._explicit_derivatives(output, part)
+                derivatives[part.increment, i] = [
+                    weights.weighted_sum(change) for change in changes
+                ]
+                derivatives[part.increment, i] += self._explicit_derivatives(output, part)
         return derivatives
 
-    def adjoint(self, weights: Array) -> Array:
+    def compute_adjoint(self, weights: Array) -> Array:
         """Return the gradient of a weighted sum of all outputs, in the adjoint mode.
 
         Args:
@@ -345,39 +349,41 @@ class Derivatives:
         gradient, adjoint_weights = np.zeros(len(self.parameters)), self._zero_change()
         for part in reversed(self.parts):
             linearised, rates = self._linearise(part), self._evaluate_rates(part)
-            for i, output in enumerate(self.outputs if part.share == 1 else ()):
-                weight = weights[part.number, i]
+            for i, output in enumerate(self.outputs if part.load_factor == 1 else ()):
+                weight = weights[part.increment, i]
                 adjoint_weights = adjoint_weights.add_multiple(weight, self._output_weights(output))
                 gradient += weight * self._explicit_derivatives(output, part)
-            part_gradient, adjoint_weights = linearised.gradient(adjoint_weights, rates)
+            part_gradient, adjoint_weights = linearised.propagate_weights(adjoint_weights, rates)
             gradient += part_gradient
         return gradient
 
-    def _linearise(self, part: Part) -> Linearised:
+    def _linearise(self, part: HistoryPart) -> LinearisedEnd:
         try:
-            return self.at_end(part)
+            return self.linearise_end(part)
         except ValueError as error:
-            location = "" if part.share == 1 else f", at {part.share:.4g} of its increment,"
-            raise ValueError(f"state {part.number + 1}{location} {error}") from error
+            location = (
+                "" if part.load_factor == 1 else f", at {part.load_factor:.4g} of its increment,"
+            )
+            raise ValueError(f"state {part.increment + 1}{location} {error}") from error
 
     def _zero_vector(self) -> PETSc.Vec:
-        vector = self.parts[0].start.unknowns.duplicate()
+        vector = self.parts[0].increment_start.unknowns.duplicate()
         vector.set(0.0)
         return vector
 
-    def _zero_change(self) -> Change:
-        start, position = self.parts[0].start, self.interface.position
-        return Change(
+    def _zero_change(self) -> StateChange:
+        start, position = self.parts[0].increment_start, self.interface.position
+        return StateChange(
             self._zero_vector(), np.zeros_like(start.translations), np.zeros_like(position)
         )
 
-    def _evaluate_rates(self, part: Part) -> list[Given]:
+    def _evaluate_rates(self, part: HistoryPart) -> list[DataRates]:
         """Return the rates of the data at the end of a part, for each parameter."""
-        rates_of_parameters, number, load_factor = [], part.number, part.share
+        rates_of_parameters, number, load_factor = [], part.increment, part.load_factor
         for parameter, rates in self.parameters:
             rate = (1 - load_factor) * rates[number] + load_factor * rates[number + 1]
             load, offset = self._zero_vector(), self._zero_vector()
-            motions = np.zeros_like(part.state.translations)
+            motions = np.zeros_like(part.part_end.translations)
             friction = np.zeros(len(motions))
             match _parameter_object(parameter):
                 case fem.Constant() as constant:
@@ -388,7 +394,7 @@ class Derivatives:
                     friction[parameter[1]] = rate
                 case _:
                     motions[parameter[1]] = rate
-            rates_of_parameters.append(Given(load, offset, motions, friction))
+            rates_of_parameters.append(DataRates(load, offset, motions, friction))
         return rates_of_parameters
 
     def _constant_rates(self, constant: fem.Constant, rate: Array) -> tuple[PETSc.Vec, PETSc.Vec]:
@@ -404,14 +410,14 @@ class Derivatives:
         value = constant.value.copy()
         # differences are exact: conditions are linear in their constants
         constant.value = value + rate
-        offset = residual.prescribed()
+        offset = residual.prescribed_displacements()
         constant.value = value - rate
-        offset.axpy(-1.0, residual.prescribed())
+        offset.axpy(-1.0, residual.prescribed_displacements())
         offset.scale(0.5)
         constant.value = value
         return load, offset
 
-    def _output_weights(self, output: Output) -> Change:
+    def _output_weights(self, output: Output) -> StateChange:
         """Return the weights of a change that give the change of an output, at the present u."""
         weights = self._zero_change()
         if isinstance(output, ufl.Form):
@@ -429,13 +435,13 @@ class Derivatives:
             weights.force[self.interface.pair == pair, axis] = 1.0
         return weights
 
-    def _explicit_derivatives(self, output: Output, part: Part) -> Array:
+    def _explicit_derivatives(self, output: Output, part: HistoryPart) -> Array:
         """Return derivatives (parameters,) of an output by the constants that it contains."""
         derivatives = np.zeros(len(self.parameters))
         if isinstance(output, ufl.Form):
             for i, (parameter, rates) in enumerate(self.parameters):
                 if isinstance(constant := _parameter_object(parameter), fem.Constant):
-                    change = _differentiate_by_constant(output, constant, rates[part.number + 1])
+                    change = _differentiate_by_constant(output, constant, rates[part.increment + 1])
                     derivatives[i] = 0.0 if change.empty() else assemble_scalar(change)
         return derivatives
 
@@ -446,7 +452,7 @@ _NEEDS_RESIDUAL_MESSAGE = (
 )
 
 
-def checked_outputs(
+def check_outputs(
     outputs: Sequence[Any], n_pairs: int, space: fem.FunctionSpace, allow_forms: bool
 ) -> list[Output]:
     """Return outputs as a list, or raise an error for an invalid one.
@@ -476,7 +482,7 @@ def checked_outputs(
     return list(outputs)
 
 
-def checked_parameters(
+def check_parameters(
     parameters: Sequence[Any],
     n_states: int,
     pairs: Sequence[ContactPair],
@@ -524,7 +530,9 @@ def checked_parameters(
 
 
 def check_constants(
-    parameters: Sequence[tuple[Parameter, Array]], outputs: Sequence[Output], residual: Residual
+    parameters: Sequence[tuple[Parameter, Array]],
+    outputs: Sequence[Output],
+    residual: ParametricResidual,
 ) -> None:
     """Raise ValueError for a constant on which neither the states nor the outputs depend."""
     in_outputs = [

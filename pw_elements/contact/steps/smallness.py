@@ -143,13 +143,15 @@ class SmallnessCheck:
             for in_pair in in_pairs
         ]
 
-    def before(self, increment: Increment) -> None:
+    def refuse_prescribed_passing(self, increment: Increment) -> None:
         """Raise SurfacePassed if prescribed translations lead a surface through the body."""
         start = increment.start
         is_prescribed = np.isfinite(increment.prescribed)
         self._refuse_passing(start, np.where(is_prescribed, increment.prescribed, start.q))
 
-    def after(self, increment: Increment, end: NewtonState, before: ContactState) -> Smallness:
+    def check_solution(
+        self, increment: Increment, end: NewtonState, before: ContactState
+    ) -> Smallness:
         """Return the smallness of a solution, and log a warning where it leaves the range.
 
         Args:
@@ -322,7 +324,7 @@ class SlipCheck:
             for k, mortar in interface.mortars.items()
         }
 
-    def check(self, state: ContactState) -> None:
+    def log_differences(self, state: ContactState) -> None:
         """Log a warning if the two slips of a node with friction differ too much."""
         for k, pair in enumerate(state.pairs):
             difference = measure_slip_difference(pair)

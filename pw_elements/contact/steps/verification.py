@@ -40,7 +40,7 @@ _MIN_ANGLE_SINE = 1e-8
 
 
 @dataclass(frozen=True)
-class Sizes:
+class ReferenceSizes:
     """Scales of residuals and allowances, and the stiffnesses that turn lost lengths into forces.
 
     Args:
@@ -57,7 +57,7 @@ class Sizes:
 
 
 @dataclass(frozen=True)
-class Places:
+class MeasuredKinematics:
     """Kinematics of the contact nodes (m) of this process at the end of an increment.
 
     Args:
@@ -66,7 +66,7 @@ class Places:
         slip: (m, dim), along the surface since the start of the increment.
         noise: (m,), error of the normal by the differences of a surface's function.
         force_operator: H, (n, m dim), forces on all unknowns from those on the contact nodes.
-        parts_error: (m,), round-off of the opposite body's part of a node's force, over that force.
+        transfer_error: (m,), round-off of the opposite body's part of a node's force, over it.
     """
 
     gap: Array
@@ -74,19 +74,19 @@ class Places:
     slip: Array
     noise: Array
     force_operator: PETSc.Mat
-    parts_error: Array
+    transfer_error: Array
 
 
-def places_undeformed(
-    interface: Interface, before: ContactState, state: ContactState, left_inside: float
-) -> Places:
+def measure_undeformed(
+    interface: Interface, before: ContactState, state: ContactState, remaining_interference: float
+) -> MeasuredKinematics:
     """Measure the contact nodes against surfaces at the undeformed body.
 
     Args:
         interface: the contact nodes.
         before: state at the start of the increment.
         state: state at its end.
-        left_inside: part of the interference that is not applied yet.
+        remaining_interference: part of the interference that is not applied yet.
     """
     pair, translations = interface.pair, state.translations
     motions = [_node_motions(interface, end.unknowns) for end in (before, state)]
@@ -98,13 +98,13 @@ def places_undeformed(
     slip = relative_motion - np.sum(relative_motion * normal, axis=1)[:, None] * normal
     shift = _NOISE_SHIFT * (interface.extent or 1.0)
     noise = np.abs(interface.normals(translations + shift) - normal).max(axis=1, initial=0.0)
-    gap = gap + left_inside * interface.interference
-    return Places(gap, normal, slip, noise, interface.force, np.zeros(len(gap)))
+    gap = gap + remaining_interference * interface.interference
+    return MeasuredKinematics(gap, normal, slip, noise, interface.force, np.zeros(len(gap)))
 
 
-def places_deformed(
+def measure_deformed(
     interface: Interface, pairs: Sequence[ContactPair], before: ContactState, state: ContactState
-) -> Places:
+) -> MeasuredKinematics:
     """Measure the contact nodes of a deformed body against rigid surfaces that move, or bodies.
 
     Args:
@@ -155,7 +155,7 @@ def places_deformed(
     arc_ratio = np.where(is_curved, angle / np.where(is_curved, np.sin(angle), 1.0), ratio_of_chord)
     slip = arc_ratio[:, None] * (chord - np.sum(chord * normal, axis=1)[:, None] * normal)
     slip, normal = (np.einsum("nab,nb->na", rotations[1], part) for part in (slip, normal))
-    measured = Places(gap, normal, slip, noise, interface.force, np.zeros(len(gap)))
+    measured = MeasuredKinematics(gap, normal, slip, noise, interface.force, np.zeros(len(gap)))
     return (
         _measure_sliding_bodies(interface, before, state, measured)
         if interface.mortars
@@ -173,8 +173,8 @@ def _angle_between(start: Array, end: Array) -> Array:
 
 
 def _measure_sliding_bodies(
-    interface: Interface, before: ContactState, state: ContactState, measured: Places
-) -> Places:
+    interface: Interface, before: ContactState, state: ContactState, measured: MeasuredKinematics
+) -> MeasuredKinematics:
     """Return kinematics with the nodes of pairs of sliding bodies filled in, and with their H."""
     dim, n_nodes = interface.position.shape[1], len(interface.node)
     # parts of unit forces that master nodes receive: value, contact node and global node
@@ -191,7 +191,7 @@ def _measure_sliding_bodies(
         gap, slip = measure_gap_and_slip(parts[0], parts[1], x[0], x[1])
         measured.gap[points], measured.slip[points] = gap[slave_number], slip[slave_number]
         measured.normal[points], measured.noise[points] = parts[1].normals[slave_number], 0.0
-        measured.parts_error[points] = parts[1].parts_error[slave_number]
+        measured.transfer_error[points] = parts[1].parts_error[slave_number]
         master_parts = sp.coo_array(parts[1].master_parts[slave_number])
         entries.append(
             (
@@ -227,7 +227,7 @@ def check_stiffness_sign(K: PETSc.Mat, interface: Interface, remedy: str) -> Non
         )
 
 
-def torque_of(
+def make_torque_function(
     interface: Interface, pairs: Sequence[ContactPair], state: ContactState
 ) -> Callable[[Array], Array]:
     """Return a function that takes forces (m, dim) at the contact nodes and returns torques (m,).
@@ -244,13 +244,13 @@ def torque_of(
 
 def verify_state(
     state: ContactState,
-    places: Places,
+    kinematics: MeasuredKinematics,
     unbalanced: PETSc.Vec,
     interface: Interface,
     reduction: Reduction,
-    sizes: Sizes,
+    sizes: ReferenceSizes,
     totals: Array,
-    lever: Callable[[Array], Array] | None = None,
+    torque: Callable[[Array], Array] | None = None,
 ) -> ContactState:
     """Return the state with residuals and allowances that have been computed anew.
 
@@ -261,7 +261,7 @@ def verify_state(
             allowance.
     """
     residuals, allowance = measure_residuals(
-        state, places, unbalanced, interface, reduction, sizes, totals, lever
+        state, kinematics, unbalanced, interface, reduction, sizes, totals, torque
     )
     for name, value in vars(residuals).items():
         limit = TOLERANCE + getattr(allowance, name)
@@ -275,25 +275,25 @@ def verify_state(
 
 def measure_residuals(
     state: ContactState,
-    places: Places,
+    kinematics: MeasuredKinematics,
     unbalanced: PETSc.Vec,
     interface: Interface,
     reduction: Reduction,
-    sizes: Sizes,
+    sizes: ReferenceSizes,
     totals: Array,
-    lever: Callable[[Array], Array] | None = None,
+    torque: Callable[[Array], Array] | None = None,
 ) -> tuple[Residuals, Residuals]:
     """Return the residuals of a state, and the allowances for round-off and noise.
 
     Args:
         state: of a converged iteration.
-        places: kinematics of its contact nodes, measured anew.
+        kinematics: of its contact nodes, measured anew.
         unbalanced: K u - f or F(u), (n,), in free numbering.
         interface: the contact nodes.
         reduction: supports and condensation.
         sizes: scales of forces and lengths.
         totals: forces and torques that are given on the state's free motions.
-        lever: returns torques (m,) of forces (m, dim); None where no surface turns.
+        torque: returns torques (m,) of forces (m, dim); None where no surface turns.
     """
     comm = interface.comm
     has_equation = interface.equation >= 0
@@ -303,19 +303,25 @@ def measure_residuals(
     # a supported component of R is a reaction; the friction in it is known from the state alone
     force = np.where(has_equation, nodal_force[interface.node - first_node], state_force)
     values, allowances = _measure_law(
-        state, places, force, has_equation | (state_force != 0), interface, sizes
+        state, kinematics, force, has_equation | (state_force != 0), interface, sizes
     )
     unbalanced_elsewhere = _max_unbalanced_force(
-        unbalanced, places.force_operator, np.where(has_equation, force, 0.0), interface, reduction
+        unbalanced,
+        kinematics.force_operator,
+        np.where(has_equation, force, 0.0),
+        interface,
+        reduction,
     )
     values["equilibrium"] = np.atleast_1d(unbalanced_elsewhere / sizes.force)
     force_round_off = float(comm.allreduce(allowances["tension"].max(initial=0.0), MPI.MAX))
-    transfer_round_off = _max_over_ranks(comm, places.parts_error * np.linalg.norm(force, axis=1))
+    transfer_round_off = _max_over_ranks(
+        comm, kinematics.transfer_error * np.linalg.norm(force, axis=1)
+    )
     allowances["equilibrium"] = np.atleast_1d(
         force_round_off + (sizes.equilibrium + transfer_round_off) / sizes.force
     )
     values["balance"], allowances["balance"] = _measure_balance(
-        state, force, interface, sizes, totals, lever, force_round_off
+        state, force, interface, sizes, totals, torque, force_round_off
     )
     residuals, allowance = (
         Residuals(**{name: _max_over_ranks(comm, by_name[name]) for name in vars(Residuals())})
@@ -326,33 +332,33 @@ def measure_residuals(
 
 def _measure_law(
     state: ContactState,
-    places: Places,
+    kinematics: MeasuredKinematics,
     force: Array,
     friction_acts: Mask,
     interface: Interface,
-    sizes: Sizes,
+    sizes: ReferenceSizes,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return residuals (m,) of contact and friction, and their allowances for round-off.
 
     Args:
         state: of a converged iteration.
-        places: kinematics of its contact nodes.
+        kinematics: of its contact nodes.
         force: (m, dim), on the contact nodes.
         friction_acts: (m, dim), components along which friction acts.
         interface: the contact nodes.
         sizes: scales of forces and lengths.
     """
     F, L, c = sizes.force, sizes.length, sizes.stiffness
-    normal_force = np.sum(force * places.normal, axis=1)
-    friction = np.where(friction_acts, force - normal_force[:, None] * places.normal, 0.0)
-    slip = np.where(friction_acts, places.slip, 0.0)
+    normal_force = np.sum(force * kinematics.normal, axis=1)
+    friction = np.where(friction_acts, force - normal_force[:, None] * kinematics.normal, 0.0)
+    slip = np.where(friction_acts, kinematics.slip, 0.0)
     friction_size, slip_size = np.linalg.norm(friction, axis=1), np.linalg.norm(slip, axis=1)
     limit, slope = interface.cone.limit(np.maximum(0.0, normal_force))
     direction_error = np.linalg.norm(slip_size[:, None] * friction + limit[:, None] * slip, axis=1)
     values = {
-        "penetration": np.maximum(0.0, -places.gap) / L,
+        "penetration": np.maximum(0.0, -kinematics.gap) / L,
         "tension": np.maximum(0.0, -normal_force) / F,
-        "complementarity": np.maximum(0.0, np.minimum(normal_force / F, places.gap / L)),
+        "complementarity": np.maximum(0.0, np.minimum(normal_force / F, kinematics.gap / L)),
         "cone": np.maximum(0.0, friction_size - limit) / F,
         "stick": np.maximum(0.0, np.minimum((limit - friction_size) / F, slip_size / L)),
         "direction": direction_error / F / np.maximum(L, slip_size),
@@ -362,9 +368,9 @@ def _measure_law(
     motion_size = motion_size + np.linalg.norm(state.translations, axis=1)[pair]
     coordinate_size = np.linalg.norm(interface.position, axis=1)
     length_round_off = DISPLACEMENT_ROUND_OFF * motion_size + ROUND_OFF * coordinate_size
-    length_round_off = length_round_off + places.noise * motion_size
+    length_round_off = length_round_off + kinematics.noise * motion_size
     force_size = np.linalg.norm(force, axis=1)
-    force_round_off = c * length_round_off + places.noise * force_size
+    force_round_off = c * length_round_off + kinematics.noise * force_size
     force_round_off = np.full(len(c), _max_over_ranks(interface.comm, force_round_off)) / F
     # forces are exact to the tolerance, lengths to the tolerance of forces over the stiffness
     length_round_off = length_round_off / L + np.divide(
@@ -386,9 +392,9 @@ def _measure_balance(
     state: ContactState,
     force: Array,
     interface: Interface,
-    sizes: Sizes,
+    sizes: ReferenceSizes,
     totals: Array,
-    lever: Callable[[Array], Array] | None,
+    torque: Callable[[Array], Array] | None,
     force_round_off: float,
 ) -> tuple[Array, Array]:
     """Return residuals (free,) of the balances of free motions, and their allowances."""
@@ -399,9 +405,9 @@ def _measure_balance(
         if axis < dim:
             forces, arms = force[in_pair, axis], np.ones(in_pair.sum())
         else:
-            assert lever is not None
-            forces = lever(force)[in_pair]
-            unit_torques = [lever(np.tile(unit, (len(force), 1)))[in_pair] for unit in np.eye(dim)]
+            assert torque is not None
+            forces = torque(force)[in_pair]
+            unit_torques = [torque(np.tile(unit, (len(force), 1)))[in_pair] for unit in np.eye(dim)]
             arms = np.linalg.norm(unit_torques, axis=0)
         sum_of_forces = comm.allreduce(float(forces.sum()), MPI.SUM)
         arm = max(_max_over_ranks(comm, arms), np.finfo(float).tiny)
