@@ -329,10 +329,10 @@ class ContactFields:
     that face the pair (see `OppositeSurface`). The contact law is not stated there: gap and slip
     are means over the pair's nodes that they face, and the status is the most frequent one; nodes
     that face two pairs have the forces of both, and the other fields of the pair that they face
-    most. On both sides, pressures and tractions are NaN at loaded nodes of whose area less than a tenth faces the
-    other side: the forces are right there, but not their quotients by such an area. At large
-    sliding the areas are those of the pair's own nodes, transferred in the same way as their
-    forces.
+    most. On both sides, pressures and tractions are NaN at loaded nodes whose area faces the other
+    side by less than a tenth: the forces are right there, but not their quotients by such an area.
+    At large sliding the areas are those of the pair's own nodes, transferred in the same way as
+    their forces.
 
     Pressures are forces over areas and need the body (thickness, circumference); they are None if
     only the space is given. `SurfaceNodes` explains the three measures of pressure. Pressures are
