@@ -276,9 +276,7 @@ class Reduction:
             TypeError, ValueError: if K and f do not match the reduction.
         """
         self._check_system(K, f)
-        if self.inner_flexibility is None:
-            return self
-        return replace(self, offset=self.offset - self.inner_flexibility * (K * self.offset - f))
+        return _reduction_for_load(self, K, f)
 
     @check_same_arguments
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
@@ -288,8 +286,7 @@ class Reduction:
             TypeError, ValueError: if K is not a matrix that matches the reduction.
         """
         self._check_system(K)
-        reduced = self.left.transposeMatMult(to_aij(K).matMult(self.right))
-        return AssemblyRecord.read(K).attach(reduced)
+        return reduce_matrix(self, K)
 
     @check_same_arguments
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
@@ -303,9 +300,7 @@ class Reduction:
             TypeError, ValueError: if K and f do not match the reduction.
         """
         self._check_system(K, f)
-        reduced = self.left.createVecRight()
-        self.left.multTranspose(f - K * self.offset, reduced)
-        return reduced
+        return _reduced_load(self, K, f)
 
     @check_same_arguments
     def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
@@ -327,6 +322,35 @@ class Reduction:
             arguments.check_matrix("the matrix", K, "the reduction", sizes)
             for f in loads:
                 arguments.check_petsc_vector("the load", f, "the reduction", sizes)
+
+
+def reduce_matrix(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
+    """Return L^T K R, (n_r, n_r), of a matrix (n, n) that is known to match the reduction."""
+    reduced = reduction.left.transposeMatMult(to_aij(K).matMult(reduction.right))
+    return AssemblyRecord.read(K).attach(reduced)
+
+
+def reduce_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> tuple[Reduction, PETSc.Vec]:
+    """Return the reduction for a load f (n,), and the reduced load.
+
+    K (n, n) and f are known to match the reduction, as in the steps of a problem that was checked.
+    """
+    reduction = _reduction_for_load(reduction, K, f)
+    return reduction, _reduced_load(reduction, K, f)
+
+
+def _reduction_for_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> Reduction:
+    """Return the reduction with the displacements that a load f causes at inner nodes alone."""
+    if reduction.inner_flexibility is None:
+        return reduction
+    a = reduction.offset
+    return replace(reduction, offset=a - reduction.inner_flexibility * (K * a - f))
+
+
+def _reduced_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
+    reduced = reduction.left.createVecRight()
+    reduction.left.multTranspose(f - K * reduction.offset, reduced)
+    return reduced
 
 
 def full_size_reduction(reduction: Reduction) -> Reduction:

@@ -5,6 +5,7 @@ Bercovier and Pironneau's: piecewise-linear weights beside the same P1.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from petsc4py import PETSc
 
@@ -79,7 +80,7 @@ class SubSpace:
     def sizes(self) -> tuple[int, int]:
         return vector_sizes(self.space)
 
-    @property
+    @cached_property
     def is_whole_space(self) -> bool:
         return self.sizes == self.full_sizes
 

@@ -19,7 +19,7 @@ from dolfinx import fem
 from ufl.algorithms import extract_elements
 
 from pw_elements._compat import cell_nodes
-from pw_elements.algebra import Reduction, ResidualSystem
+from pw_elements.algebra import Reduction, ResidualSystem, reduce_load
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import ROUND_OFF
 from pw_elements.contact.iteration.increment import LinearEquilibrium
@@ -184,7 +184,7 @@ class FiniteEquilibrium:
         load = K.createVecLeft()
         K.mult(self._u, load)
         load.axpy(-1.0, self._forces)
-        reduced = reduction.load(K, load)
+        _, reduced = reduce_load(reduction, K, load)
         self._linear = LinearEquilibrium(
             self._system.stiffness, reduced, reduction.right, reduction.offset
         )

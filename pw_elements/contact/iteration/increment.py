@@ -15,6 +15,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from pw_elements.algebra import reduce_load
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.support_friction import SupportFriction
@@ -99,8 +100,7 @@ class LinearEquilibrium:
         reduction = system.reduction
         if load_factor != 1:
             reduction = replace(reduction, offset=load_factor * reduction.offset)
-        reduction = reduction.for_load(K, load)
-        reduced_load = reduction.load(K, load)
+        reduction, reduced_load = reduce_load(reduction, K, load)
         max_row_sum = K.norm(PETSc.NormType.INFINITY)
         return cls(system.stiffness, reduced_load, reduction.right, reduction.offset, max_row_sum)
 
@@ -303,7 +303,7 @@ class Increment:
             is_final=is_final,
         )
         allowed = TOLERANCE * largest_force + of_displacements
-        violation = self._violation(state, allowed, of_coordinates)
+        violation = self.violation(state, allowed, of_coordinates)
         return replace(state, violation=violation, is_solution=violation <= 1 and is_final)
 
     def relinearise(self, state: NewtonState) -> NewtonState:
@@ -349,7 +349,7 @@ class Increment:
         largest = [np.max(values, initial=0.0) for values in arrays]
         return [float(value) for value in np.max(self.system.comm.allgather(largest), axis=0)]
 
-    def _violation(self, state: NewtonState, allowed: float, of_coordinates: float) -> float:
+    def violation(self, state: NewtonState, allowed: float, of_coordinates: float) -> float:
         """Return the largest of the residuals over a force, lengths being forces of the nodes.
 
         Coordinates' round-off is allowed for besides in gaps and balances, and in friction at

@@ -16,7 +16,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from pw_elements._compat import single_entry_matrix
-from pw_elements.algebra import Reduction, constrained_operator, has_free_constant_pressure
+from pw_elements.algebra import (
+    Reduction,
+    constrained_operator,
+    has_free_constant_pressure,
+    reduce_matrix,
+)
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.model import Free
@@ -191,7 +196,7 @@ class ContactSystem:
         self._torque_map = torque_map
 
         def assemble() -> tuple[PointRows, CsrArrays]:
-            self.stiffness = self.reduction.matrix(K)
+            self.stiffness = reduce_matrix(self.reduction, K)
             return self._assemble_rows()[1:]
 
         self.tangent.renew(assemble, pattern_changed=False)
@@ -201,7 +206,7 @@ class ContactSystem:
         self._torque_map = torque_map
 
         def assemble() -> tuple[PointRows, CsrArrays]:
-            self.stiffness = self.reduction.matrix(K)
+            self.stiffness = reduce_matrix(self.reduction, K)
             self._motion = motion
             self._moved = local_rows(motion.matMult(self.reduction.right), len(self.free))
             return self._assemble_rows()[1:]
