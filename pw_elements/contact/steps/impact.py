@@ -35,7 +35,7 @@ from pw_elements.contact.steps.checks import PathInTime, check_contact_arguments
 from pw_elements.contact.steps.smallness import (
     SmallnessCheck,
     gradient_at_vertices,
-    log_large,
+    log_large_values,
     measure_largest_gradient,
 )
 from pw_elements.progress import report_activity
@@ -338,7 +338,7 @@ def solve_impact(
                 state = integration.make_frame(true_displacement, contact)
                 largest = measure_largest_gradient(gradient, gradient_function, true_displacement)
                 previous, smallness = smallness, Smallness(*largest)
-                log_large(smallness, previous, f"step {n}", comm)
+                log_large_values(smallness, previous, f"step {n}", comm)
                 states += [replace(state, smallness=smallness)] * (n in kept_steps)
     forces, translations = np.array(integration.forces), np.array(integration.translations)
     return ImpactHistory(

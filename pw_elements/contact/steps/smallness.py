@@ -96,7 +96,7 @@ def measure_largest_gradient(
     return mesh.comm.allreduce(strain, MPI.MAX), mesh.comm.allreduce(rotation, MPI.MAX)
 
 
-def log_large(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm) -> None:
+def log_large_values(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm) -> None:
     """Log a warning if a quantity leaves the range of small displacements.
 
     Args:
@@ -176,7 +176,7 @@ class SmallnessCheck:
                 self._refuse_nodes(k, is_beyond, "is through the whole thickness of the body at")
         smallness = Smallness(strain, rotation, self._measure_slip(increment, end))
         when = f"increment {before.increment}"
-        log_large(smallness, before.smallness or Smallness(), when, self._comm)
+        log_large_values(smallness, before.smallness or Smallness(), when, self._comm)
         return smallness
 
     def _measure_slip(self, increment: Increment, end: NewtonState) -> float:
