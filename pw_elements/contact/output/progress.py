@@ -85,8 +85,8 @@ class Reporter:
         counts, report = np.bincount(status, minlength=HELD + 1), state.report
         progress = self._make_progress(state.iterations, self.violation, counts, state)
         message = (
-            f"{progress.iteration} iterations, {progress}, residual {state.residuals.largest():.1e}, "
-            f"{report.method}, {report.factorisations} factorisations, {seconds:.2f} s"
+            f"{progress.iteration} iterations, {progress}, "
+            f"residual {state.residuals.largest():.1e}, {report.method}, {report.factorisations} factorisations, {seconds:.2f} s"
         )
         self._log_and_call(logging.INFO, message, progress)
 
