@@ -86,7 +86,8 @@ class Reporter:
         progress = self._make_progress(state.iterations, self.violation, counts, state)
         message = (
             f"{progress.iteration} iterations, {progress}, "
-            f"residual {state.residuals.largest():.1e}, {report.method}, {report.factorisations} factorisations, {seconds:.2f} s"
+            f"residual {state.residuals.largest():.1e}, {report.method}, "
+            f"{report.factorisations} factorisations, {seconds:.2f} s"
         )
         self._log_and_call(logging.INFO, message, progress)
 
