@@ -86,7 +86,7 @@ def write_state(
         ValueError: if the state is not a solution.
         OSError: if the file cannot be written.
     """
-    path, fingerprint = check_path(path), fingerprint.evaluate()
+    path, fingerprint_values = check_path(path), fingerprint.evaluate()
     if not state.converged:
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
@@ -113,7 +113,9 @@ def write_state(
         }
         header |= {"orientations": sorted(state.orientations)}
         header |= {"format": _FORMAT, "pairs": len(state.pairs)}
-        arrays |= {f"{_FINGERPRINT_PREFIX}{name}": values for name, values in fingerprint.items()}
+        arrays |= {
+            f"{_FINGERPRINT_PREFIX}{name}": values for name, values in fingerprint_values.items()
+        }
         arrays["state"] = np.array(json.dumps(header))
         arrays["digest"] = _compute_digest(arrays)
     with collective_errors(comm):

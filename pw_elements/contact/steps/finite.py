@@ -314,7 +314,7 @@ class FiniteStepping:
         path = [start]
         for k in range(1, samples + 1):
             self._apply(load, k / samples)
-            path.append(self.prescribed())
+            path.append(self.prescribed_displacements())
         return np.array([field.extract(values).array_r.reshape(-1, dim).copy() for values in path])
 
     def _held_axes(self) -> Mask:
@@ -483,7 +483,7 @@ class FiniteStepping:
         """Return the equations from a state to a target, the body being at all unknowns (n,)."""
         interface = self.interface
         start = make_increment_start(state, interface, state.placements)
-        reduction = replace(self._reduction, offset=self.prescribed())
+        reduction = replace(self._reduction, offset=self.prescribed_displacements())
         of_body = self._body, system, reduction, self._guard, at
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, start.q, target.q)
@@ -507,7 +507,7 @@ class FiniteStepping:
         """Return the last tangent (n, n)."""
         return self._body.tangent
 
-    def prescribed(self) -> PETSc.Vec:
+    def prescribed_displacements(self) -> PETSc.Vec:
         return evaluate_conditions(self._whole, self._conditions)[1]
 
     def contains(self, constant: fem.Constant) -> bool:
