@@ -266,9 +266,9 @@ class ConstraintProjection:
     def free_projectors(self, nodes: Indices) -> Array:
         """Projectors onto what is free at some nodes (k,), in ascending order."""
         every = np.tile(np.eye(self._block), (len(nodes), 1, 1))
-        nodes, free, _ = self.constrained_blocks()
-        mine = np.isin(nodes, nodes)
-        every[np.searchsorted(nodes, nodes[mine])] = free[mine]
+        constrained, free, _ = self.constrained_blocks()
+        mine = np.isin(constrained, nodes)
+        every[np.searchsorted(nodes, constrained[mine])] = free[mine]
         return every
 
 
