@@ -300,8 +300,8 @@ def _make_pair_surface(
         isolated = pair.position[~np.isin(pair.node, surface.node)]
         raise ValueError(
             f"contact pair {number}: its nodes at {format_points(isolated)} belong to no facet "
-            "that has all of its nodes in the pair, so that they have no pressure: let the pair end "
-            "at vertices, or give it the nodes of whole facets, fem.locate_dofs_topological"
+            "that has all of its nodes in the pair, so that they have no pressure: let the pair "
+            "end at vertices, or give it the nodes of whole facets, fem.locate_dofs_topological"
         )
     return surface
 
