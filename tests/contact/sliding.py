@@ -124,9 +124,9 @@ def kernel_check_differences(mortar, start, end):
     Sides move from the positions `start` (n, 2) to `end`; gaps and slips are over the longest
     facet.
     """
-    projected, projected_start = mortar.meet(end), mortar.meet(start)
-    slip, _ = projected.motions(mortar.make_reference(start), end)
-    facing_parts = [mortar.measure_facing(x) for x in (start, end)]
+    projected, projected_start = mortar.linearise(end), mortar.linearise(start)
+    slip, _ = projected.measure_slip_and_rates(mortar.make_reference(start), end)
+    facing_parts = [mortar.evaluate_for_verification(x) for x in (start, end)]
     gap, slip_vector = measure_gap_and_slip(*facing_parts, start, end)
     assert np.array_equal(facing_parts[0].faced, projected_start.faced)
     assert np.array_equal(np.isfinite(gap), projected.faced)
@@ -138,7 +138,9 @@ def kernel_check_differences(mortar, start, end):
         "normal": np.abs(facing_parts[1].normals - projected.normals).max(),
         "area": np.abs(facing_parts[1].areas - projected.areas).max()
         / projected.areas.max(initial=length),
-        "parts": np.abs((facing_parts[1].master_parts - projected.parts).toarray()).max(),
+        "parts": np.abs(
+            (facing_parts[1].master_fractions - projected.master_fractions).toarray()
+        ).max(),
     }
 
 

@@ -220,7 +220,10 @@ def test_large_friction_without_a_unique_solution_is_reported():
         start = problem.undeformed
         if starts_slipping:
             (pair,) = start.pairs
-            slip_fields = {"direction": np.array([[tangential_sign, 0.0]]), "turning": np.ones(1)}
+            slip_fields = {
+                "direction": np.array([[tangential_sign, 0.0]]),
+                "friction_ratio": np.ones(1),
+            }
             pair = replace(pair, status=np.array([SLIP], dtype=np.int8), **slip_fields)
             start = replace(start, pairs=(pair,), increment=1)
         return problem.step(start, load)

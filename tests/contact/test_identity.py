@@ -36,7 +36,7 @@ class Saturating:
     def __init__(self, most):
         self.most = most
 
-    def at(self, _):
+    def parameter_at(self, _):
         return 0.3
 
     def limit(self, mu, force):
@@ -332,9 +332,9 @@ FORGED = {
     "increment is 0.5": set_number("increment", 0.5),
     "an undeformed body has displacements": set_number("increment", 0),
     "unique is 'yes'": set_number("unique", "yes"),
-    "free has [0, 7]": set_number("free", [[0, 7]]),
-    "free has [3, 0]": set_number("free", [[3, 0]]),
-    "the surface of contact pair 0 is free to turn": set_number("free", [[0, 2]]),
+    "free_motions has [0, 7]": set_number("free_motions", [[0, 7]]),
+    "free_motions has [3, 0]": set_number("free_motions", [[3, 0]]),
+    "the surface of contact pair 0 is free to turn": set_number("free_motions", [[0, 2]]),
     "orientations [5]": set_number("orientations", [5]),
     "rotation of smallness is -0.1":
         set_number("smallness", {"strain": 0.0, "rotation": -0.1, "slip": 0.0}),

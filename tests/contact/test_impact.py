@@ -19,7 +19,7 @@ from pw_elements.contact import (
     solve_impact,
     write,
 )
-from pw_elements.contact.model import Cone, MatchingNodes
+from pw_elements.contact.model import FrictionCone, MatchingNodes
 from pw_elements.contact.steps.impact import solve_nodal_contact
 from pw_elements.meshes import move_nodes, triangles
 from study.matrices import dense
@@ -153,9 +153,9 @@ def test_law_holds_at_random_points(name):
     gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
     gap[:50], half = np.inf, rng.uniform(1, 99, n)
     cone = (
-        Cone([Coulomb(0.0)], [mu])
+        FrictionCone([Coulomb(0.0)], [mu])
         if name == "Coulomb's"
-        else Cone([SaturatingFriction(0.9, None)], [half])
+        else FrictionCone([SaturatingFriction(0.9, None)], [half])
     )
     held = np.zeros((n, 3), bool)
     found = solve_nodal_contact(motion, gap, normal, shift, held, held, mass, cone, step)
@@ -187,7 +187,7 @@ def test_law_holds_at_random_points_that_supports_hold_along_the_surface():
     held[:, :2] = rng.integers(0, 2, (n, 2))
     motion[held] = 0.0
     gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
-    cone = Cone([Coulomb(0.0)], [mu])
+    cone = FrictionCone([Coulomb(0.0)], [mu])
     found = solve_nodal_contact(motion, gap, normal, shift, held, held, mass, cone, step)
     moved = motion + np.where(held, 0.0, step**2 * found.force / mass[:, None])
     slip = (moved - shift) * [1.0, 1.0, 0.0]

@@ -202,7 +202,7 @@ def test_no_cell_is_turned(stress):
     with pytest.raises(NotFound, match="halved further") as raised:
         press()
     assert len(states) > 1
-    share, reached = raised.value.reached
+    share, reached = raised.value.last_substate
     assert 0 < share < 1
     assert reached.converged
     assert reached.pairs[0].translation[1] <= states[-1].pairs[0].translation[1]

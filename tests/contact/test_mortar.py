@@ -26,7 +26,7 @@ from pw_elements.contact import (
     plot,
     write,
 )
-from pw_elements.contact.interface import gathered_trace
+from pw_elements.contact.interface import gather_trace
 from pw_elements.spaces import SubSpace
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.test_friction import assert_friction_law
@@ -127,7 +127,7 @@ def test_patch_where_facets_are_covered_in_part(cell, slave):
         (5, 4) if cell in PLANE_CELLS else (3, 2), cell, map_upper=lambda x: x * [end, 1.0, 1.0]
     )
     load = stack.traction_load(-PRESSURE * np.eye(stack.dim)[stack.up])
-    nodes, corners, _ = gathered_trace(stack.space, stack.sides["lower"]).parts
+    nodes, corners, _ = gather_trace(stack.space, stack.sides["lower"]).sub_facets
     pressed = -PRESSURE * weights_beyond(corners, end)
     np.add.at(load.array.reshape(-1, stack.dim)[:, stack.up], nodes, pressed)
     state = stack.solve_uniaxial(slave, 0.3 if cell == "hexahedron" else 0.0, load)
@@ -233,7 +233,7 @@ def test_what_states_no_mortar_is_named(nodes, facets, kind, message):
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
 def test_other_weights_are_refused(cell):
     """By them the patch test fails, by up to 60 % of the pressure."""
-    refused = pytest.raises(ValueError, match="forces of piecewise-linear weights")
+    refused = pytest.raises(ValueError, match="forces by piecewise-linear weights")
     for element in ("galerkin", "taylor_hood"):
         with refused:
             StackedBlocks((3, 2), cell, element=element).solve_uniaxial()
@@ -311,18 +311,18 @@ def test_gap_slip_and_status_are_means_of_the_pairs(slave):
     assert set(pair.status) >= {STICK, SLIP}
     fields, alone = (ContactFields.from_state(state, of) for of in (stack.body, stack.space))
     x = low + (high - low) * (np.arange(100_000) + 0.5) / 100_000
-    own, theirs = hats(x, pair.position[:, 0]), hats(x, stack.x[pair.opposite, 0])
+    own, theirs = hats(x, pair.position[:, 0]), hats(x, stack.x[pair.opposite_node, 0])
     weight = theirs.T @ own
     faced = weight.sum(axis=1) > 0
     mean = weight[faced] / weight[faced].sum(axis=1, keepdims=True)
-    at_ = pair.opposite[faced]
+    at_ = pair.opposite_node[faced]
     gap = np.where(np.isfinite(pair.gap), pair.gap, 0.0)
     for of in (fields, alone):
         assert values(of.gap, at_) == pytest.approx(mean @ gap, abs=1e-9)
         assert values(of.slip, at_) == pytest.approx(-mean @ pair.slip, abs=1e-9)
         shares = mean @ np.eye(3)[pair.status]
         assert np.array_equal(values(of.status, at_), shares.argmax(axis=1))
-        away = pair.opposite[~faced]
+        away = pair.opposite_node[~faced]
         assert np.isnan(values(of.gap, away)).all()
         assert not values(of.slip, away).any()
         assert (values(of.status, away) == OPEN).all()
@@ -393,12 +393,12 @@ def test_pictures_of_the_opposite_side(element, tmp_path):
     write(tmp_path / "two.bp", [state], stack.body)
     (pair,), fields = state.pairs, ContactFields.from_state(state, stack.body)
     drawn = [line.get_xydata() for line in plot(state, stack.body, along=0, opposite=True).lines]
-    shear = values(fields.traction, pair.opposite)[:, 0]
-    for expected in (values(fields.pressure, pair.opposite), shear):
-        curve = np.column_stack([stack.x[pair.opposite, 0], expected])
+    shear = values(fields.traction, pair.opposite_node)[:, 0]
+    for expected in (values(fields.pressure, pair.opposite_node), shear):
+        curve = np.column_stack([stack.x[pair.opposite_node, 0], expected])
         assert any(c.shape == curve.shape and np.allclose(c, curve, equal_nan=True) for c in drawn)
     solid = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), element=element)
     state = solid.solve_shifted_top()
     axes = plot(state, solid.body, opposite=True)
     (coloured,) = (c for c in axes.collections if hasattr(c, "_triangulation"))
-    assert len(coloured.get_array()) == len(state.pairs[0].opposite)
+    assert len(coloured.get_array()) == len(state.pairs[0].opposite_node)

@@ -111,7 +111,7 @@ def numbers(comm, folder):
             (pair,) = state.pairs
             for field in ("position", "force_normal", "force_tangential", "status", "gap", "slip"):
                 found[f"{name} {k} {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
-            if len(pair.opposite):
+            if len(pair.opposite_node):
                 found[f"{name} {k} opposite force"] = pair.opposite_force
             found[f"{name} {k} translation"] = pair.translation
             found[f"{name} {k} force"] = pair.force

@@ -309,7 +309,7 @@ def test_ring_that_is_pushed_off_its_shaft_is_told_what_friction_carries():
     capacity = 0.3 * fitted.pairs[0].force_normal.sum()
     pushed = problem.step(fitted, ring.traction_load((0, 0.95 * capacity / area), on_plane(1, 1.0)))
     assert pushed.pairs[0].force[1] == pytest.approx(-0.95 * capacity)
-    with pytest.raises(NotFound, match=r"pair 0 is used up: .*smaller increments do not") as caught:
+    with pytest.raises(NotFound, match=r"pair 0 is exhausted: .*increments do not") as caught:
         problem.step(fitted, ring.traction_load((0, 1.5 * capacity / area), on_plane(1, 1.0)))
     assert "may find one" not in str(caught.value)
     assert carried_at_most(caught.value) == pytest.approx(capacity, rel=0.03)
@@ -319,7 +319,7 @@ def test_tool_that_is_pushed_along_by_more_than_friction_is_told_what_that_carri
     rubber = RubberUnderCircle(friction=0.3)
     pressed = rubber.problem.step(rubber.problem.undeformed, motions=Motion((0.0, -0.15)))
     normal = pressed.pairs[0].force_normal.sum()
-    with pytest.raises(NotFound, match=r"pair 0 is used up: .*smaller increments do not") as caught:
+    with pytest.raises(NotFound, match=r"pair 0 is exhausted: .*increments do not") as caught:
         rubber.problem.step(pressed, motions=Motion((None, -0.15), (-0.6 * normal, 0.0)))
     assert carried_at_most(caught.value) == pytest.approx(0.3 * normal, rel=0.15)
 

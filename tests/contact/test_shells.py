@@ -119,10 +119,10 @@ def errors(shells):
     exact = shells.displacement()
     wrong = state.displacement.array.reshape(exact.shape) - exact
     found = [np.abs(wrong).max() / np.abs(exact).max()]
-    for nodes in (pair.node, pair.opposite):
+    for nodes in (pair.node, pair.opposite_node):
         off = fields.pressure.x.array[nodes] / shells.pressure - 1
         found.append(np.sqrt(np.mean(off**2)))
-    shear = fields.traction.x.array.reshape(shells.x.shape)[pair.opposite]
+    shear = fields.traction.x.array.reshape(shells.x.shape)[pair.opposite_node]
     return np.array(found), np.abs(shear).max() / shells.pressure
 
 
@@ -154,7 +154,7 @@ def test_sides_that_do_not_coincide_are_named():
     coincident = replace(pair, surface=replace(pair.surface, coincident=True))
     with pytest.raises(ValueError, match="farther than meshes of one surface do"):
         stack.solve_contact(coincident)
-    with pytest.raises(ValueError, match="is a depth where sides are coincident"):
+    with pytest.raises(ValueError, match="interference of coincident sides is a depth"):
         replace(coincident, interference=True)
 
 
@@ -186,7 +186,7 @@ def fitted(state, edges, interference, depth=DEPTH, slave="inner"):
     pair = meeting(rings, near, beyond, slave, said, interference=interference)
     ends = [(0, on_plane(0, 0.0))] if round_ else [(1, on_plane(1, 0.5))]
     (found,) = rings.solve_contact(pair, rings.make_supports((1, on_plane(1, 0.0)), *ends))
-    both = np.concatenate([found.pairs[0].node, found.pairs[0].opposite])
+    both = np.concatenate([found.pairs[0].node, found.pairs[0].opposite_node])
     pressure = ContactFields.from_state(found, rings.body).pressure.x.array[both]
     a, b, c = INNER, BETWEEN, OUTER
     exact = depth / (1 - NU**2) / (2 * b**3) * (b**2 - a**2) * (c**2 - b**2) / (c**2 - a**2)
@@ -248,7 +248,7 @@ def test_friction_on_a_curved_face_has_coulombs_torque(slave):
         assert (result.status == SLIP).all()
         fields, x = ContactFields.from_state(state, rings.body), rings.x
         errors_ = []
-        for at_ in (result.node, result.opposite):
+        for at_ in (result.node, result.opposite_node):
             force = fields.force.x.array.reshape(-1, 2)[at_]
             moment = np.abs(np.sum(x[at_, 0] * force[:, 1] - x[at_, 1] * force[:, 0]))
             errors_.append(abs(moment / torque - 1))

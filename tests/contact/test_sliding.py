@@ -50,7 +50,7 @@ def sides(revolved):
     one = arc(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
     other = arc(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
     mortar, rng = SlidingMortar(one, other, revolved), np.random.default_rng(3)
-    moved = np.where(np.arange(len(mortar.x)) < mortar.slaves, 0.0, 0.33)[:, None] * [1, 0]
+    moved = np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.33)[:, None] * [1, 0]
     return mortar, mortar.x + moved + [2.0, 0.0] + rng.normal(size=mortar.x.shape) * 0.004
 
 
@@ -62,23 +62,33 @@ def turn(degrees):
 @pytest.mark.parametrize("revolved", [False, True])
 def test_derivatives_are_those_of_central_differences(revolved):
     mortar, x = sides(revolved)
-    met, h = mortar.meet(x), 1e-6
-    force = np.random.default_rng(5).normal(size=(mortar.slaves, 2))
+    met, h = mortar.linearise(x), 1e-6
+    force = np.random.default_rng(5).normal(size=(mortar.n_slave_nodes, 2))
     assert 0 < met.faced.sum() < len(met.faced)
-    assert np.abs(met.parts.sum(axis=1) - met.faced).max() < 1e-13
+    assert np.abs(met.master_fractions.sum(axis=1) - met.faced).max() < 1e-13
     before = x + np.random.default_rng(7).normal(size=x.shape) * 0.01
-    before[: mortar.slaves] -= [0.3, 0.0]  # so that some face something only now
+    before[: mortar.n_slave_nodes] -= [0.3, 0.0]  # so that some face something only now
     reference = mortar.make_reference(before)
     assert (met.faced & ~reference.faced).any()
     assert (met.faced & reference.faced).any()
 
     def quantities(x):
-        met = mortar.meet(x)
+        met = mortar.linearise(x)
         angles = np.arctan2(met.normals[:, 1], met.normals[:, 0])
-        slip, _ = met.motions(reference, x)
-        return [(met.parts.T @ force).ravel(), met.places.ravel(), met.gaps, slip, angles]
+        slip, _ = met.measure_slip_and_rates(reference, x)
+        return [
+            (met.master_fractions.T @ force).ravel(),
+            met.mean_distance.ravel(),
+            met.gaps,
+            slip,
+            angles,
+        ]
 
-    known = [met.turned(force), met.changes, *met.motions(reference, x)[1]]
+    known = [
+        met.differentiate_master_forces(force),
+        met.distance_rate,
+        *met.measure_slip_and_rates(reference, x)[1],
+    ]
     for k in range(x.size):
         step = h * np.eye(x.size)[k].reshape(x.shape)
         ends = [quantities(x + sign * step) for sign in (1, -1)]
@@ -94,15 +104,18 @@ def test_checks_measure_what_the_kernel_does(revolved, at_ends, seed):
     """On disturbed sides that shift and turn; normals of ends may lie in planes of symmetry."""
     mortar, x = sides(revolved)
     ends = np.setxor1d(*mortar.sides.slave_facets.T)
-    mortar.kept[ends[0]], mortar.kept[ends[1], 0] = at_ends, seed % 2 == 0
+    mortar.allowed_components[ends[0]], mortar.allowed_components[ends[1], 0] = (
+        at_ends,
+        seed % 2 == 0,
+    )
     rng = np.random.default_rng(seed)
-    slaves = (np.arange(len(x)) < mortar.slaves)[:, None]
+    slaves = (np.arange(len(x)) < mortar.n_slave_nodes)[:, None]
     before = x + rng.normal(size=x.shape) * 0.01 + slaves * rng.uniform(-0.6, 0.6, 2) * [1.0, 0.1]
     if not revolved:
         before = before @ turn(rng.uniform(0, 360)).T
     for start, end in ((x, before), (before, x), (x, x)):
         assert max(kernel_check_differences(mortar, start, end).values()) < 1e-12
-    assert mortar.meet(x).faced.any()
+    assert mortar.linearise(x).faced.any()
 
 
 @pytest.mark.parametrize("degrees", [90, 170])
@@ -110,12 +123,12 @@ def test_a_rigid_motion_of_both_is_no_slip(degrees):
     """Operators are those from before, so that what was paired stays together."""
     mortar, x = sides(False)
     end = x @ turn(degrees).T + [3.0, -2.0]
-    start, met = mortar.make_reference(x), mortar.meet(end)
-    assert abs(met.rows - start.rows).max() < 1e-13
+    start, met = mortar.make_reference(x), mortar.linearise(end)
+    assert abs(met.distance_rows - start.distance_rows).max() < 1e-13
     # nor of what faces nothing at first, wherever it was
-    none = replace(start, rows=0.0 * start.rows, faced=np.zeros_like(start.faced))
+    none = replace(start, distance_rows=0.0 * start.distance_rows, faced=np.zeros_like(start.faced))
     for reference in (start, none):
-        assert np.abs(met.motions(reference, end)[0]).max() < 1e-13
+        assert np.abs(met.measure_slip_and_rates(reference, end)[0]).max() < 1e-13
 
 
 def test_linear_fields_are_handed_on_and_seen_exactly():
@@ -123,10 +136,13 @@ def test_linear_fields_are_handed_on_and_seen_exactly():
     one = arc(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
     other = arc(3, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(one, other, False)
-    x = mortar.x + np.where(np.arange(len(mortar.x)) < mortar.slaves, 0.0, 0.31)[:, None] * [1, 0]
-    met = mortar.meet(x)
+    x = mortar.x + np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.31)[:, None] * [
+        1,
+        0,
+    ]
+    met = mortar.linearise(x)
     linear = x[:, 0] * 3 - 1
-    assert np.abs((met.rows @ linear)[met.faced]).max() < 1e-12
+    assert np.abs((met.distance_rows @ linear)[met.faced]).max() < 1e-12
     assert np.abs(met.gaps[met.faced] - 0.02).max() < 1e-13
 
 
@@ -174,7 +190,7 @@ def test_checks_of_bodies_cut_by_a_plane_of_symmetry_measure_what_the_iteration_
     half.problem = ContactProblem.of_residual(half.residual, half.u, held, pair)
     states = slide_along_path(half, [(0.0, -0.05), (0.0, -0.12), (0.0, -0.04)])
     mortar, positions = mortar_positions_in_states(half, states)
-    assert not mortar.kept.all()
+    assert not mortar.allowed_components.all()
     for start, end in itertools.pairwise([mortar.x, *positions]):
         assert max(kernel_check_differences(mortar, start, end).values()) < 1e-10
 
@@ -236,8 +252,11 @@ def test_nothing_is_faced_beyond_the_place_where_normals_meet():
     for shift in np.stack(np.meshgrid([-5.0, -3.2, 3.2, 5.0], [-0.3, -0.1, 0.2]), -1).reshape(
         -1, 2
     ):
-        x = mortar.x + np.where(np.arange(len(mortar.x)) < mortar.slaves, 1.0, 0.0)[:, None] * shift
-        assert not mortar.meet(x).faced.any()
+        x = (
+            mortar.x
+            + np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 1.0, 0.0)[:, None] * shift
+        )
+        assert not mortar.linearise(x).faced.any()
 
 
 @pytest.mark.parametrize("upper_is_slave", [True, False])
@@ -286,11 +305,11 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_told(caplog, monkey
 
     def by_closest_points(mortar, x):
         reference = make_reference(mortar, x)
-        ends, parts = mortar._find_closest(x)
-        rows = reference.rows.tolil()
+        ends, parts = mortar._find_closest_points(x)
+        rows = reference.distance_rows.tolil()
         for j in np.flatnonzero(~reference.faced):
             rows[j, j], rows[j, ends[j]] = 1.0, -parts[j]
-        return replace(reference, rows=rows.tocsr(), faced=np.ones_like(reference.faced))
+        return replace(reference, distance_rows=rows.tocsr(), faced=np.ones_like(reference.faced))
 
     monkeypatch.setattr(SlidingMortar, "make_reference", by_closest_points)
     with pytest.raises(NotFound, match="computed anew"):
@@ -331,14 +350,14 @@ def test_depth_of_what_goes_through_a_side():
     one = arc(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
     other = arc(3, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(one, other, False)
-    slaves = (np.arange(len(mortar.x)) < mortar.slaves)[:, None]
+    slaves = (np.arange(len(mortar.x)) < mortar.n_slave_nodes)[:, None]
     down, beside = mortar.x - slaves * [0.0, 0.52], mortar.x + slaves * [2.5, 0.0]
-    depth = mortar.measure_depth(mortar.x, down)
+    depth = mortar.measure_penetration(mortar.x, down)
     assert depth[1:-1] == pytest.approx(0.5)
-    assert not mortar.measure_depth(beside, beside - slaves * [0.0, 0.52]).any()
-    assert not mortar.measure_depth(down, down).any()
-    passed = mortar.measure_depth(mortar.x, mortar.x - slaves * [0.0, 3.0])
-    assert passed[mortar.x[: mortar.slaves, 0] == 0.0] == pytest.approx(2.98)
+    assert not mortar.measure_penetration(beside, beside - slaves * [0.0, 0.52]).any()
+    assert not mortar.measure_penetration(down, down).any()
+    passed = mortar.measure_penetration(mortar.x, mortar.x - slaves * [0.0, 3.0])
+    assert passed[mortar.x[: mortar.n_slave_nodes, 0] == 0.0] == pytest.approx(2.98)
 
 
 def test_both_sides_may_be_the_slave(whole):
@@ -377,9 +396,11 @@ def test_fields_have_pressures_and_forces_of_both_sides(whole):
     fields.fill(states[-1])
     (pair,) = states[-1].pairs
     forces = fields.force.x.array.reshape(-1, 2)
-    assert np.abs(forces[pair.opposite] - pair.opposite_force).max() < 1e-15
+    assert np.abs(forces[pair.opposite_node] - pair.opposite_force).max() < 1e-15
     closed = pair.status > 0
-    own, theirs = (fields.pressure.x.array[node] for node in (pair.node[closed], pair.opposite))
+    own, theirs = (
+        fields.pressure.x.array[node] for node in (pair.node[closed], pair.opposite_node)
+    )
     assert (own > 0).all()
     pressed = theirs > 0.1 * np.nanmax(theirs)
     assert 3 < pressed.sum() < len(theirs)
@@ -388,7 +409,7 @@ def test_fields_have_pressures_and_forces_of_both_sides(whole):
     seen = other.results(pair)
     assert 0 < seen.tension_ratio < 0.1
     assert seen.tension_ratio == -seen.normal_force.min() / seen.normal_force.max()
-    true = fields.true_pressure.x.array[pair.opposite][pressed]
+    true = fields.true_pressure.x.array[pair.opposite_node][pressed]
     assert np.abs(true / theirs[pressed] - 1).max() < 0.2
     again = ContactFields.from_state(states[-1], bodies.body)
     for one, same in zip(fields.functions(), again.functions(), strict=True):
@@ -411,7 +432,7 @@ def test_an_even_pressure_arrives_as_it_is():
     )
     fields = ContactFields.from_state(state, walled.body)
     (pair,) = state.pairs
-    both = np.concatenate([pair.node, pair.opposite])
+    both = np.concatenate([pair.node, pair.opposite_node])
     for function in (fields.pressure, fields.true_pressure, fields.tributary_pressure):
         values = function.x.array[both]
         assert np.ptp(values) < 1e-9 * values.max()

@@ -253,6 +253,6 @@ def test_motions_and_forces_may_alternate():
     loaded = problem.step(driven, nothing, [pushed])
     back = problem.step(loaded, nothing, [Motion((0, -0.2))])
     assert loaded.pairs[0].translation == pytest.approx((0, -0.2))
-    assert (driven.free, loaded.free, back.free) == ((), ((0, 1),), ())
+    assert (driven.free_motions, loaded.free_motions, back.free_motions) == ((), ((0, 1),), ())
     size = driven.displacement.norm(PETSc.NormType.INFINITY)
     assert (back.displacement - driven.displacement).norm() < 1e-9 * size

@@ -14,7 +14,7 @@ from pw_elements.contact import (
     SignedDistance,
     Sphere,
 )
-from pw_elements.contact.model import step_error
+from pw_elements.contact.model import measure_step_error
 from pw_elements.meshes import triangles
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.polyline import Polyline
@@ -150,7 +150,7 @@ def test_a_step_of_differences_that_is_too_large_is_told(caplog):
         caplog.clear()
         problem = body.contact_problem(ContactPair(on_plane(1, 1.0), surface), held)
         state = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
-        return state.pairs[0].force[1], "half the step of differences" in caplog.text
+        return state.pairs[0].force[1], "halving the step of differences" in caplog.text
 
     exact, told = force(SignedDistance(distance, gradient, step=1.0))
     assert not told
@@ -166,7 +166,7 @@ def test_a_step_of_differences_that_is_too_large_is_told(caplog):
         assert not told
     x = RANDOM.uniform(-1, 1, (20, 2))
     flat = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1] - 1e4 - 1) - 1e4, step=1e-6)
-    assert step_error(flat, x) < 1e-5
+    assert measure_step_error(flat, x) < 1e-5
 
 
 def test_closest_points_are_infinitely_far_where_nothing_faces_x():

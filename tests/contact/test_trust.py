@@ -182,7 +182,7 @@ def test_a_refusal_says_what_was_tried_and_how_far_it_got(caplog):
         make_problem(104).solve()
     for remedy in ("by springs", "in parts"):
         assert f"{remedy}, for what 150 linear systems take at most" in caplog.text
-    share, state = refused.value.reached
+    share, state = refused.value.last_substate
     assert f"In parts {share} of it was reached" in str(refused.value)
     assert share == 0.5
     assert state.converged

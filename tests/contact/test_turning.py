@@ -140,7 +140,7 @@ def test_a_torque_turns_as_far_as_the_angle_needs():
     del seen[:]
     found = rubber.problem.step(pressed, motions=free)
     (pair,) = found.pairs
-    assert found.free == ((0, 1), (0, 2))
+    assert found.free_motions == ((0, 1), (0, 2))
     assert pair.rotation == pytest.approx(-0.1, abs=1e-9)
     assert np.abs(pair.force_vector - asked.force_vector).max() < 1e-9
     assert found.residuals.balance < 1e-9

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import ContactFailed, ContactPair, Motion, NotFound, Plane
-from pw_elements.contact.interface.sliding import Meeting, SlidingMortar
+from pw_elements.contact.interface.sliding import LinearisedMortar, SlidingMortar
 from pw_elements.contact.iteration import Increment
 from pw_elements.contact.nodes import DeformedKinematics, UndeformedKinematics
 from pw_elements.contact.steps.verification import (
@@ -98,10 +98,12 @@ def test_kinematics_of_small_displacements_that_are_wrong_lead_to_no_state(wrong
 
 
 WRONG_KERNELS = {
-    "gap": lambda met: replace(met, places=met.places + 1e-4 * met.normals),
+    "gap": lambda met: replace(met, mean_distance=met.mean_distance + 1e-4 * met.normals),
     "normal": lambda met: replace(met, normals=met.normals @ turned_by(1e-3).T),
-    "parts": lambda met: replace(
-        met, parts=1.001 * met.parts, turned=lambda r: 1.001 * met.turned(r)
+    "fractions": lambda met: replace(
+        met,
+        master_fractions=1.001 * met.master_fractions,
+        differentiate_master_forces=lambda r: 1.001 * met.differentiate_master_forces(r),
     ),
 }
 
@@ -110,16 +112,16 @@ WRONG_KERNELS = {
 def test_kernels_of_two_bodies_that_are_wrong_lead_to_no_state(wrong, monkeypatch):
     """Checks measure gap, normal, slip and forces on the master by code of their own."""
     bodies = make_die_on_block(friction=0.3)
-    seen, moved = SlidingMortar.meet, Meeting.motions
+    seen, moved = SlidingMortar.linearise, LinearisedMortar.measure_slip_and_rates
     if wrong == "slip":
 
         def slip_too_far(met, *arguments):
             slip, derivatives = moved(met, *arguments)
             return slip + 1e-4 * met.faced, derivatives
 
-        monkeypatch.setattr(Meeting, "motions", slip_too_far)
+        monkeypatch.setattr(LinearisedMortar, "measure_slip_and_rates", slip_too_far)
     else:
-        monkeypatch.setattr(SlidingMortar, "meet", lambda *a: WRONG_KERNELS[wrong](seen(*a)))
+        monkeypatch.setattr(SlidingMortar, "linearise", lambda *a: WRONG_KERNELS[wrong](seen(*a)))
     with pytest.raises(NotFound, match="computed anew"):
         slide_along_path(bodies, DIE_PATH[:2])
 

@@ -181,7 +181,7 @@ class Law:
     def __init__(self, mu=0.3, most=1e3, size=None):
         self._mu, self._most, self._size = mu, most, size
 
-    def at(self, _):
+    def parameter_at(self, _):
         return self._mu
 
     def limit(self, mu, force):
@@ -211,8 +211,8 @@ class Talking(Hidden):
 class TalkingLaw(Law):
     """A law of friction that communicates."""
 
-    def at(self, x):
-        return talk(super().at(x))
+    def parameter_at(self, x):
+        return talk(super().parameter_at(x))
 
     def limit(self, mu, force):
         return talk(super().limit(mu, force))

@@ -99,7 +99,7 @@ class Law:
     def __init__(self, first="limit", last=0):
         self._first, self._left = first, last
 
-    def at(self, _):
+    def parameter_at(self, _):
         return errs(0.0) if self._first == "at" else 0.3
 
     def limit(self, mu, force):

@@ -350,7 +350,7 @@ class TwoBodyProblem:
         nodes = bodies.space.tabulate_dof_coordinates()[:, :2]
         body = NeoHookeanBody(nodes, bodies.space.dofmap.list, True, 1.5, TRIANGLE_RULE)
         (pair,) = bodies.problem.undeformed.pairs
-        sides = [side[np.argsort(nodes[side, 0])] for side in (pair.node, pair.opposite)]
+        sides = [side[np.argsort(nodes[side, 0])] for side in (pair.node, pair.opposite_node)]
         below = int(nodes[sides[1], 1].mean() < nodes[sides[0], 1].mean())
         sides[below] = sides[below][::-1]  # the lower body's outside is above
         mask = np.zeros_like(nodes, dtype=bool)

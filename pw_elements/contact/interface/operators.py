@@ -26,15 +26,15 @@ from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
-    CLOSED_FORMS,
-    DEFINED_EVERYWHERE,
-    KNOWN_BODIES,
-    Cone,
+    BUILT_IN_CLOSEST_POINTS,
+    CLOSED_FORM_SURFACES,
+    SURFACES_DEFINED_EVERYWHERE,
+    ClosestPointSurface,
+    FrictionCone,
     NotFound,
     PairState,
-    RigidBody,
     Surface,
-    wrong_derivatives,
+    describe_wrong_derivatives,
 )
 from pw_elements.elasticity import order_by_position
 from pw_elements.spaces import SubSpace, gather_from_owners
@@ -63,7 +63,7 @@ class Points:
     """The contact points (m) of one pair that belong to this process."""
 
     position: Array  # (m, dim), undeformed
-    cone: Cone
+    cone: FrictionCone
     # (m, dim), the reduced equation, owned by this process, that holds this component of the
     # point's force and of no other; -1 where none does: the law is not stated there
     equation: Indices
@@ -101,8 +101,8 @@ class InitialGap:
 
 
 # Surfaces of which each process asks for its own points alone, and those that cannot fail there
-_ASKED_LOCALLY = (*CLOSED_FORMS, InitialGap)
-_CANNOT_FAIL = (*DEFINED_EVERYWHERE, InitialGap)
+_ASKED_LOCALLY = (*CLOSED_FORM_SURFACES, InitialGap)
+_CANNOT_FAIL = (*SURFACES_DEFINED_EVERYWHERE, InitialGap)
 
 
 class NoContactStated(ValueError):
@@ -135,7 +135,7 @@ class Interface:
         counts = [len(part.position) for part in points]
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
         cones = [part.cone for part in points]
-        self.cone = Cone([c.laws[0] for c in cones], [c.at[0] for c in cones], [])
+        self.cone = FrictionCone([c.laws[0] for c in cones], [c.parameters[0] for c in cones], [])
 
         def joined(name: str) -> npt.NDArray:
             return np.concatenate([getattr(part, name) for part in points])
@@ -152,10 +152,10 @@ class Interface:
         # (m, dim), components that supports prescribe and along which friction acts all the same:
         # not on the axis, where it has no direction, nor between bodies that supports hold alike
         stated = (self.equation >= 0) | (self.faced == DEFORMABLE)[:, None]
-        self.held_components: Mask = ~stated & ~joined("on_axis") & self.cone.rough[:, None]
+        self.held_components: Mask = ~stated & ~joined("on_axis") & self.cone.has_friction[:, None]
         self._counterpart = joined("counterpart")
         between = (self.equation < 0) & (self.faced == DEFORMABLE)[:, None] & ~joined("on_axis")
-        self._held_between = between & self.cone.rough[:, None]
+        self._held_between = between & self.cone.has_friction[:, None]
         self.holds_friction: bool = self.comm.allreduce(bool(self.held_components.any()), MPI.LOR)
         self._interfering = np.array(interfering)[self.pair]
 
@@ -169,7 +169,7 @@ class Interface:
                 raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
         with np.errstate(invalid="ignore"):  # of an infinite coefficient
             nothing, slope = self.cone.limit(np.zeros(len(self.pair)))
-        rises = self.cone.rises()
+        rises = self.cone.find_rising_coefficients()
         self.check_laws()
         wrong = ~(np.isfinite(slope) & (slope >= 0) & (nothing == 0))
         self.refuse(wrong, "have a friction coefficient that is negative or not finite")
@@ -194,10 +194,10 @@ class Interface:
         Laws that do not hold what is asked of them at normal forces (m,) are a ValueError.
         """
         if force is not None:
-            slope, difference, unlike = self.cone.slopes(force)
-            rises = self.cone.rises_at(force)
+            slope, difference, unlike = self.cone.compare_slopes(force)
+            rises = self.cone.find_rising_coefficients_at(force)
         with collective_errors(self.comm):
-            call_user_function(self.comm, "a law of friction", self.cone.tell)
+            call_user_function(self.comm, "a law of friction", self.cone.raise_law_error)
         if force is None:
             return
         with collective_errors(self.comm):
@@ -426,7 +426,7 @@ class Interface:
         gap, normal, bend = self.look_for_closest(moved)
         lost = self.gathered(self.position[np.isnan(gap)])
         if len(lost):
-            raise NotFound.at("contact nodes first at {} have no closest point", lost)
+            raise NotFound.with_positions("contact nodes first at {} have no closest point", lost)
         return gap, normal, bend
 
     def look_for_closest(self, moved: Array) -> tuple[Array, Array, Array]:
@@ -452,15 +452,15 @@ class Interface:
         users = [
             (k, surface, self.gathered(x[(self.pair == k) & pressed]))
             for k, surface in enumerate(self.surfaces)
-            if k not in self.mortars and type(surface) not in KNOWN_BODIES
+            if k not in self.mortars and type(surface) not in BUILT_IN_CLOSEST_POINTS
         ]
         with collective_errors(self.comm):
             for k, surface, points in users:
-                if not isinstance(surface, RigidBody) or not len(points):
+                if not isinstance(surface, ClosestPointSurface) or not len(points):
                     continue
                 whose = f"the closest points of the surface of contact pair {k}"
                 wrong = call_user_function(
-                    self.comm, whose, wrong_derivatives, surface, points, step
+                    self.comm, whose, describe_wrong_derivatives, surface, points, step
                 )
                 if wrong:
                     raise ValueError(f"{whose} have the {wrong}: correct it")

@@ -116,7 +116,7 @@ class FiniteEquilibrium:
         self._volume_round_off: Array | float = 0.0
         body.set_unknowns(start)
         if guard.min_determinant() <= 0:
-            raise NotFound.at(
+            raise NotFound.with_positions(
                 "cells at {} are turned inside out at the start", guard.inverted_midpoints()
             )
         free = reduction.right.createVecRight()
@@ -145,7 +145,7 @@ class FiniteEquilibrium:
             step_length /= 2
         else:
             midpoints = self._guard.inverted_midpoints()
-            raise NotFound.at("cells at {} would be turned inside out", midpoints)
+            raise NotFound.with_positions("cells at {} would be turned inside out", midpoints)
         self._u, self._satisfies_supports = u, step_length == 1
         self._update_forces()
         return step_length

@@ -40,7 +40,7 @@ def make_contact_state(
     """
     system = increment.system
     signs = frozenset(system.tangent.solver.determinant_signs)
-    orientations = signs | before.orientations if before.free == system.free else signs
+    orientations = signs | before.orientations if before.free_motions == system.free else signs
     is_unique = len(orientations) <= 1 if signs else None
     scale, force, length = sizes
     residuals = increment.residuals(state, force, length)
@@ -55,7 +55,7 @@ def make_contact_state(
         residuals=Residuals(**dict(zip(residuals, largest, strict=True))),
         report=report,
         increment=before.increment + 1,
-        free=system.free,
+        free_motions=system.free,
         orientations=orientations,
         scale=scale,
         smallness=smallness,
@@ -74,7 +74,7 @@ def make_undeformed_state(interface: Interface, unknowns: PETSc.Vec) -> ContactS
         interface.force,
         normal=interface.normals(None),
         gap=interface.gaps(None),
-        friction=interface.cone.steepest,
+        friction=interface.cone.max_coefficient,
     )
     return ContactState(interface.field.extract(unknowns), pairs, unknowns=unknowns)
 
@@ -83,7 +83,7 @@ def _make_pair_states(increment: Increment, state: NewtonState) -> tuple[PairSta
     interface, start, nodes = increment.interface, increment.start, state.nodes
     active, normal, tangents = nodes.active_set, nodes.frame[:, 0], nodes.frame[:, 1:]
     has_no_tangent = ~tangents.any(axis=(1, 2))
-    is_held = (interface.faced == DEFORMABLE) & interface.cone.rough & has_no_tangent
+    is_held = (interface.faced == DEFORMABLE) & interface.cone.has_friction & has_no_tangent
     status = np.where(is_held & (active.status != OPEN), HELD, active.status).astype(np.int8)
     dim = state.displacement.shape[1]
     motion = state.displacement - start.displacement
@@ -112,7 +112,7 @@ def _make_pair_states(increment: Increment, state: NewtonState) -> tuple[PairSta
         status=status,
         displacement=state.displacement,
         direction=to_global(active.direction),
-        turning=active.turning,
+        friction_ratio=active.turning,
     )
 
 
@@ -133,11 +133,12 @@ def make_pair_states(
         points: what else `PairState` has of each point, (m, ...); zero and open by default.
     """
     no_vector, dim = np.zeros_like(force), force.shape[1]
-    of_points = {name: getattr(interface, name) for name in ("position", "node", "faced")}
+    of_points = {"position": interface.position, "node": interface.node}
+    of_points["faced_node"] = interface.faced
     of_points |= dict.fromkeys(
         ("force_tangential", "slip", "path_slip", "displacement", "direction"), no_vector
     )
-    of_points |= dict.fromkeys(("force_normal", "turning", "torque"), no_vector[:, 0])
+    of_points |= dict.fromkeys(("force_normal", "friction_ratio", "torque"), no_vector[:, 0])
     of_points |= {"status": np.full(len(no_vector), OPEN, dtype=np.int8)} | points
     opposite_force = interface.on_opposite(force, force_operator)
     of_pairs = interface.gather_pairs(of_points | {"total": force})
@@ -147,7 +148,7 @@ def make_pair_states(
             force=of_pair.pop("total").sum(axis=0),
             rotation=np.array(q[k, dim:].sum()),
             torque=np.array(of_pair.pop("torque").sum()),
-            opposite=interface.opposite[k].copy(),
+            opposite_node=interface.opposite[k].copy(),
             opposite_force=opposite_force[k],
             **of_pair,
         )

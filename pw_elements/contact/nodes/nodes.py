@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.arrays import Array, LocalIndices, Mask
-from pw_elements.contact.model import Cone
+from pw_elements.contact.model import FrictionCone
 
 OPEN, STICK, SLIP = 0, 1, 2
 # Of states alone: in rough contact with a deformable surface, and moved along it by supports
@@ -76,10 +76,10 @@ def linearise_friction_limits(
     return np.where(slips, slope, 0.0), np.where(slips, limit - slope * pressure, 0.0)
 
 
-def make_sticking_set(closed: Mask, cone: Cone, n_tangents: int) -> ActiveSet:
+def make_sticking_set(closed: Mask, cone: FrictionCone, n_tangents: int) -> ActiveSet:
     """Return the set in which closed nodes (m,) stick, or slip where there is no friction."""
     m = len(closed)
-    status = np.where(closed, np.where(cone.rough, STICK, SLIP), OPEN).astype(np.int8)
+    status = np.where(closed, np.where(cone.has_friction, STICK, SLIP), OPEN).astype(np.int8)
     no_vector = np.zeros((m, n_tangents))
     turning, slope, intercept, turning_by_slip = np.zeros((4, m))
     return ActiveSet(
@@ -141,7 +141,7 @@ class ContactNodes:
     gap: Array
     slip: Array
     force: Array
-    cone: Cone
+    cone: FrictionCone
     scale: Array
     held_tangents: Mask
     is_dragged: Mask
@@ -197,7 +197,7 @@ class ContactNodes:
         slip_size = np.linalg.norm(self.slip, axis=1)
         s = np.where(dragged[:, None], -self.slip, s)
         size = np.where(dragged, slip_size, size)
-        has_direction = slipping & self.cone.rough
+        has_direction = slipping & self.cone.has_friction
         status = np.where(p > 0, STICK, OPEN)
         status[slipping] = SLIP
         divisor = np.where(has_direction, size, 1.0)
@@ -373,7 +373,7 @@ class LinearisedKinematics:
     held_tangents: Mask
 
     def evaluate_nodes(
-        self, v: Array, q: Array, force: Array, *, cone: Cone, scale: Array
+        self, v: Array, q: Array, force: Array, *, cone: FrictionCone, scale: Array
     ) -> ContactNodes:
         """Return the nodes at motions v (m, p) and q (pairs, k), under forces r (m, dim)."""
         dv, dq = v - self.v0, (q - self.q0)[self.pair]

@@ -23,7 +23,13 @@ from pw_elements.checks import (
     format_points,
     vector_sizes,
 )
-from pw_elements.contact.interface import Overlap, SlidingMortar, Trace, gathered_trace, whole_areas
+from pw_elements.contact.interface import (
+    Overlap,
+    SlidingMortar,
+    Trace,
+    compute_tributary_areas,
+    gather_trace,
+)
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import HELD, OPEN
 from pw_elements.elasticity import (
@@ -99,11 +105,12 @@ class OppositeSurface:
 
     Args:
         node: (k,), global numbers.
-        facing: (k,), integrals of the nodes' weights over the part that faces the pair.
+        facing_area: (k,), integrals of the nodes' weights over the part that faces the pair.
         means: (k, m), matrix of means over the pair's nodes; zero rows where nothing is faced.
         force_transfer: (k, m), parts of the pair's forces that each node receives.
-        covered_area: (m,), part of the area of each of the pair's nodes that faces the surface.
-        covered_fraction: (k,), part of the nodes' areas that faces the pair; zero without a body.
+        pair_fraction: (m,), fraction of the areas of the pair's nodes that faces the surface.
+        opposite_fraction: (k,), fraction of the nodes' areas that faces the pair; zero without a
+            body.
         weight_area: (m,), areas of the pair's nodes.
         surface: nodes of the surface; None without a body.
     """
@@ -112,8 +119,8 @@ class OppositeSurface:
     facing_area: Array
     means: sp.csr_array
     force_transfer: sp.csr_array
-    covered_area: Array
-    covered_fraction: Array
+    pair_fraction: Array
+    opposite_fraction: Array
     weight_area: Array
     surface: SurfaceNodes | None
 
@@ -127,7 +134,7 @@ class OppositeSurface:
         """
         area = self.weight_area if weight_area is None else weight_area
         area_vectors = -np.asarray(
-            self.force_transfer @ ((area * self.covered_area)[:, None] * pair.normal)
+            self.force_transfer @ ((area * self.pair_fraction)[:, None] * pair.normal)
         )
         area_of_node = np.linalg.norm(area_vectors, axis=1)
         normal = (area_vectors.T / np.where(area_of_node > 0, area_of_node, 1.0)).T
@@ -136,7 +143,7 @@ class OppositeSurface:
         is_closed = np.delete(status_weights, OPEN, axis=1).any(axis=1)
         divisor = np.where(
             is_closed,
-            np.where(self.covered_fraction < _MIN_COVERED_FRACTION, np.nan, area_of_node),
+            np.where(self.opposite_fraction < _MIN_COVERED_FRACTION, np.nan, area_of_node),
             np.inf,
         )
         return SideResults(
@@ -172,11 +179,11 @@ def make_pair_sides(
     """
     pair, is_deformed = state.pairs[number], state.smallness is None
     surface = None if body is None else _make_pair_surface(number, pair, body, space)
-    if not len(pair.opposite):
+    if not len(pair.opposite_node):
         return surface, None
-    nodes = pair.node, pair.opposite
+    nodes = pair.node, pair.opposite_node
     slave_trace, master_trace = (
-        gathered_trace(space, facets_with_all_nodes(space, side)) for side in nodes
+        gather_trace(space, facets_with_all_nodes(space, side)) for side in nodes
     )
     is_axisymmetric = body is not None and body.state is StressState.AXISYMMETRIC
     if not is_deformed:
@@ -191,25 +198,20 @@ def make_pair_sides(
         mortar = SlidingMortar(slave_trace, master_trace, is_axisymmetric)
         displacement = state.displacement.array_r.reshape(-1, mortar.x.shape[1])
         x = mortar.x + gather_from_owners(space, mortar.nodes, displacement)
-        x[mortar.slaves :] += pair.translation
+        x[mortar.n_slave_nodes :] += pair.translation
         slaves, masters = (np.searchsorted(np.sort(side), side) for side in nodes)
-        mortar.kept[slaves] = pair.normal != 0
-        mortar_state = mortar.meet(x)
-        covered_area, force_transfer = (
-            mortar_state.areas[slaves],
-            mortar_state.parts[slaves][:, masters].T,
-        )
-        means = -mortar_state.rows[slaves][:, mortar.slaves + masters].T @ sp.diags_array(
-            covered_area
-        )
-        slave_trace, master_trace = (
-            slave_trace.moved(x[: mortar.slaves]),
-            master_trace.moved(x[mortar.slaves :]),
-        )
+        mortar.allowed_components[slaves] = pair.normal != 0
+        mortar_state = mortar.linearise(x)
+        covered_area = mortar_state.areas[slaves]
+        force_transfer = mortar_state.master_fractions[slaves][:, masters].T
+        rows = mortar_state.distance_rows[slaves][:, mortar.n_slave_nodes + masters]
+        means = -rows.T @ sp.diags_array(covered_area)
+        slave_trace = slave_trace.with_positions(x[: mortar.n_slave_nodes])
+        master_trace = master_trace.with_positions(x[mortar.n_slave_nodes :])
     facing = np.asarray(means.sum(axis=1))
     means = sp.diags_array(1 / np.where(facing > 0, facing, 1.0)) @ means
     if surface is None or body is None:
-        no_fractions = np.zeros(len(pair.opposite))
+        no_fractions = np.zeros(len(pair.opposite_node))
         return None, OppositeSurface(
             nodes[1],
             facing,
@@ -221,23 +223,21 @@ def make_pair_sides(
             None,
         )
     whole_areas_of_pair, opposite_whole_areas = (
-        whole_areas(trace, is_axisymmetric)[np.searchsorted(trace.nodes, side)]
+        compute_tributary_areas(trace, is_axisymmetric)[np.searchsorted(trace.nodes, side)]
         for trace, side in zip((slave_trace, master_trace), nodes, strict=True)
     )
-    opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite))
-    if not np.array_equal(opposite.node, pair.opposite):
+    opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite_node))
+    if not np.array_equal(opposite.node, pair.opposite_node):
         raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
-    pair_fraction, covered_fraction = (
-        covered_area / whole_areas_of_pair,
-        (force_transfer @ covered_area) / opposite_whole_areas,
-    )
+    pair_fraction = covered_area / whole_areas_of_pair
+    opposite_fraction = (force_transfer @ covered_area) / opposite_whole_areas
     opposite_side = OppositeSurface(
         nodes[1],
         facing,
         means,
         force_transfer,
         pair_fraction,
-        covered_fraction,
+        opposite_fraction,
         surface.weight_area,
         opposite,
     )
@@ -271,15 +271,15 @@ def _integrate_undeformed_sides(
     first_node, end_node = space.dofmap.index_map.local_range
     owned = np.flatnonzero((pair.node >= first_node) & (pair.node < end_node))
     overlap, n_opposite = (
-        Overlap.of(slave_trace, master_trace, pair.node[owned], is_axisymmetric),
-        len(pair.opposite),
+        Overlap.from_traces(slave_trace, master_trace, pair.node[owned], is_axisymmetric),
+        len(pair.opposite_node),
     )
     node, weight = overlap.functions[2]
-    order = np.argsort(pair.opposite)
-    node = order[np.searchsorted(pair.opposite, node, sorter=order)]
+    order = np.argsort(pair.opposite_node)
+    node = order[np.searchsorted(pair.opposite_node, node, sorter=order)]
 
     def gather_integrals(tested_functions: Array) -> sp.csr_array:
-        integrals = overlap.integrals(
+        integrals = overlap.assemble_integrals(
             tested_functions, node, weight, (len(owned), n_opposite)
         ).tocoo()
         parts_of_ranks = space.mesh.comm.allgather(
@@ -450,7 +450,7 @@ class ContactFields:
         )
         opposite_nodes = [[] if side is None else side.node.tolist() for side in self.opposite]
         if surface_nodes not in ([], pair_nodes) or opposite_nodes != [
-            pair.opposite.tolist() for pair in pairs
+            pair.opposite_node.tolist() for pair in pairs
         ]:
             raise ValueError("the state has other contact nodes than the fields")
         if state.smallness is None:  # sides have slid: they face each other elsewhere
@@ -459,7 +459,7 @@ class ContactFields:
         as_function(space, state.displacement, out=self.displacement)
         _set_nodal_values(self.force, pairs, [pair.force_vector for pair in pairs])
         for pair in pairs:
-            local = _find_local_nodes(space, pair.opposite)
+            local = _find_local_nodes(space, pair.opposite_node)
             forces = self.force.x.array.reshape(-1, space.dofmap.index_map_bs)
             forces[local[local >= 0]] += pair.opposite_force[local >= 0]
         gaps = [np.where(np.isfinite(pair.gap), pair.gap, np.nan) for pair in pairs]
@@ -511,12 +511,12 @@ class ContactFields:
         space = self.displacement.function_space
         max_facing = np.zeros(len(self.gap.x.array))
         for pair in pairs:
-            local = _find_local_nodes(space, np.concatenate([pair.node, pair.faced]))
+            local = _find_local_nodes(space, np.concatenate([pair.node, pair.faced_node]))
             max_facing[local[local >= 0]] = np.inf
         for k, (opposite, pair) in enumerate(zip(self.opposite, pairs, strict=True)):
             if opposite is None:
                 continue
-            results, local = opposite.results(pair), _find_local_nodes(space, pair.opposite)
+            results, local = opposite.results(pair), _find_local_nodes(space, pair.opposite_node)
             is_set = (local >= 0) & (opposite.facing_area > max_facing[local])
             nodes = local[is_set]
             max_facing[nodes] = opposite.facing_area[is_set]
@@ -610,7 +610,7 @@ def _set_nodal_values(
         columns = nodal_values.reshape(len(nodal_values), -1)
         for nodes, sign in (
             (pair.node, 1.0),
-            (pair.faced, 1.0 if nodal_values.ndim == 1 else -1.0),
+            (pair.faced_node, 1.0 if nodal_values.ndim == 1 else -1.0),
         ):
             local = _find_local_nodes(space, nodes)
             array[local[local >= 0]] = sign * columns[local >= 0]

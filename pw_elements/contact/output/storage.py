@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, collective_errors
-from pw_elements.contact.interface import extents, midpoints_around
+from pw_elements.contact.interface import average_cell_midpoints, extents
 from pw_elements.contact.model import (
     ContactPair,
     ContactState,
@@ -44,7 +44,7 @@ from pw_elements.spaces import list_fields
 # Arrays of nodal values, and the arrays of the positions of their nodes
 _NODES_OF_FIELD = {"displacement": "nodes", "pressure": "pressure_nodes"}
 # Attributes of a state that are written as they are, and those that are records of numbers
-_PLAIN_ATTRIBUTES = ("iterations", "unique", "increment", "free")
+_PLAIN_ATTRIBUTES = ("iterations", "unique", "increment", "free_motions")
 _RECORD_TYPES = {
     "residuals": Residuals,
     "allowance": Residuals,
@@ -53,7 +53,7 @@ _RECORD_TYPES = {
     "smallness": Smallness,
 }
 _FILE_KIND = "pw_elements contact state"
-_FORMAT = f"{_FILE_KIND} 7"
+_FORMAT = f"{_FILE_KIND} 8"
 # Name of a file's first array, the digest of all others, which marks even an unfinished state
 _DIGEST_NAME = f"{_FILE_KIND}, digest"
 # Bytes at the start of a file that have the name of its first array
@@ -205,7 +205,7 @@ def read_state(
         name: None if value is None else _RECORD_TYPES[name](**value)
         for name, value in records.items()
     }
-    state["free"] = tuple((pair, axis) for pair, axis in header["free"])
+    state["free_motions"] = tuple((pair, axis) for pair, axis in header["free_motions"])
     state["orientations"] = frozenset(header["orientations"])
     state["pairs"] = tuple(PairState(**pair) for pair in pairs)
     functions = functions[len(fields) :]
@@ -217,7 +217,7 @@ def read_state(
 
 def _renumber_nodes(pairs: Sequence[dict[str, Any]], global_nodes: npt.NDArray[np.intp]) -> None:
     """Replace node numbers of pairs, which are rows of the file, by present global numbers."""
-    for pair, name in product(pairs, ("node", "faced", "opposite")):
+    for pair, name in product(pairs, ("node", "faced_node", "opposite_node")):
         rows = pair[name]
         if rows.dtype.kind not in "iu" or rows.max(initial=-1) >= len(global_nodes):
             raise ValueError(f"{name} has numbers of other nodes than the file's")
@@ -341,7 +341,7 @@ def _node_positions(space: fem.FunctionSpace) -> Array:
     """
     owned, dim = space.dofmap.index_map.size_local, space.mesh.geometry.dim
     x = space.tabulate_dof_coordinates()[:owned, :dim]
-    return np.concatenate([x, midpoints_around(space)[:owned]], axis=1)
+    return np.concatenate([x, average_cell_midpoints(space)[:owned]], axis=1)
 
 
 def _refuse_irregular_file(path: Path, consequence: str) -> None:

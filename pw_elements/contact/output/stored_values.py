@@ -46,14 +46,16 @@ def check_state_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
         raise ValueError(f"orientations {numbers['orientations']}: they must be -1, 0 or 1")
     free = [
         tuple(_check_list("a free component", component))
-        for component in _check_list("free", numbers["free"])
+        for component in _check_list("free_motions", numbers["free_motions"])
     ]
     for component in free:
         is_valid = len(component) == 2 and all(isinstance(k, int) for k in component)
         if not is_valid or not (0 <= component[0] < numbers["pairs"] and 0 <= component[1] <= dim):
-            raise ValueError(f"free has {list(component)}, which is no motion of a pair's surface")
+            raise ValueError(
+                f"free_motions has {list(component)}, which is no motion of a pair's surface"
+            )
     if len(set(free)) < len(free):
-        raise ValueError("free names a component twice")
+        raise ValueError("free_motions names a component twice")
     for name, kind in (("residuals", Residuals), ("allowance", Residuals), ("scale", Scale)):
         _check_record(name, numbers[name], kind)
     if numbers["smallness"] is not None:
@@ -90,7 +92,7 @@ def check_pair_results(
         max_scale: largest plausible force and length.
     """
     dim = displacement.shape[1]
-    for pair, axis in numbers["free"]:
+    for pair, axis in numbers["free_motions"]:
         if axis == dim and contact_pairs[pair].pivot is None:
             raise ValueError(f"the surface of contact pair {pair} is free to turn, without a pivot")
     scale = Scale(**numbers["scale"])
@@ -123,7 +125,7 @@ def _check_pair(
         is_finite = ~np.isnan(array) if name == "gap" else np.isfinite(array)
         if not is_finite.all():
             raise ValueError(f"{name} has values that are not finite")
-    for name in ("node", "faced", "opposite"):
+    for name in ("node", "faced_node", "opposite_node"):
         if not np.array_equal(np.sort(values[name]), np.sort(getattr(undeformed, name))):
             raise ValueError(f"{name} has numbers of other nodes than the pair's")
     if not np.isin(values["status"], (OPEN, STICK, SLIP, HELD)).all():
@@ -139,10 +141,10 @@ def _check_pair(
     for name in ("slip", "path_slip", "translation"):
         check_size(name, np.abs(values[name]).max(initial=0.0), max_scale.length)
     # nodes that face a deformable surface move relative to weighted means of many nodes
-    faces_at_most_one_node = values["faced"] >= -1
+    faces_at_most_one_node = values["faced_node"] >= -1
     node, faced = (
         values["node"][faces_at_most_one_node],
-        values["faced"][faces_at_most_one_node, None],
+        values["faced_node"][faces_at_most_one_node, None],
     )
     relative_displacement = displacement[node] - np.where(
         faced >= 0, displacement[faced[:, 0]], 0.0

@@ -235,9 +235,9 @@ def find_passed_nodes(interface: Interface, pair: int, start: Array, end: Array)
     the end, deeper than part of the extent of the smaller side.
     """
     mortar = interface.mortars[pair]
-    depth = mortar.measure_depth(start, end)
+    depth = mortar.measure_penetration(start, end)
     is_passed = depth > _MAX_SLAVE_DEPTH * _smallest_extent(interface, pair)
-    return np.asarray(mortar.x[: mortar.slaves][is_passed])
+    return np.asarray(mortar.x[: mortar.n_slave_nodes][is_passed])
 
 
 def _smallest_extent(interface: Interface, pair: int) -> float:
@@ -245,7 +245,7 @@ def _smallest_extent(interface: Interface, pair: int) -> float:
     sides = [interface.in_order(pair, interface.position)]
     if pair in interface.mortars:
         mortar = interface.mortars[pair]
-        sides = [mortar.x[: mortar.slaves], mortar.x[mortar.slaves :]]
+        sides = [mortar.x[: mortar.n_slave_nodes], mortar.x[mortar.n_slave_nodes :]]
     return min(float(np.ptp(side, axis=0).max()) for side in sides)
 
 

@@ -237,7 +237,7 @@ def _measure_body_separation(
 ) -> _RigidSeparation:
     """Measure two bodies against each other under translations (samples, dim) of the master."""
     mortar = interface.mortars[pair]
-    slaves, x = mortar.slaves, mortar.x
+    slaves, x = mortar.n_slave_nodes, mortar.x
     owned = interface.field.space.dofmap.index_map.size_local
     piece = gather_from_owners(interface.field.space, mortar.nodes, pieces.number[:owned])
     node_paths = pieces.move(x, piece)
@@ -249,12 +249,14 @@ def _measure_body_separation(
     depth, clearance = np.zeros(len(translations)), np.inf
     for j in range(len(node_paths)):
         positions: Array = node_paths[j]
-        facing = mortar.measure_facing(positions)
+        facing = mortar.evaluate_for_verification(positions)
         gap = facing.measure_gaps(positions)
         depth[j] = max(0.0, -gap.min(initial=np.inf))
         if j == len(node_paths) - 1:
             distance = cKDTree(positions[slaves:]).query(positions[:slaves])[0].min()
-            clearance = min(gap.min(initial=np.inf), distance - mortar.measure_facets().max())
+            clearance = min(
+                gap.min(initial=np.inf), distance - mortar.measure_shortest_facets().max()
+            )
     max_step = _max_length(np.diff(relative_paths, axis=0))
     return _RigidSeparation(depth, clearance, deformation, max_step, extent, is_outside=True)
 

@@ -34,14 +34,14 @@ from pw_elements.contact.iteration import (
 from pw_elements.contact.model import (
     ContactFailed,
     ContactState,
-    LostHold,
+    LastContactLost,
     MissingForce,
     NoEquilibrium,
     NotFound,
     NotUnique,
     RigidVelocity,
     Smallness,
-    exhausted_friction,
+    describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
     TOLERANCE,
@@ -245,7 +245,7 @@ def gather_node_velocities(
     tangents = kinematics.frame[:, 1:]
     values = (
         interface.pair,
-        interface.cone.steepest,
+        interface.cone.max_coefficient,
         _find_turning_normals(increment, kinematics),
         np.einsum("na,nak->nk", kinematics.frame[:, 0], works),
         np.einsum("nta,ntb,nbk->nak", tangents, tangents, works),
@@ -382,8 +382,8 @@ def rescue_increment(
     if not isinstance(failure, NotUnique):
         enclosed = f" {_ENCLOSED_BODY_MESSAGE}." if increment.system.tangent.encloses() else ""
         advice = "Smaller increments, or pressing before pushing, may find one"
-        if state is not None and isinstance(failure, LostHold):
-            advice = exhausted_friction(state) or advice
+        if state is not None and isinstance(failure, LastContactLost):
+            advice = describe_exhausted_friction(state) or advice
         failure = NotFound(
             f"{failure}. This does not prove that there is no solution.{enclosed}{nearest} {advice}"
         )

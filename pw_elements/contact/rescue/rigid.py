@@ -18,8 +18,8 @@ from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import format_points
-from pw_elements.contact.interface import free_columns
-from pw_elements.contact.model import Free
+from pw_elements.contact.interface import find_reduced_columns
+from pw_elements.contact.model import FreeMotions
 from pw_elements.contact.nodes import (
     OPEN,
     SLIP,
@@ -70,7 +70,7 @@ class RigidModes:
         mover: (modes,), number of the piece that a mode moves; a further one per surface mode.
     """
 
-    def __init__(self, pieces: RigidComponents, free: Free, n_pairs: int) -> None:
+    def __init__(self, pieces: RigidComponents, free: FreeMotions, n_pairs: int) -> None:
         self.centre, self.length = pieces.centre, pieces.length
         self.free, self._n_pairs = free, n_pairs
         self.modes_per_piece = pieces.modes.shape[2]
@@ -194,7 +194,7 @@ class RigidMotions:
         """Return whether friction is used up, to within a force: a body may slide on for ever."""
         comm, shear, active = self._system.comm, nodes.force[:, 1:], nodes.active_set
         size, limit = np.linalg.norm(shear, axis=1), nodes.friction_limits[0]
-        is_at_limit = nodes.cone.rough & (active.status != OPEN) & (size > allowance)
+        is_at_limit = nodes.cone.has_friction & (active.status != OPEN) & (size > allowance)
         is_at_limit &= size >= limit - allowance
         if not comm.allreduce(bool(is_at_limit.any()), MPI.LOR):
             return False
@@ -301,7 +301,7 @@ class RigidMotions:
 
     def _reduced_columns(self) -> Indices:
         """Return the reduced unknown of each displacement; -1 if prescribed, -2 if combined."""
-        return free_columns(self._system.reduction.right)[self._displacement_rows]
+        return find_reduced_columns(self._system.reduction.right)[self._displacement_rows]
 
     def _assemble_resistance(self, pieces: RigidComponents, transposed: bool) -> sp.csr_array:
         """Return displacements at supports in each mode, and the forces that it causes elsewhere.

@@ -15,14 +15,14 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction, check_problem
 from pw_elements.checks import arguments, collective_errors
-from pw_elements.contact.interface import check_weights
+from pw_elements.contact.interface import check_piecewise_linear_weights
 from pw_elements.contact.model import (
+    ClosestPointSurface,
     ContactPair,
     ContactState,
     DeformableSurface,
     MatchingNodes,
     Motion,
-    RigidBody,
 )
 from pw_elements.contact.output import Callback
 from pw_elements.contact.steps.stepping import MAX_COST_RATIO, REMEDIES, Remedy
@@ -55,7 +55,7 @@ def check_contact_arguments(
     stated = check_each(pairs, ContactPair, "a contact pair")
     check_problem({"the stiffness": K}, reductions=(reduction,), space=space, solver=solver)
     if any(isinstance(pair.surface, DeformableSurface) for pair in stated):
-        check_weights(K, space)
+        check_piecewise_linear_weights(K, space)
     return tuple(stated)
 
 
@@ -107,7 +107,7 @@ def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> No
                     "two deformed bodies slide on each other in the plane and in axisymmetry only, "
                     "and from where they are: sides cannot count as coincident"
                 )
-        elif not isinstance(surface, RigidBody):
+        elif not isinstance(surface, ClosestPointSurface):
             wrong = (
                 f"deformed bodies cannot touch a {type(surface).__name__}, which knows no closest "
                 "points; use Sphere (a circle in the plane), Plane or SignedDistance, such as one "

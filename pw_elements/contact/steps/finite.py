@@ -34,7 +34,7 @@ from pw_elements.checks import (
     collective_errors,
     connected_components,
 )
-from pw_elements.contact.interface import ROUND_OFF, nodal_interface
+from pw_elements.contact.interface import ROUND_OFF, build_interface
 from pw_elements.contact.iteration import (
     CellGuard,
     DeformedSetUpdate,
@@ -50,11 +50,11 @@ from pw_elements.contact.model import (
     ContactPair,
     ContactState,
     Cycling,
-    Free,
+    FreeMotions,
     Motion,
     NotFound,
     Scale,
-    exhausted_friction,
+    describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
     OPEN,
@@ -139,7 +139,7 @@ class FiniteStepping:
         reduction = full_size_reduction(reduction) if is_matrix_free(solver) else reduction
         self._reduction = scale_pressures(reduction, problem.system.tangent)
         self._whole = problem.u.function_space
-        self.interface = nodal_interface(pairs, self._whole, self._reduction, deformed=True)
+        self.interface = build_interface(pairs, self._whole, self._reduction, large_sliding=True)
         remedy = "give -F, the forces of stresses less those of loads"
         check_stiffness_sign(problem.system.tangent, self.interface, remedy)
         if self.interface.mortars and is_matrix_free(solver):
@@ -230,10 +230,10 @@ class FiniteStepping:
                 if self._watch is not None and self._watch.is_beyond_limit():
                     words += f". The body is nearly incompressible: {HYBRID_SPACES_REMEDY}"
                 by_friction = bool(end.free) or not self._held_axes().all()
-                if by_friction and (used_up := exhausted_friction(now)):
+                if by_friction and (used_up := describe_exhausted_friction(now)):
                     words += f". {used_up}"
                 error = NotFound(words)
-                error.reached = (done, now) if parts else None
+                error.last_substate = (done, now) if parts else None
                 raise error from failed
         n_solved, report = system.n_solved - before[0], system.report.since(before[1])
         solution = replace(combine_substeps(parts), iterations=n_solved, report=report)
@@ -420,11 +420,13 @@ class FiniteStepping:
         )
         if len(jumped) and not starts_clear:
             words = "jumped to another sheet of their surface, or slid round by a right angle"
-            raise NotFound.at(f"contact nodes first at {{}} have {words}", jumped)
+            raise NotFound.with_positions(f"contact nodes first at {{}} have {words}", jumped)
         for k, (reference, x) in kinematics.sides.items():
             passed = find_passed_nodes(interface, k, reference.x, x)
             if len(passed):
-                raise NotFound.at("contact nodes first at {} pass through the other side", passed)
+                raise NotFound.with_positions(
+                    "contact nodes first at {} pass through the other side", passed
+                )
         angle = np.abs(end.q - increment.start.q)[:, -1]
         if (angle[np.isnan(target.q[:, -1])] > MAX_TURN).any():
             raise NotFound(
@@ -444,7 +446,7 @@ class FiniteStepping:
         signs = of_solver or system.tangent.determinant_signs()
         if self._watch is not None and self._watch.is_beyond_limit():
             signs = ()  # they change without any instability
-        is_comparable = bool(of_solver) and state.free == system.free
+        is_comparable = bool(of_solver) and state.free_motions == system.free
         before = state.orientations if is_comparable else frozenset[int]()
         if signs and signs[-1] not in (before or signs[:1]):
             raise NotFound("the state found is unstable: its tangent's determinant has turned sign")
@@ -525,7 +527,7 @@ class FiniteStepping:
     def linearise(self, part: HistoryPart) -> LinearisedEnd:
         """Return the equations at a part's end, and leave u, constants and conditions there."""
         self._apply(part.load, part.load_factor)
-        free = part.part_end.free
+        free = part.part_end.free_motions
         system = self._system_for(free)
         target = IncrementTarget.from_state(part.part_end, turning=True).with_free(free)
         unknowns = part.part_end.unknowns
@@ -543,7 +545,7 @@ class FiniteStepping:
             increment, solution, self._body.tangent, self._reduction, slip_by_start
         )
 
-    def _system_for(self, free: Free) -> ContactSystem:
+    def _system_for(self, free: FreeMotions) -> ContactSystem:
         """Return the system for these free motions; the last one is kept."""
         if self._system is None or self._system.free != free:
             self.release()

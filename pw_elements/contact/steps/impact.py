@@ -27,9 +27,9 @@ from pw_elements.checks import (
     check_same_arguments,
     collective_errors,
 )
-from pw_elements.contact.interface import Interface, free_columns, nodal_interface
+from pw_elements.contact.interface import Interface, build_interface, find_reduced_columns
 from pw_elements.contact.iteration import make_pair_states
-from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
+from pw_elements.contact.model import ContactPair, ContactState, FrictionCone, Residuals, Smallness
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
 from pw_elements.contact.steps.checks import PathInTime, check_contact_arguments, check_paths
 from pw_elements.contact.steps.smallness import (
@@ -80,7 +80,7 @@ def solve_nodal_contact(
     is_supported: Mask,
     friction_acts: Mask,
     mass: Array,
-    cone: Cone,
+    cone: FrictionCone,
     step: float,
 ) -> NodalContact:
     """Return the forces by which a step ends without penetration, with slip by Coulomb's law.
@@ -316,7 +316,7 @@ def solve_impact(
             f"max_steps = {max_steps}: about {hours:.2g} hours"
         )
     n_steps, sibling = int(n_steps), AssemblyRecord.read(K).sibling
-    interface = nodal_interface(contact_pairs, space, reduction, AssemblyRecord.read(K))
+    interface = build_interface(contact_pairs, space, reduction, AssemblyRecord.read(K))
     is_free = _find_free_unknowns(reduction)
     u, v = reduction.offset.copy(), velocity.copy()
     v.setArray(np.where(is_free, velocity.array_r, 0.0))
@@ -572,7 +572,7 @@ def _nodal_masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
 
 def _find_free_unknowns(reduction: Reduction) -> Mask:
     """Return which unknowns (n,) of this process no support prescribes."""
-    column = free_columns(reduction.right)
+    column = find_reduced_columns(reduction.right)
     with collective_errors(reduction.offset.comm.tompi4py()):
         if reduction.inner_flexibility is not None or np.any(column < -1):
             raise ValueError("explicit dynamics takes Dirichlet conditions, no condensation")

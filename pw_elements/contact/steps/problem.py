@@ -16,7 +16,7 @@ from dolfinx import fem
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, check_mesh, check_same_arguments, collective_errors
-from pw_elements.contact.interface import free_columns
+from pw_elements.contact.interface import find_reduced_columns
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import (
     ContactFailed,
@@ -364,7 +364,7 @@ class ContactProblem:
 
     def _identify(self) -> Fingerprint:
         """Return what tells the problem from others, on any number of processes; collective."""
-        parts = self._identify_interface(free_columns(self._reduction.right))
+        parts = self._identify_interface(find_reduced_columns(self._reduction.right))
         return Fingerprint(parts | fingerprint_stiffness(self._K, self._space), None)
 
     def _identify_interface(self, column: Indices) -> dict[str, Any]:

@@ -73,7 +73,7 @@ def iterate_history_parts(
 ) -> Iterator[HistoryPart]:
     """Yield all parts of a history of states under loads, one load per increment."""
     for k, ((start, end), load) in enumerate(zip(pairwise(states), loads, strict=True)):
-        if k and end.substates and start.free != end.free:
+        if k and end.substates and start.free_motions != end.free_motions:
             raise ValueError(
                 f"state {k + 1} was found in parts while a surface became free or prescribed: the "
                 "rates of its motion in the parts are not known. Make smaller increments"
@@ -185,7 +185,7 @@ class LinearisedEnd:
                 "pair end before these nodes, or remove the friction there"
             )
         has_free_tangent = nodes.frame[:, 1:].any(axis=2) & ~nodes.held_tangents
-        may_slip = is_closed & nodes.cone.rough & has_free_tangent.any(axis=1)
+        may_slip = is_closed & nodes.cone.has_friction & has_free_tangent.any(axis=1)
         friction_margin = np.abs(
             np.linalg.norm(nodes.trial_friction, axis=1) - nodes.friction_limits[0]
         )

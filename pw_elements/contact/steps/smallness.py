@@ -18,7 +18,7 @@ from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective_errors, format_points
-from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, flat_facets
+from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, compute_flat_facets
 from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactState, PairState, Smallness, SurfacePassed
 from pw_elements.contact.nodes import OPEN, IncrementStart
@@ -296,7 +296,7 @@ def _find_adjacent_facets(node: Indices, space: fem.FunctionSpace) -> tuple[Indi
     """
     mesh, comm = space.mesh, space.mesh.comm
     mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
-    nodes, x, normal = flat_facets(space, exterior_facet_indices(mesh.topology))
+    nodes, x, normal = compute_flat_facets(space, exterior_facet_indices(mesh.topology))
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
     facet, corner = np.nonzero(np.isin(number, np.concatenate(comm.allgather(node))))
     diameter = np.linalg.norm(x[facet][:, :, None] - x[facet][:, None], axis=3).max(axis=(1, 2))
@@ -320,7 +320,7 @@ class SlipCheck:
     def __init__(self, interface: Interface) -> None:
         self._comm, self._warned_pairs = interface.comm, set[int]()
         self._nodes_and_facet_lengths = {
-            k: (mortar.nodes[: mortar.slaves], mortar.measure_facets())
+            k: (mortar.nodes[: mortar.n_slave_nodes], mortar.measure_shortest_facets())
             for k, mortar in interface.mortars.items()
         }
 

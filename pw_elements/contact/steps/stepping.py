@@ -23,7 +23,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction, full_size_reduction, scale_pressures
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import Interface, nodal_interface
+from pw_elements.contact.interface import Interface, build_interface
 from pw_elements.contact.iteration import (
     DISPLACEMENT_ROUND_OFF,
     ActiveSetUpdate,
@@ -37,11 +37,11 @@ from pw_elements.contact.iteration import (
     solve_increment,
 )
 from pw_elements.contact.model import (
-    NOTHING_DONE,
+    NO_SOLVER_REPORT,
     ContactFailed,
     ContactPair,
     ContactState,
-    Free,
+    FreeMotions,
     Motion,
     NoEquilibrium,
     NotFound,
@@ -133,7 +133,10 @@ class IncrementTarget:
         q, forces = np.zeros((2, interface.pairs, n_motions))
         for k, motion in enumerate(motions):
             if motion is not None:
-                q[k], forces[k] = motion.prescribed()[:n_motions], motion.forces()[:n_motions]
+                q[k], forces[k] = (
+                    motion.translation_and_rotation()[:n_motions],
+                    motion.force_and_torque()[:n_motions],
+                )
         return cls(load, q, forces)
 
     @classmethod
@@ -146,7 +149,7 @@ class IncrementTarget:
         load_factor = 1.0 if state.increment else 0.0
         return cls(load, q, forces[:, : q.shape[1]], load_factor)
 
-    def with_free(self, free: Free) -> "IncrementTarget":
+    def with_free(self, free: FreeMotions) -> "IncrementTarget":
         """Return a copy with the given motions free (NaN): they follow from the forces."""
         q = self.q.copy()
         for index in free:
@@ -154,7 +157,7 @@ class IncrementTarget:
         return replace(self, q=q)
 
     @cached_property
-    def free(self) -> Free:
+    def free(self) -> FreeMotions:
         """(pair, component) of each free motion."""
         return tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(self.q)))
 
@@ -240,7 +243,7 @@ class Stepping:
         # springs are in an assembled matrix
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not iterative}
         self._n_first_attempt = 0  # linear systems of an increment's first attempt
-        self.interface = nodal_interface(pairs, space, self._reduction, AssemblyRecord.read(K))
+        self.interface = build_interface(pairs, space, self._reduction, AssemblyRecord.read(K))
         check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
         self._smallness, self._slips = (
@@ -270,7 +273,7 @@ class Stepping:
                 solution = replace(combine_substeps(parts), iterations=iterations, report=report)
                 reached, _ = parts[-1]
                 if reached < 1:
-                    failure.reached = reached, solution
+                    failure.last_substate = reached, solution
                     failure.args = (f"{failure}. In parts {reached:.3g} of it was reached",)
                     raise
         self._slips.log_differences(solution)
@@ -300,7 +303,7 @@ class Stepping:
         log_on_root(comm, logging.INFO, words, ".contact")
         return parts
 
-    def _budget(self, remedy: Remedy, free: Free) -> Callable[[], float]:
+    def _budget(self, remedy: Remedy, free: FreeMotions) -> Callable[[], float]:
         """Return a function that says how many linear systems a remedy may still solve."""
         usual = _MIN_ATTEMPT_SOLVES * min(1.0, _SMALL_PROBLEM_DOFS / self._K.getSize()[0]) ** 1.5
         ratio = self._remedies.get(remedy, 0.0)
@@ -495,7 +498,7 @@ class Stepping:
     def linearise(self, part: HistoryPart) -> LinearisedEnd:
         """Return the equations at the end of a part of an increment."""
         state, interface = part.part_end, self.interface
-        target = make_balanced_target(state, self._K, interface).with_free(state.free)
+        target = make_balanced_target(state, self._K, interface).with_free(state.free_motions)
         load_factor = 1.0 if part.increment_start.increment else part.load_factor
         target = replace(target, load_factor=load_factor)
         increment, kinematics = self._start_increment(part.part_start, target)
@@ -546,7 +549,7 @@ class Stepping:
     def _make_update(self, rigid: RigidMotions, accuracy: Accuracy) -> ActiveSetUpdate:
         return ActiveSetUpdate(rigid.describe_free_motions, self.interface, accuracy)
 
-    def _cost(self, free: Free, before: Cost = (0, NOTHING_DONE)) -> Cost:
+    def _cost(self, free: FreeMotions, before: Cost = (0, NO_SOLVER_REPORT)) -> Cost:
         """Return the linear systems since before, with springs and without, and their report."""
         system, _ = self._system_for(free)
         n_solved, report = system.n_solved, system.report
@@ -561,7 +564,7 @@ class Stepping:
             self._system[0].tangent.release()
             self._system = self._system_with_springs = None
 
-    def _system_for(self, free: Free) -> tuple[ContactSystem, RigidMotions]:
+    def _system_for(self, free: FreeMotions) -> tuple[ContactSystem, RigidMotions]:
         """Return system and rigid motions for these free motions; the last ones are kept."""
         if self._system is None or self._system[0].free != free:
             self.release()
@@ -569,7 +572,7 @@ class Stepping:
             self._system = system, RigidMotions(system, self._K, self.space)
         return self._system
 
-    def _make_system(self, K: PETSc.Mat, free: Free) -> ContactSystem:
+    def _make_system(self, K: PETSc.Mat, free: FreeMotions) -> ContactSystem:
         interface = self.interface
         torque_map = TorqueMap.of_translations(*interface.position.shape)
         return ContactSystem(K, self._reduction, interface, free, self.solver, torque_map)

@@ -25,8 +25,8 @@ from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import (
     ROUND_OFF,
-    FacedParts,
     Interface,
+    MortarMatrices,
     measure_gap_and_slip,
 )
 from pw_elements.contact.iteration import DISPLACEMENT_ROUND_OFF
@@ -115,7 +115,9 @@ def measure_deformed(
     """
     motions = [_node_motions(interface, end.unknowns) for end in (before, state)]
     dim = motions[0].shape[1]
-    pivots, spins = (np.array(part) for part in zip(*(p.spin(dim) for p in pairs), strict=True))
+    pivots, spins = (
+        np.array(part) for part in zip(*(p.pivot_and_spin(dim) for p in pairs), strict=True)
+    )
     pivot, J = pivots[interface.pair], spins[interface.pair]
     in_surface_frame, rotations = [], []
     for motion, end in zip(motions, (before, state), strict=True):
@@ -181,23 +183,23 @@ def _measure_sliding_bodies(
     entries = []
     for k, mortar in interface.mortars.items():
         points = np.flatnonzero(interface.pair == k)
-        slave_number = np.searchsorted(mortar.nodes[: mortar.slaves], interface.node[points])
-        x, parts = list[Array](), list[FacedParts]()
+        slave_number = np.searchsorted(mortar.nodes[: mortar.n_slave_nodes], interface.node[points])
+        x, parts = list[Array](), list[MortarMatrices]()
         for end in (before, state):
             displacement = interface.at_nodes(mortar.nodes, end.unknowns)
-            displacement[mortar.slaves :] += end.translations[k]
+            displacement[mortar.n_slave_nodes :] += end.translations[k]
             x.append(mortar.x + displacement)
-            parts.append(mortar.measure_facing(x[-1]))
+            parts.append(mortar.evaluate_for_verification(x[-1]))
         gap, slip = measure_gap_and_slip(parts[0], parts[1], x[0], x[1])
         measured.gap[points], measured.slip[points] = gap[slave_number], slip[slave_number]
         measured.normal[points], measured.noise[points] = parts[1].normals[slave_number], 0.0
-        measured.transfer_error[points] = parts[1].parts_error[slave_number]
-        master_parts = sp.coo_array(parts[1].master_parts[slave_number])
+        measured.transfer_error[points] = parts[1].fraction_error[slave_number]
+        master_parts = sp.coo_array(parts[1].master_fractions[slave_number])
         entries.append(
             (
                 master_parts.data,
                 points[master_parts.row],
-                mortar.nodes[mortar.slaves + master_parts.col],
+                mortar.nodes[mortar.n_slave_nodes + master_parts.col],
             )
         )
     value, row, column = (np.concatenate(part) for part in zip(*entries, strict=True))
@@ -235,7 +237,7 @@ def make_torque_function(
     Torques are about the present pivots of the nodes' surfaces.
     """
     motion = _node_motions(interface, state.unknowns)
-    pivots, spins = zip(*(pair.spin(motion.shape[1]) for pair in pairs), strict=True)
+    pivots, spins = zip(*(pair.pivot_and_spin(motion.shape[1]) for pair in pairs), strict=True)
     placement, pair = state.placements[interface.pair], interface.pair
     arm = interface.position + motion - placement[:, :-1] - np.array(pivots)[pair]
     velocity = np.einsum("nab,nb->na", np.array(spins)[pair], arm)
@@ -399,8 +401,8 @@ def _measure_balance(
 ) -> tuple[Array, Array]:
     """Return residuals (free,) of the balances of free motions, and their allowances."""
     comm, dim = interface.comm, force.shape[1]
-    values, allowances = np.zeros(len(state.free)), np.zeros(len(state.free))
-    for number, ((pair, axis), total) in enumerate(zip(state.free, totals, strict=True)):
+    values, allowances = np.zeros(len(state.free_motions)), np.zeros(len(state.free_motions))
+    for number, ((pair, axis), total) in enumerate(zip(state.free_motions, totals, strict=True)):
         in_pair = interface.pair == pair
         if axis < dim:
             forces, arms = force[in_pair, axis], np.ones(in_pair.sum())

@@ -24,7 +24,7 @@ from pw_elements.algebra import (
 )
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import Interface
-from pw_elements.contact.model import Free
+from pw_elements.contact.model import FreeMotions
 from pw_elements.contact.nodes import LinearisedLaw, TorqueMap
 from pw_elements.contact.system.assembled import (
     AssembledTangent,
@@ -102,7 +102,7 @@ class ContactSystem:
         K: PETSc.Mat,
         reduction: Reduction,
         interface: Interface,
-        free: Free,
+        free: FreeMotions,
         solver: LinearSolver,
         torque_map: TorqueMap,
     ) -> None:

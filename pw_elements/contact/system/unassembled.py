@@ -14,7 +14,7 @@ import numpy as np
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
-from pw_elements.contact.model import Free
+from pw_elements.contact.model import FreeMotions
 from pw_elements.contact.nodes import LinearisedLaw
 from pw_elements.spaces import SubSpace
 
@@ -44,7 +44,7 @@ class NodePoints:
         own: Indices,
         flexible: Array,
         scale: Array,
-        free: Free,
+        free: FreeMotions,
     ) -> "NodePoints":
         node = interface.node - interface.field.space.dofmap.index_map.local_range[0]
         moved = np.full(own.shape, -1, dtype=np.int64)
