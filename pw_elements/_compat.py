@@ -1,4 +1,4 @@
-"""What DOLFINx 0.9 and its successors name differently, and what petsc4py lacks."""
+"""Differences between DOLFINx 0.9 and later versions, and functions that petsc4py lacks."""
 
 from ctypes import CDLL, byref, c_int64
 
@@ -16,22 +16,22 @@ __all__ = ["cell_nodes", "interpolation_points", "is_petsc_option_used", "single
 
 
 def cell_nodes(mesh: Mesh) -> LocalIndices:
-    """Numbers (cells, nodes) of the geometry's nodes in each cell, ghosts included."""
+    """Return the geometry nodes (cells, nodes per cell) of all cells, ghosts included."""
     geometry = mesh.geometry
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
 
 
 def interpolation_points(space: fem.FunctionSpace) -> Array:
-    """Points (n, dim) of the reference cell at which functions of the space are interpolated."""
+    """Return the interpolation points (n, dim) of a space in the reference cell."""
     points = space.element.interpolation_points
     return points() if callable(points) else points
 
 
 def is_petsc_option_used(name: str) -> bool:
-    """Whether PETSc has asked for an option, by its name with prefix; petsc4py does not tell."""
-    used = c_int64(0)  # a PetscBool is shorter
-    CDLL(PETSc.__file__).PetscOptionsUsed(None, name.encode(), byref(used))
-    return bool(used.value)
+    """Return whether PETSc has read an option, given by its name with prefix."""
+    is_used = c_int64(0)  # large enough for PetscBool
+    CDLL(PETSc.__file__).PetscOptionsUsed(None, name.encode(), byref(is_used))
+    return bool(is_used.value)
 
 
 def single_entry_matrix(
@@ -40,9 +40,16 @@ def single_entry_matrix(
     comm: MPI.Comm | PETSc.Comm,
     values: Array | float = 1.0,
 ) -> PETSc.Mat:
-    """Matrix whose rows here have one entry each, at a global column; none where that is -1."""
-    stated = columns >= 0
-    pointers = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
-    values = np.broadcast_to(values, columns.shape)[stated]
-    csr = (pointers, columns[stated].astype(PETSc.IntType), values)
+    """Create a distributed matrix with at most one entry in each row.
+
+    Args:
+        columns: global column (n,) of the entry in each row of this process; -1 for an empty row.
+        sizes: local and global numbers of rows, and of columns.
+        comm: communicator.
+        values: entries (n,), or one for all rows.
+    """
+    has_entry = columns >= 0
+    pointers = np.concatenate([[0], np.cumsum(has_entry)]).astype(PETSc.IntType)
+    values = np.broadcast_to(values, columns.shape)[has_entry]
+    csr = (pointers, columns[has_entry].astype(PETSc.IntType), values)
     return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)

@@ -1,18 +1,19 @@
-"""Files and folders that are replaced whole, and the mark without which nothing is deleted.
+"""Atomic replacement of files and folders; nothing that the library did not write is deleted.
 
-All that the library and the study create, replace and delete goes through here.
+The library and the study create, replace and delete files through this module only.
 
-- A file is written under another name beside its place, and renamed. It is the old one or the new
-  one at any moment, and the old one if anything fails.
-- A folder is written beside its place, too, and both are exchanged. A folder that is there is
-  replaced only if its mark, a file named ".pw-elements", lists all that it holds.
-- What a killed process has left unfinished is removed when another one writes beside it. Its name
-  ends in ".pw-elements-unfinished". Whoever writes there holds a lock, which ends with the process,
-  so that what others are writing, in other containers too, is left alone. File systems without
-  locks keep such remains.
+- A file is written under a temporary name in the same folder and then renamed. At any moment the
+  path holds either the old or the new file; after an error, the old one.
+- A folder is written in the same way and then exchanged with the old one. An existing folder is
+  replaced only if its mark, a file named ".pw-elements", lists its whole content.
+- Unfinished files and folders have names that end in ".pw-elements-unfinished". The process that
+  writes them holds a lock, which ends with the process. The next process that writes in the same
+  folder removes unfinished ones without a lock, and leaves those of running processes (in other
+  containers, too) alone. On file systems without locks, they are kept.
 
-Where the system cannot exchange two folders (some network file systems), a process killed between
-two renames leaves no folder in the place. The next process that writes there puts the old one back.
+If the system cannot exchange two folders (some network file systems), a process that is killed
+between two renames leaves no folder at the path. The next process that writes there restores the
+old one.
 """
 
 import ctypes
@@ -30,42 +31,42 @@ from typing import IO, Any
 
 MARK_NAME = ".pw-elements"
 
-_MADE_BY = "pw_elements"
-_UNFINISHED = ".pw-elements-unfinished"
-_UNFINISHED_NAME = re.compile(rf"\.[0-9a-f]{{16}}{re.escape(_UNFINISHED)}")
-# Where a folder that is being replaced waits, where the system cannot exchange two
-_REPLACED = ".replaced"
-_SCRATCH = ".scratch"
-_PLACE = "unfinished"  # kind of a folder in which another one is made
-_ATTEMPTS = 10  # to make a file that nobody takes for remains before it is locked
-_NAMED = 3  # foreign files that an error names
-# renameat2(2) of Linux
+_CREATOR = "pw_elements"
+_UNFINISHED_SUFFIX = ".pw-elements-unfinished"
+_UNFINISHED_PATTERN = re.compile(rf"\.[0-9a-f]{{16}}{re.escape(_UNFINISHED_SUFFIX)}")
+# Name of the old folder during its replacement, on systems that cannot exchange two folders
+_REPLACED_NAME = ".replaced"
+_SCRATCH_NAME = ".scratch"
+_CONTAINER_KIND = "unfinished"  # kind of the temporary folder that holds the new folder
+_MAX_CREATION_ATTEMPTS = 10  # to lock a new file before another process removes it
+_MAX_NAMES_IN_MESSAGE = 3
+# Constants of Linux' renameat2(2)
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
-_NO_EXCHANGE = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
+_EXCHANGE_UNSUPPORTED = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
 class ForeignEntry(FileExistsError):
-    """A file or folder is in the way that does not carry the mark of what would replace it."""
+    """The path holds a file or folder that the library did not write, and must not replace."""
 
 
 @contextmanager
 def replacing_file(
     path: Path, is_ours: Callable[[Path], bool] | None = None
 ) -> Iterator[IO[bytes]]:
-    """Open a file that takes the place of another one, or makes it, when the block ends.
+    """Open a file that replaces the file at a path, or creates it, when the block ends.
 
     Args:
-        path: Of the file; of a link, its end is replaced. The folder has to be there.
+        path: Path of the file, in an existing folder; for a link, its target is replaced.
         is_ours: Whether an existing file may be replaced; without it, any regular file may be.
 
     Raises:
-        ForeignEntry: If something else is there.
-        OSError: If it cannot be written; what was there is as it was.
+        ForeignEntry: If the path holds something else.
+        OSError: If the file cannot be written; the old one is unchanged then.
     """
     path = path.resolve()
     check_file_replaceable(path, is_ours)
     remove_unfinished(path.parent)
-    with _naming(path):
+    with _report_target_in_errors(path):
         temporary, descriptor = _create_locked(path.parent)
         try:
             with os.fdopen(descriptor, "wb") as stream:
@@ -81,31 +82,31 @@ def replacing_file(
 
 
 def replace_file(path: Path, content: bytes, is_ours: Callable[[Path], bool] | None = None) -> None:
-    """Write a file whole or not at all, see `replacing_file`."""
+    """Write a file completely or not at all, see `replacing_file`."""
     with replacing_file(path, is_ours) as stream:
         stream.write(content)
 
 
 def remove_file(path: Path) -> None:
-    """Remove a file of the project, if it is there."""
+    """Remove a file of the library, if it exists."""
     with suppress(FileNotFoundError):
         os.unlink(path)
 
 
 class FolderReplacement:
-    """A folder that takes the place of another one, or makes it.
+    """Replacement of the folder at a path by a new one, or its creation.
 
-    `start`, fill `folder`, and `commit`, on one process; `abandon` removes what has not been
-    committed. `replacing_folder` does all three.
+    Call `start`, fill `folder` and call `commit`, on one process; `abandon` removes a folder that
+    has not been committed. `replacing_folder` does all three.
 
     Args:
-        path: Of the folder; of a link, its end is replaced. The folder around it has to be there.
-        kind: What it is, as "a site"; a folder of another kind is not replaced.
-        durable: Whether a loss of power must not cost the content, which takes time for each file.
+        path: Path of the folder, in an existing folder; for a link, its target is replaced.
+        kind: Description such as "a site"; folders of another kind are not replaced.
+        durable: Whether the content has to survive a loss of power, which costs time per file.
 
     Attributes:
-        folder: What to fill, of the same name.
-        scratch: A folder for what is needed meanwhile.
+        folder: New folder, to be filled; it has the same name.
+        scratch: Folder for temporary files.
     """
 
     def __init__(self, path: Path, kind: str, durable: bool = False) -> None:
@@ -113,18 +114,18 @@ class FolderReplacement:
         self._container: tuple[Path, int] | None = None
 
     def start(self) -> None:
-        """Make the folder to be filled.
+        """Create `folder` and `scratch`.
 
         Raises:
-            ForeignEntry: If something is in the place that is not to be replaced.
-            OSError: If nothing can be written there.
+            ForeignEntry: If the path holds something that must not be replaced.
+            OSError: If the folders cannot be created.
         """
         check_folder_replaceable(self.path, self.kind)
         remove_unfinished(self.path.parent)
-        with _naming(self.path):
+        with _report_target_in_errors(self.path):
             self._container = _make_container(self.path)
             container, _ = self._container
-            self.folder, self.scratch = container / self.path.name, container / _SCRATCH
+            self.folder, self.scratch = container / self.path.name, container / _SCRATCH_NAME
             try:
                 for folder in (self.folder, self.scratch):
                     os.mkdir(folder)
@@ -133,31 +134,34 @@ class FolderReplacement:
                 raise
 
     def commit(self) -> None:
-        """Put the folder in its place, and delete the one that was there.
+        """Move the new folder to the path, and delete the old one.
 
         Raises:
-            ForeignEntry: If something has been put there meanwhile that is not to be replaced.
-            OSError: If the folder cannot be put there; what was there is as it was.
+            ForeignEntry: If the path now holds something that must not be replaced.
+            OSError: If the folder cannot be moved; the old one is unchanged then.
         """
-        with _naming(self.path):
-            entries = sorted(_entries(self.folder))
+        with _report_target_in_errors(self.path):
+            entries = sorted(_list_entries(self.folder))
             if self.durable:
                 for entry in entries:
-                    _sync(self.folder / entry)
+                    _sync_file(self.folder / entry)
             _write_mark(self.folder, self.kind, entries)
             check_folder_replaceable(self.path, self.kind)
-            if os.path.lexists(self.path) and not _entries(self.path):
-                _remove_finished(self.path, [])  # an exchange might take along what comes now
+            if os.path.lexists(self.path) and not _list_entries(self.path):
+                _remove_marked_folder(
+                    self.path, []
+                )  # an exchange could move files that are added now
             if not os.path.lexists(self.path):
                 os.rename(self.folder, self.path)
             else:
-                self._exchange()
+                self._exchange_with_target()
         self.abandon()
 
-    def _exchange(self) -> None:
+    def _exchange_with_target(self) -> None:
+        """Exchange the new folder with the old one; undo it if the old one must not be replaced."""
         replaced = self.folder
-        if not _exchange(self.folder, self.path):
-            replaced = self.folder.with_name(_REPLACED)
+        if not _exchange_folders(self.folder, self.path):
+            replaced = self.folder.with_name(_REPLACED_NAME)
             os.rename(self.path, replaced)
             try:
                 os.rename(self.folder, self.path)
@@ -166,16 +170,16 @@ class FolderReplacement:
                 raise
         try:
             check_folder_replaceable(replaced, self.kind)
-        except BaseException:  # something has come since the last look, perhaps
+        except BaseException:  # a file may have been added since the last check
             if replaced == self.folder:
-                _exchange(self.folder, self.path)
+                _exchange_folders(self.folder, self.path)
             else:
                 os.rename(self.path, self.folder)
                 os.rename(replaced, self.path)
             raise
 
     def abandon(self) -> None:
-        """Remove what has not been put in its place; what cannot be is removed by a later call."""
+        """Remove a folder that has not been committed; remains are removed by a later process."""
         if self._container is None:
             return
         container, descriptor = self._container
@@ -188,11 +192,11 @@ class FolderReplacement:
 
 @contextmanager
 def replacing_folder(path: Path, kind: str) -> Iterator[FolderReplacement]:
-    """Give a folder to fill, which takes the place of another one when the block ends.
+    """Yield a folder to be filled, which replaces the folder at a path when the block ends.
 
     Raises:
-        ForeignEntry: If something is in the place that is not to be replaced.
-        OSError: If it cannot be written; what was there is as it was.
+        ForeignEntry: If the path holds something that must not be replaced.
+        OSError: If the folder cannot be written; the old one is unchanged then.
     """
     replacement = FolderReplacement(path, kind)
     replacement.start()
@@ -204,10 +208,10 @@ def replacing_folder(path: Path, kind: str) -> Iterator[FolderReplacement]:
 
 
 def check_file_replaceable(path: Path, is_ours: Callable[[Path], bool] | None = None) -> None:
-    """Refuse to replace what is no regular file, or none of ours.
+    """Check that a path is free or holds a regular file that may be replaced.
 
     Raises:
-        ForeignEntry: Says what is in the way.
+        ForeignEntry: Names the obstacle.
     """
     path = path.resolve()
     if not os.path.lexists(path):
@@ -222,19 +226,17 @@ def check_file_replaceable(path: Path, is_ours: Callable[[Path], bool] | None = 
 
 
 def check_folder_replaceable(path: Path, kind: str) -> None:
-    """Refuse to replace what is not a folder of this kind with nothing foreign in it.
-
-    What is not there, and an empty folder, may be replaced.
+    """Check that a path is free or holds an empty folder, or one of this kind without other files.
 
     Raises:
-        ForeignEntry: Says what is in the way.
+        ForeignEntry: Names the obstacle.
     """
     path = path.resolve()
     if not os.path.lexists(path):
         return
     if not path.is_dir():
         raise ForeignEntry(f"{path} is there and is no folder: it is not replaced")
-    content = _entries(path)
+    content = _list_entries(path)
     mark = _read_mark(path)
     if not mark and not content:
         return
@@ -245,70 +247,73 @@ def check_folder_replaceable(path: Path, kind: str) -> None:
         )
     if foreign := sorted(content - {*mark["entries"]}):
         raise ForeignEntry(
-            f"{path} is not replaced: it holds {_listed(foreign)}, not written with it. Move that "
-            "away, or give another name"
+            f"{path} is not replaced: it holds {_format_names(foreign)}, not written with it. Move "
+            "that away, or give another name"
         )
 
 
 def claim_folder(
     path: Path, kind: str, may_adopt: Callable[[Path], bool] = lambda _: False
 ) -> None:
-    """Make a folder whose content is replaced piece by piece, or find that it is one already.
+    """Create a marked folder whose files are replaced one by one, or accept an existing one.
 
     Args:
-        path: Of the folder, which is made with all around it.
-        kind: What it is.
-        may_adopt: Tells whether a folder without a mark is one, too; an empty one is.
+        path: Path of the folder, created with its parents.
+        kind: Description of the folder, kept in its mark.
+        may_adopt: Whether a folder without a mark may be marked; empty ones always are.
 
     Raises:
-        ForeignEntry: If something else is there.
-        OSError: If it cannot be made.
+        ForeignEntry: If the path holds something else.
+        OSError: If the folder cannot be created.
     """
     path.mkdir(parents=True, exist_ok=True)
     mark = _read_mark(path)
     if mark.get("kind") == kind:
         return
-    if mark or (_entries(path) and not may_adopt(path)):
+    if mark or (_list_entries(path) and not may_adopt(path)):
         raise ForeignEntry(
             f"{path} is not empty, and does not say that it is {kind} of pw_elements: name a new "
             "folder, or an empty one"
         )
-    replace_file(path / MARK_NAME, _mark(kind, None))
+    replace_file(path / MARK_NAME, _make_mark(kind, None))
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what killed processes have left unfinished in a folder, and nothing else.
+    """Remove unfinished files and folders of killed processes from a folder.
 
-    Of a folder that was about to be replaced, the old one is put back. What cannot be removed, or
-    is another user's, stays.
+    If a folder was about to be replaced, the old one is restored. Files that cannot be removed, or
+    belong to another user, are kept.
     """
     try:
         with os.scandir(folder) as entries:
-            remains = [Path(one.path) for one in entries if _UNFINISHED_NAME.fullmatch(one.name)]
-    except OSError:  # whoever writes there will say so
+            unfinished = [
+                Path(entry.path) for entry in entries if _UNFINISHED_PATTERN.fullmatch(entry.name)
+            ]
+    except OSError:  # the caller's writing fails with the same error
         return
-    for path in remains:
+    for path in unfinished:
         with suppress(OSError):
-            _sweep(path)
+            _remove_if_abandoned(path)
 
 
-def _sweep(path: Path) -> None:
-    state = os.lstat(path)
-    if state.st_uid != os.geteuid():
+def _remove_if_abandoned(path: Path) -> None:
+    """Remove an unfinished file or folder unless a process holds its lock (raise OSError then)."""
+    status = os.lstat(path)
+    if status.st_uid != os.geteuid():
         return
     if path.is_symlink() or not (path.is_dir() or path.is_file()):
         return
-    lock = path
+    locked_file = path
     if path.is_dir():
         with suppress(OSError):
-            os.rmdir(path)  # of a process that was killed before it made the mark
+            os.rmdir(path)  # its process was killed before it made the mark
             return
-        lock = path / MARK_NAME
-    descriptor = os.open(lock, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
+        locked_file = path / MARK_NAME
+    descriptor = os.open(locked_file, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if path.is_dir():
-            _put_back(path)
+            _restore_replaced(path)
             _remove_container(path)
         else:
             os.unlink(path)
@@ -317,70 +322,84 @@ def _sweep(path: Path) -> None:
 
 
 @contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    """Have errors of unfinished files name the path that was to be written."""
+def _report_target_in_errors(path: Path) -> Iterator[None]:
+    """Replace the temporary file name in OSError by the path that was to be written."""
     try:
         yield
     except OSError as error:
-        if error.errno is None or (error.filename and _UNFINISHED not in str(error.filename)):
+        if error.errno is None or (
+            error.filename and _UNFINISHED_SUFFIX not in str(error.filename)
+        ):
             raise
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def _create_locked(folder: Path) -> tuple[Path, int]:
-    """Make an unfinished file in a folder; return it with its descriptor, which holds a lock."""
-    for _ in range(_ATTEMPTS):
-        path = folder / f".{secrets.token_hex(8)}{_UNFINISHED}"
-        descriptor = _open_new(path)
-        try:
-            if _lock(descriptor):
-                return path, descriptor
-        except BaseException:
-            with suppress(OSError):
-                os.unlink(path)
-            os.close(descriptor)
-            raise
-        os.close(descriptor)
-    raise OSError(errno.EAGAIN, "another process removes what this one makes", str(folder))
+    """Create an unfinished file in a folder; return it with its locked descriptor."""
+    for _ in range(_MAX_CREATION_ATTEMPTS):
+        path = folder / f".{secrets.token_hex(8)}{_UNFINISHED_SUFFIX}"
+        descriptor = _open_locked(path)
+        if descriptor is not None:
+            return path, descriptor
+    raise _removed_too_often(folder)
 
 
 def _make_container(path: Path) -> tuple[Path, int]:
-    """Make an unfinished folder beside a path; return it with its mark, which is locked."""
-    for _ in range(_ATTEMPTS):
-        container = path.with_name(f".{secrets.token_hex(8)}{_UNFINISHED}")
+    """Make an unfinished folder beside a path; return it with the locked descriptor of its mark."""
+    for _ in range(_MAX_CREATION_ATTEMPTS):
+        container = path.with_name(f".{secrets.token_hex(8)}{_UNFINISHED_SUFFIX}")
         os.mkdir(container)
         try:
-            descriptor = _open_new(container / MARK_NAME)
-        except FileNotFoundError:  # taken for remains
+            descriptor = _open_locked(container / MARK_NAME)
+        except FileNotFoundError:  # another process has removed the folder
             continue
         except BaseException:
             with suppress(OSError):
                 os.rmdir(container)
             raise
+        if descriptor is None:
+            continue
         try:
-            if _lock(descriptor):
-                _write_all(descriptor, _mark(_PLACE, None, path.name))
-                return container, descriptor
+            _write_all(descriptor, _make_mark(_CONTAINER_KIND, None, path.name))
         except BaseException:
             with suppress(OSError):
                 _remove_container(container)
             os.close(descriptor)
             raise
+        return container, descriptor
+    raise _removed_too_often(path.parent)
+
+
+def _removed_too_often(folder: Path) -> OSError:
+    return OSError(errno.EAGAIN, "another process removes what this one makes", str(folder))
+
+
+def _open_locked(path: Path) -> int | None:
+    """Create and lock a file; return its descriptor, or None if another process has removed it."""
+    descriptor = _open_new(path)
+    try:
+        if _try_lock(descriptor):
+            return descriptor
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(path)
         os.close(descriptor)
-    raise OSError(errno.EAGAIN, "another process removes what this one makes", str(path.parent))
+        raise
+    os.close(descriptor)
+    return None
 
 
 def _open_new(path: Path) -> int:
     return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
 
 
-def _lock(descriptor: int) -> bool:
-    """Lock a new file; return False if another process has taken it for remains."""
+def _try_lock(descriptor: int) -> bool:
+    """Lock a new file; return False if another process has locked or removed it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:  # a file system without locks, on which nobody sweeps
+    except OSError:  # a file system without locks, where unfinished files are kept
         return True
     return os.fstat(descriptor).st_nlink > 0
 
@@ -390,7 +409,7 @@ def _write_all(descriptor: int, content: bytes) -> None:
         content = content[os.write(descriptor, content) :]
 
 
-def _sync(path: Path) -> None:
+def _sync_file(path: Path) -> None:
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
@@ -398,92 +417,97 @@ def _sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def _exchange(one: Path, other: Path) -> bool:
-    """Exchange two folders at once; False where the system cannot."""
+def _exchange_folders(first: Path, second: Path) -> bool:
+    """Exchange two folders atomically; return False if the system cannot."""
     rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
     if rename is None:
         return False
-    names = os.fsencode(one), os.fsencode(other)
-    if not rename(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _RENAME_EXCHANGE):
+    encoded_paths = os.fsencode(first), os.fsencode(second)
+    if not rename(_AT_FDCWD, encoded_paths[0], _AT_FDCWD, encoded_paths[1], _RENAME_EXCHANGE):
         return True
-    number = ctypes.get_errno()
-    if number in _NO_EXCHANGE:
+    error_number = ctypes.get_errno()
+    if error_number in _EXCHANGE_UNSUPPORTED:
         return False
-    raise OSError(number, os.strerror(number), str(other))
+    raise OSError(error_number, os.strerror(error_number), str(second))
 
 
-def _put_back(container: Path) -> None:
-    """Put a folder back that was about to be replaced, if nothing has come into its place."""
-    name, replaced = _read_mark(container).get("place"), container / _REPLACED
+def _restore_replaced(container: Path) -> None:
+    """Restore the old folder of an interrupted replacement, if its path is free."""
+    name, replaced = _read_mark(container).get("place"), container / _REPLACED_NAME
     if isinstance(name, str) and name and os.path.lexists(replaced):
-        place = container.with_name(name)
-        if not os.path.lexists(place):
-            os.rename(replaced, place)
+        target = container.with_name(name)
+        if not os.path.lexists(target):
+            os.rename(replaced, target)
 
 
 def _remove_container(container: Path) -> None:
-    """Remove an unfinished folder: of a finished one in it, no more than its mark lists."""
+    """Remove an unfinished folder; of a marked folder in it, only entries that the mark lists."""
     with os.scandir(container) as entries:
         paths = [Path(entry.path) for entry in entries if entry.name != MARK_NAME]
     for path in paths:
         if path.is_symlink() or not path.is_dir():
             os.unlink(path)
         elif isinstance(listed := _read_mark(path).get("entries"), list):
-            _remove_finished(path, listed)
+            _remove_marked_folder(path, listed)
         else:
             shutil.rmtree(path)
     os.unlink(container / MARK_NAME)
     os.rmdir(container)
 
 
-def _remove_finished(folder: Path, listed: list[str]) -> None:
-    """Remove a folder as its mark lists it; raise OSError if something foreign is in it."""
-    for entry in sorted(_entries(folder) & {*listed}, reverse=True):  # what is in a folder first
+def _remove_marked_folder(folder: Path, entries: list[str]) -> None:
+    """Remove the listed entries of a folder, and itself; raise OSError if others are left."""
+    for entry in sorted(
+        _list_entries(folder) & {*entries}, reverse=True
+    ):  # the content of a folder first
         (os.rmdir if entry.endswith("/") else os.unlink)(folder / entry)
-    if not _entries(folder):
+    if not _list_entries(folder):
         remove_file(folder / MARK_NAME)
     os.rmdir(folder)
 
 
-def _entries(folder: Path, within: str = "") -> set[str]:
-    """Return all that a folder holds but its mark, by relative names; folders end in a slash."""
-    found = set()
+def _list_entries(folder: Path, prefix: str = "") -> set[str]:
+    """Return relative paths of a folder's content without its mark; folders end with a slash."""
+    relative_paths = set()
     with os.scandir(folder) as entries:
         for entry in entries:
-            name = f"{within}{entry.name}"
+            relative_path = f"{prefix}{entry.name}"
             if entry.is_dir(follow_symlinks=False):
-                found |= {f"{name}/"} | _entries(Path(entry.path), f"{name}/")
-            elif name != MARK_NAME and not _UNFINISHED_NAME.fullmatch(name):
-                found.add(name)
-    return found
+                relative_paths |= {f"{relative_path}/"} | _list_entries(
+                    Path(entry.path), f"{relative_path}/"
+                )
+            elif relative_path != MARK_NAME and not _UNFINISHED_PATTERN.fullmatch(relative_path):
+                relative_paths.add(relative_path)
+    return relative_paths
 
 
-def _mark(kind: str, entries: list[str] | None, place: str = "") -> bytes:
-    mark = {"made by": _MADE_BY, "kind": kind, "entries": entries, "place": place}
+def _make_mark(kind: str, entries: list[str] | None, target_name: str = "") -> bytes:
+    """Return the content of a mark, as JSON."""
+    mark = {"made by": _CREATOR, "kind": kind, "entries": entries, "place": target_name}
     return (json.dumps(mark, indent=1) + "\n").encode()
 
 
 def _write_mark(folder: Path, kind: str, entries: list[str]) -> None:
     descriptor = _open_new(folder / MARK_NAME)
     try:
-        _write_all(descriptor, _mark(kind, entries))
+        _write_all(descriptor, _make_mark(kind, entries))
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
 
 
 def _read_mark(folder: Path) -> dict[str, Any]:
-    """Return a folder's mark: an empty one if it has none, one of no kind if it is not ours."""
+    """Return the mark of a folder; {} if it has none, kind None if it is not one of ours."""
     try:
         mark = json.loads((folder / MARK_NAME).read_bytes())
     except FileNotFoundError:
         return {}
     except (ValueError, RecursionError):
         return {"kind": None}
-    ours = isinstance(mark, dict) and mark.get("made by") == _MADE_BY
-    return mark if ours else {"kind": None}
+    is_ours = isinstance(mark, dict) and mark.get("made by") == _CREATOR
+    return mark if is_ours else {"kind": None}
 
 
-def _listed(names: list[str]) -> str:
-    rest = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {rest} more" if rest > 0 else "")
+def _format_names(names: list[str]) -> str:
+    n_more = len(names) - _MAX_NAMES_IN_MESSAGE
+    return ", ".join(names[:_MAX_NAMES_IN_MESSAGE]) + (f" and {n_more} more" if n_more > 0 else "")

@@ -1,11 +1,11 @@
-"""Pictures of bodies, in the plane and in space, by Matplotlib.
+"""Pictures of plane and solid bodies with Matplotlib.
 
     u = as_function(U, solve(K, f, held))
     axes = draw(mesh, body.von_mises(u), u, scale=100, label="von Mises stress [MPa]")
     axes.figure.savefig("bracket.png", dpi=150)
 
-Bodies in space are seen from afar (parallel projection): nothing but Matplotlib is needed, and no
-screen. For sections, animations and large meshes write files for ParaView.
+Solid bodies are drawn in parallel projection. Only Matplotlib is needed, and no display. For
+sections, animations and large meshes, write files for ParaView.
 """
 
 from __future__ import annotations
@@ -40,25 +40,25 @@ SUB_TRIANGLES = {
     ],
 }
 """Sub-triangles of a triangle of 6 and a quadrilateral of 9 nodes, in Basix' order."""
-_FACETS = {6: basix.CellType.triangle, 9: basix.CellType.quadrilateral}
-_OUTLINES = {6: [0, 5, 1, 3, 2, 4], 9: [0, 4, 1, 6, 3, 7, 2, 5]}
-# Parts of an edge of a facet in space, each with one colour
-_PARTS = 4
-_GREY = (0.78, 0.82, 0.86)
-_FAR = 1e150  # beyond, areas overflow
-# Least component of a face's unit normal towards the eye at which the face is drawn
-_EDGE_ON = 1e-9
-# Direction to the light (to the right, upwards, towards the eye); brightness of what it misses
-_LIGHT = np.array([0.35, 0.5, 0.79])
-_SHADE = 0.55
+_CELL_OF_FACET_NODES = {6: basix.CellType.triangle, 9: basix.CellType.quadrilateral}
+_OUTLINE_NODES = {6: [0, 5, 1, 3, 2, 4], 9: [0, 4, 1, 6, 3, 7, 2, 5]}
+# Number of parts of each edge of a facet in space; the triangles between have one colour each
+_PARTS_PER_EDGE = 4
+_PLAIN_COLOUR = (0.78, 0.82, 0.86)
+_MAX_COORDINATE = 1e150  # areas of faces with larger coordinates overflow
+# Smallest component, towards the eye, of the unit normal of a triangle that is drawn
+_MIN_FACING_COMPONENT = 1e-9
+# Direction to the light (right, up, towards the eye); brightness of surfaces that it does not reach
+_LIGHT_DIRECTION = np.array([0.35, 0.5, 0.79])
+_SHADOW_BRIGHTNESS = 0.55
 
 
 class _Faces(NamedTuple):
-    """Faces to be seen, of all processes: k nodes each, in the order of Basix."""
+    """Visible faces of all processes, with k nodes each in the order of Basix."""
 
     x: Array  # (f, k, dim), deformed
-    values: Array  # (f, k), zero where none are drawn
-    behind: Array  # (f, dim), the middle of the cell that each belongs to
+    values: Array  # (f, k), zero if no field is drawn
+    cell_centres: Array  # (f, dim), of the cells of the faces
 
 
 @check_same_arguments
@@ -74,38 +74,39 @@ def draw(
     view: tuple[float, float] = (25.0, -60.0),
     edges: bool = True,
 ) -> Axes:
-    """Draws a body, deformed and coloured by a field; every process calls it.
+    """Draw a body, deformed and coloured by a field; every process calls it.
 
         draw(mesh, u[1], u, label="deflection [mm]")
         draw(mesh, body.von_mises(u), u, scale=50, axes=axes, view=(30, 45))
 
-    The field is drawn cell by cell, so that stresses may jump between cells. Curved cells are drawn
-    curved.
+    The field is evaluated in each cell separately, so that stresses may jump between cells. Curved
+    cells are drawn curved.
 
     Args:
-        mesh: of triangles, quadrilaterals, tetrahedra or hexahedra.
-        values: scalar field, a function or UFL expression; by default the body is plain.
-        displacement: vector field that moves the body; by default it is not moved.
+        mesh: mesh of triangles, quadrilaterals, tetrahedra or hexahedra.
+        values: scalar field, a function or UFL expression; by default the body is grey.
+        displacement: displacement field; by default the body is drawn undeformed.
         scale: factor of the displacements.
-        axes: to draw in; by default those of a new figure.
-        label: of the colour bar, which is drawn only with a label.
-        colours: name of Matplotlib's colour map.
-        limits: least and greatest value of the colours, beyond which they do not change: stresses
-            at sharp corners are unbounded. By default those of the values.
-        view: elevation above and azimuth in the plane of x and y of the eye, in degrees; z is up.
-        edges: whether the cells' edges are drawn.
+        axes: axes to draw in; by default those of a new figure.
+        label: label of the colour bar; without it, no colour bar is drawn.
+        colours: name of a colour map of Matplotlib.
+        limits: lower and upper limit of the colour range, useful for unbounded stresses at sharp
+            corners; by default the range of the values.
+        view: elevation above the xy plane and azimuth in it of the eye, in degrees; z is up.
+        edges: whether the edges of the cells are drawn.
 
     Returns:
         The axes. Each process has its own; let one of them save the figure.
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for values that are not scalar, a displacement, scale, view or limits that are
-            not finite or of the wrong size, another mesh's function, unknown cells or colours.
+        ValueError: for values that are not scalar; a displacement, scale, view or limits that are
+            not finite or of the wrong size; a function on another mesh; unsupported cells; or an
+            unknown colour map.
     """
     arguments.check_mesh_type(mesh)
     with collective_errors(mesh.comm):
-        _check(mesh, values, displacement)
+        _check_fields(mesh, values, displacement)
         check_axes(axes)
     import matplotlib.pyplot as plt
 
@@ -120,37 +121,39 @@ def draw(
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 
-    faces = _faces(mesh, values, displacement, scale)
+    faces = _collect_faces(mesh, values, displacement, scale)
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
-    palette = ListedColormap([_GREY]) if values is None else plt.get_cmap(colours)
-    # hair lines where cells are many
-    width = float(np.clip(25 / np.sqrt(len(faces.x)), 0.1, 0.6)) if edges else 0.0
-    ends = Normalize(*limits) if limits else Normalize(np.min(faces.values), np.max(faces.values))
-    shown = ScalarMappable(ends, palette)
+    palette = ListedColormap([_PLAIN_COLOUR]) if values is None else plt.get_cmap(colours)
+    # thin lines if there are many cells
+    line_width = float(np.clip(25 / np.sqrt(len(faces.x)), 0.1, 0.6)) if edges else 0.0
+    colour_range = (
+        Normalize(*limits) if limits else Normalize(np.min(faces.values), np.max(faces.values))
+    )
+    colour_map = ScalarMappable(colour_range, palette)
     if mesh.geometry.dim == 2:
-        _plane(axes, faces, shown, width)
+        _draw_plane_faces(axes, faces, colour_map, line_width)
     else:
-        _space(axes, faces, shown, width, view)
+        _draw_space_faces(axes, faces, colour_map, line_width, view)
     axes.autoscale_view()
     axes.set_aspect("equal")
     if label:
-        axes.figure.colorbar(shown, ax=axes, label=label, shrink=0.8)
+        axes.figure.colorbar(colour_map, ax=axes, label=label, shrink=0.8)
     return axes
 
 
 def check_axes(axes: object) -> None:
-    """Raises TypeError for what is not Matplotlib's; local."""
+    """Raise TypeError on this process unless axes are None or axes of Matplotlib."""
     if axes is not None:
         from matplotlib.axes import Axes
 
         arguments.check_type("axes", axes, Axes, "give Matplotlib's, figure.subplots()")
 
 
-def _check(mesh: Mesh, values: Expr | None, displacement: fem.Function | None) -> None:
+def _check_fields(mesh: Mesh, values: Expr | None, displacement: fem.Function | None) -> None:
     dim = mesh.geometry.dim
-    for thing in (values, displacement):
-        if isinstance(thing, fem.Function) and thing.function_space.mesh is not mesh:
-            raise ValueError(f"the function {thing.name} belongs to another mesh")
+    for field in (values, displacement):
+        if isinstance(field, fem.Function) and field.function_space.mesh is not mesh:
+            raise ValueError(f"the function {field.name} belongs to another mesh")
     if mesh.topology.dim != dim or dim == 1:
         raise ValueError(f"a mesh of {mesh.topology.dim}-D cells in {dim}-D space is not drawn")
     if values is not None:
@@ -171,36 +174,45 @@ def _check(mesh: Mesh, values: Expr | None, displacement: fem.Function | None) -
             )
 
 
-def _faces(
+def _collect_faces(
     mesh: Mesh, values: Expr | None, displacement: fem.Function | None, scale: float
 ) -> _Faces:
+    """Return the cells of a plane body, or the exterior facets of a solid body; collective."""
     dim = mesh.geometry.dim
-    place = ufl.SpatialCoordinate(mesh)
+    position = ufl.SpatialCoordinate(mesh)
     if displacement is not None:
-        place = place + fem.Constant(mesh, float(scale)) * displacement
-    moved = _in_cells(mesh, place, (dim,))
+        position = position + fem.Constant(mesh, float(scale)) * displacement
+    coordinates = _evaluate_at_nodes(mesh, position, (dim,))
     with collective_errors(mesh.comm):
-        if not np.all(np.abs(moved) < _FAR):
+        if not np.all(np.abs(coordinates) < _MAX_COORDINATE):
             raise ValueError("the displacement times scale is not finite, or off any picture")
-    field = np.zeros(moved.shape[:2]) if values is None else _in_cells(mesh, values, ())
-    known = np.isfinite(field)  # on the axis of rotation u_r / r is 0 / 0
-    mean = np.where(known, field, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    field = np.where(known, field, mean[:, None])
+    node_values = (
+        np.zeros(coordinates.shape[:2]) if values is None else _evaluate_at_nodes(mesh, values, ())
+    )
+    is_defined = np.isfinite(node_values)  # on the axis of rotation u_r / r is 0 / 0
+    mean = np.where(is_defined, node_values, 0.0).sum(axis=1) / np.maximum(
+        is_defined.sum(axis=1), 1
+    )
+    node_values = np.where(is_defined, node_values, mean[:, None])
     if dim == 2:
         cells = np.arange(mesh.topology.index_map(dim).size_local)[:, None]
-        places = np.arange(moved.shape[1])[None]
+        nodes_in_cell = np.arange(coordinates.shape[1])[None]
     else:
         nodes = fem.functionspace(mesh, ("Lagrange", 2))
         mesh.topology.create_connectivity(2, 3)
-        own, places = locate_facets_in_cells(nodes, exterior_facet_indices(mesh.topology))
-        cells = own[:, None]
-    behind = moved.mean(axis=1)[cells[:, 0]]
-    each = mesh.comm.allgather((moved[cells, places], field[cells, places], behind))
-    return _Faces(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
+        facet_cells, nodes_in_cell = locate_facets_in_cells(
+            nodes, exterior_facet_indices(mesh.topology)
+        )
+        cells = facet_cells[:, None]
+    cell_centres = coordinates.mean(axis=1)[cells[:, 0]]
+    gathered = mesh.comm.allgather(
+        (coordinates[cells, nodes_in_cell], node_values[cells, nodes_in_cell], cell_centres)
+    )
+    return _Faces(*(np.concatenate(parts) for parts in zip(*gathered, strict=True)))
 
 
-def _in_cells(mesh: Mesh, expression: Expr, shape: tuple[int, ...]) -> Array:
-    """Values (cells, nodes, ...) at the nodes of each cell, ghosts too, as they are from within."""
+def _evaluate_at_nodes(mesh: Mesh, expression: Expr, shape: tuple[int, ...]) -> Array:
+    """Return values (cells, nodes per cell, ...) in each cell (ghosts, too) at its nodes."""
     cell = mesh.topology.cell_name()
     element = basix.ufl.element("Lagrange", cell, 2, shape=shape, discontinuous=True)
     space = fem.functionspace(mesh, element)
@@ -209,63 +221,86 @@ def _in_cells(mesh: Mesh, expression: Expr, shape: tuple[int, ...]) -> Array:
     return function.x.array.reshape(-1, *shape)[space.dofmap.list]
 
 
-def _plane(axes: Axes, faces: _Faces, shown: ScalarMappable, width: float) -> None:
+def _draw_plane_faces(
+    axes: Axes, faces: _Faces, colour_map: ScalarMappable, line_width: float
+) -> None:
     from matplotlib.collections import LineCollection
     from matplotlib.tri import Triangulation
 
-    count = faces.x.shape[1]
-    x, first = faces.x.reshape(-1, 2), count * np.arange(len(faces.x))
-    triangles = (np.array(SUB_TRIANGLES[count]) + first[:, None, None]).reshape(-1, 3)
+    n_nodes = faces.x.shape[1]
+    x, first_node = faces.x.reshape(-1, 2), n_nodes * np.arange(len(faces.x))
+    triangles = (np.array(SUB_TRIANGLES[n_nodes]) + first_node[:, None, None]).reshape(-1, 3)
     values = faces.values.ravel()
     cells = Triangulation(x[:, 0], x[:, 1], triangles)
-    axes.tripcolor(cells, values, shading="gouraud", cmap=shown.cmap, norm=shown.norm)
-    rims = faces.x[:, [*_OUTLINES[count], 0]]
-    axes.add_collection(LineCollection(list(rims), colors="k", linewidths=width, alpha=0.6))
+    axes.tripcolor(cells, values, shading="gouraud", cmap=colour_map.cmap, norm=colour_map.norm)
+    outlines = faces.x[:, [*_OUTLINE_NODES[n_nodes], 0]]
+    axes.add_collection(
+        LineCollection(list(outlines), colors="k", linewidths=line_width, alpha=0.6)
+    )
 
 
-def _space(
-    axes: Axes, faces: _Faces, shown: ScalarMappable, width: float, view: tuple[float, float]
+def _draw_space_faces(
+    axes: Axes,
+    faces: _Faces,
+    colour_map: ScalarMappable,
+    line_width: float,
+    view: tuple[float, float],
 ) -> None:
-    """Faces that are turned to the eye, the farthest first."""
+    """Draw the faces that are turned to the eye, from the farthest to the nearest."""
     from matplotlib.collections import PolyCollection
 
-    corners, rim, shares = _parts(_FACETS[faces.x.shape[1]])
+    corners, outline, shape_values = _triangulate_facet(_CELL_OF_FACET_NODES[faces.x.shape[1]])
     # unit vectors to the right, upwards and towards the eye
-    seen_from = Rotation.from_euler("ZX", [view[1] + 90, 90 - view[0]], degrees=True).as_matrix().T
-    x = np.einsum("pn,fnd,ed->fpe", shares, faces.x, seen_from)
-    values = np.einsum("pn,fn->fp", shares, faces.values)
-    parts = x[:, corners]
-    normal = np.cross(parts[:, :, 1] - parts[:, :, 0], parts[:, :, 2] - parts[:, :, 0])
-    outwards = parts.mean(axis=2) - (faces.behind @ seen_from.T)[:, None]
-    normal *= np.sign(np.sum(normal * outwards, axis=-1, keepdims=True))
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    light = _SHADE + (1 - _SHADE) * np.clip(normal @ _LIGHT, 0, 1)
-    colour = shown.to_rgba(values[:, corners].mean(axis=2))
+    view_rotation = (
+        Rotation.from_euler("ZX", [view[1] + 90, 90 - view[0]], degrees=True).as_matrix().T
+    )
+    x = np.einsum("pn,fnd,ed->fpe", shape_values, faces.x, view_rotation)
+    values = np.einsum("pn,fn->fp", shape_values, faces.values)
+    triangles = x[:, corners]
+    normals = np.cross(
+        triangles[:, :, 1] - triangles[:, :, 0], triangles[:, :, 2] - triangles[:, :, 0]
+    )
+    outward_vectors = triangles.mean(axis=2) - (faces.cell_centres @ view_rotation.T)[:, None]
+    normals *= np.sign(np.sum(normals * outward_vectors, axis=-1, keepdims=True))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    light = _SHADOW_BRIGHTNESS + (1 - _SHADOW_BRIGHTNESS) * np.clip(
+        normals @ _LIGHT_DIRECTION, 0, 1
+    )
+    colour = colour_map.to_rgba(values[:, corners].mean(axis=2))
     colour[..., :3] *= light[..., None]
 
-    drawn, fills, lines = [], [], []
+    polygons, face_colours, edge_colours = [], [], []
     for face in np.argsort(x[..., 2].mean(axis=1)):
-        (turned,) = np.nonzero(normal[face, :, 2] > _EDGE_ON)
-        if len(turned):
-            drawn += [*parts[face, turned, :, :2], x[face, rim, :2]]
-            fills += [*colour[face, turned], np.zeros(4)]
-            lines += [*colour[face, turned], np.array([0, 0, 0, 0.6 if width else 0])]
-    # hair lines of their own colour close the gaps between parts
-    widths = np.where(np.array(fills)[:, 3] > 0, 0.3, width)
+        (visible,) = np.nonzero(normals[face, :, 2] > _MIN_FACING_COMPONENT)
+        if len(visible):
+            polygons += [*triangles[face, visible, :, :2], x[face, outline, :2]]
+            face_colours += [*colour[face, visible], np.zeros(4)]
+            edge_colours += [*colour[face, visible], np.array([0, 0, 0, 0.6 if line_width else 0])]
+    # thin lines of their own colour close the gaps between triangles
+    line_widths = np.where(np.array(face_colours)[:, 3] > 0, 0.3, line_width)
     axes.add_collection(
-        PolyCollection(drawn, facecolors=fills, edgecolors=lines, linewidths=widths)
+        PolyCollection(
+            polygons, facecolors=face_colours, edgecolors=edge_colours, linewidths=line_widths
+        )
     )
     axes.set_axis_off()
 
 
-def _parts(cell: basix.CellType) -> tuple[Indices, Indices, Array]:
-    """Triangles (t, 3) that a facet is cut into, its rim, and the nodes' shares in corners."""
+def _triangulate_facet(cell: basix.CellType) -> tuple[Indices, Indices, Array]:
+    """Cut a quadratic facet into small triangles for drawing.
+
+    Returns:
+        Points (t, 3) of the triangles, points on the outline in order, and values (points, nodes)
+        of the shape functions at all points.
+    """
     from scipy.spatial import Delaunay
 
-    points = basix.create_lattice(cell, _PARTS, basix.LatticeType.equispaced, exterior=True)
+    points = basix.create_lattice(
+        cell, _PARTS_PER_EDGE, basix.LatticeType.equispaced, exterior=True
+    )
     element = basix.create_element(basix.ElementFamily.P, cell, 2, basix.LagrangeVariant.gll_warped)
-    outer = Delaunay(points).convex_hull.ravel()
-    on_rim = np.unique(outer)
-    around = points[on_rim] - basix.geometry(cell).mean(axis=0)
-    rim = on_rim[np.argsort(np.arctan2(around[:, 1], around[:, 0]))]
-    return Delaunay(points).simplices, rim, element.tabulate(0, points)[0, :, :, 0]
+    hull_points = Delaunay(points).convex_hull.ravel()
+    rim_points = np.unique(hull_points)
+    from_centre = points[rim_points] - basix.geometry(cell).mean(axis=0)
+    outline = rim_points[np.argsort(np.arctan2(from_centre[:, 1], from_centre[:, 0]))]
+    return Delaunay(points).simplices, outline, element.tabulate(0, points)[0, :, :, 0]

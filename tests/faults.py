@@ -1,7 +1,8 @@
-"""Failures and kills at each system call of an operation on files, one after the other.
+"""Operations on files with a failure, or a kill of the process, at each of their system calls.
 
-`failing(operation, number, error)` lets the call of that number fail. `python3 -m tests.faults`
-kills a process at each call of the operations below, before and after it, and looks what is left.
+`run_with_failure(operation, number, error)` makes the system call with a number fail.
+`python3 -m tests.faults` kills a process before and after each system call of the cases below, and
+checks the files that are left.
 """
 
 import errno
@@ -20,49 +21,51 @@ from pw_elements import files
 from pw_elements.files import claim_folder, remove_unfinished, replace_file, replacing_folder
 from study.core.store import CorruptResult, MissingResult, Result, Results, save
 
-CALLS = (
+SYSTEM_CALLS = (
     "open", "write", "fsync", "close", "replace", "rename", "mkdir", "unlink", "rmdir", "scandir",
     "lstat", "stat", "fstat",
 )  # fmt: skip
-ERRORS = (errno.ENOSPC, errno.EACCES, errno.EIO)
-KIND = "a folder of this test"
-OLD, NEW = b"old" * 5000, b"new" * 6000
+ERROR_NUMBERS = (errno.ENOSPC, errno.EACCES, errno.EIO)
+FOLDER_KIND = "a folder of this test"
+OLD_CONTENT, NEW_CONTENT = b"old" * 5000, b"new" * 6000
 
 
-class Watched:
-    """The system calls of a block, counted; one of them does something else."""
+class CallCounter:
+    """Counter of the system calls of a block; it replaces the call with a given number."""
 
     def __init__(self, number, instead):
         self.number, self.instead, self.calls, self.names = number, instead, 0, []
 
     def __call__(self, function):
-        def called(*args, **kwargs):
+        def call_counted(*args, **kwargs):
             self.calls += 1
             self.names.append(function.__name__)
             if self.calls == self.number:
                 return self.instead(lambda: function(*args, **kwargs))
             return function(*args, **kwargs)
 
-        return called
+        return call_counted
 
     @contextmanager
-    def watching(self):
-        exchange, opened = files._exchange, os.fdopen
-        patches = [patch.object(os, name, self(getattr(os, name))) for name in CALLS]
+    def count_calls(self):
+        exchange_folders, fdopen = files._exchange_folders, os.fdopen
+        patches = [patch.object(os, name, self(getattr(os, name))) for name in SYSTEM_CALLS]
         patches.append(patch.object(fcntl, "flock", self(fcntl.flock)))
-        patches.append(patch.object(files, "_exchange", self(exchange)))
-        patches.append(patch.object(os, "fdopen", lambda *args: Stream(opened(*args), self)))
-        for one in patches:
-            one.start()
+        patches.append(patch.object(files, "_exchange_folders", self(exchange_folders)))
+        patches.append(
+            patch.object(os, "fdopen", lambda *args: CountingStream(fdopen(*args), self))
+        )
+        for patcher in patches:
+            patcher.start()
         try:
             yield self
         finally:
-            for one in patches:
-                one.stop()
+            for patcher in patches:
+                patcher.stop()
 
 
-class Stream:
-    """A file whose writing counts as system calls."""
+class CountingStream:
+    """File whose writes and flushes count as system calls."""
 
     def __init__(self, stream, watched):
         self._stream = stream
@@ -78,146 +81,146 @@ class Stream:
         self._stream.close()
 
 
-def failing(operation, number, error):
-    """Whether the call of that number was reached, and what the operation raised."""
+def run_with_failure(operation, number, error):
+    """Run an operation whose call `number` fails; return whether it was reached, and the error."""
 
-    def fail(call):
-        if watched.names[-1] == "close":  # which closes, whatever it says
+    def raise_error(call):
+        if counter.names[-1] == "close":  # a failing close() still closes
             call()
         raise OSError(error, os.strerror(error))
 
-    raised = None
-    watched = Watched(number, fail)
-    with watched.watching():
+    error_raised = None
+    counter = CallCounter(number, raise_error)
+    with counter.count_calls():
         try:
             operation()
-        except Exception as failed:
-            raised = failed
-    return watched.calls >= number, raised
+        except Exception as caught:
+            error_raised = caught
+    return counter.calls >= number, error_raised
 
 
-def killed(operation, number, after):
-    """Whether a process was killed at the call of that number, before it or after it."""
+def run_with_kill(operation, number, after_call):
+    """Run an operation in a child process, killed at call `number`; return whether it was."""
 
     def kill(call):
         with suppress(OSError):
-            if after:
+            if after_call:
                 call()
         os._exit(9)
 
     process = os.fork()
     if not process:
         try:
-            with Watched(number, kill).watching():
+            with CallCounter(number, kill).count_calls():
                 operation()
             os._exit(0)
         except BaseException:
             traceback.print_exc()
             os._exit(1)
     _, status = os.waitpid(process, 0)
-    ended = os.waitstatus_to_exitcode(status)
-    assert ended in (0, 9)
-    return ended == 9
+    exit_code = os.waitstatus_to_exitcode(status)
+    assert exit_code in (0, 9)
+    return exit_code == 9
 
 
 class FileCase:
-    """A file that replaces another one."""
+    """Replacement of a file."""
 
     def prepare(self, folder):
-        replace_file(folder / "data", OLD)
+        replace_file(folder / "data", OLD_CONTENT)
 
-    def operate(self, folder):
-        replace_file(folder / "data", NEW)
+    def replace(self, folder):
+        replace_file(folder / "data", NEW_CONTENT)
 
-    def look(self, folder):
-        return {OLD: "old", NEW: "new"}[(folder / "data").read_bytes()]
+    def inspect_state(self, folder):
+        return {OLD_CONTENT: "old", NEW_CONTENT: "new"}[(folder / "data").read_bytes()]
 
 
 class FolderCase:
-    """A folder that replaces another one."""
+    """Replacement of a folder."""
 
     def fill(self, folder, content):
-        with replacing_folder(folder / "made", KIND) as made:
-            (made.scratch / "more").write_text("not kept")
-            (made.folder / "one").write_bytes(content)
-            (made.folder / content[:3].decode()).mkdir()
-            (made.folder / content[:3].decode() / "deep").write_bytes(content)
+        with replacing_folder(folder / "made", FOLDER_KIND) as replacement:
+            (replacement.scratch / "more").write_text("not kept")
+            (replacement.folder / "one").write_bytes(content)
+            (replacement.folder / content[:3].decode()).mkdir()
+            (replacement.folder / content[:3].decode() / "deep").write_bytes(content)
 
     def prepare(self, folder):
-        self.fill(folder, OLD)
+        self.fill(folder, OLD_CONTENT)
 
-    def operate(self, folder):
-        self.fill(folder, NEW)
+    def replace(self, folder):
+        self.fill(folder, NEW_CONTENT)
 
-    def look(self, folder):
-        made = folder / "made"
-        if not made.exists():
+    def inspect_state(self, folder):
+        target = folder / "made"
+        if not target.exists():
             return "missing"
-        found = {OLD: "old", NEW: "new"}[(made / "one").read_bytes()]
-        names = {str(path.relative_to(made)) for path in made.rglob("*")}
-        assert names == {files.MARK_NAME, "one", found, f"{found}/deep"}, names
-        assert (made / found / "deep").read_bytes() == (made / "one").read_bytes()
-        return found
+        state = {OLD_CONTENT: "old", NEW_CONTENT: "new"}[(target / "one").read_bytes()]
+        names = {str(path.relative_to(target)) for path in target.rglob("*")}
+        assert names == {files.MARK_NAME, "one", state, f"{state}/deep"}, names
+        assert (target / state / "deep").read_bytes() == (target / "one").read_bytes()
+        return state
 
 
 class FirstFolderCase(FolderCase):
-    """A folder that replaces none."""
+    """Creation of a folder."""
 
     def prepare(self, folder):
         pass
 
 
 class EmptyFolderCase(FolderCase):
-    """A folder that replaces an empty one of the user's."""
+    """Replacement of an empty folder of the user."""
 
     def prepare(self, folder):
         (folder / "made").mkdir()
 
-    def look(self, folder):
-        empty = (folder / "made").exists() and not any((folder / "made").iterdir())
-        return "missing" if empty else super().look(folder)
+    def inspect_state(self, folder):
+        is_empty = (folder / "made").exists() and not any((folder / "made").iterdir())
+        return "missing" if is_empty else super().inspect_state(folder)
 
 
 class FolderWithoutExchangeCase(FolderCase):
-    """A folder on a system that cannot exchange two."""
+    """Replacement of a folder on a system without renameat2."""
 
-    def operate(self, folder):
+    def replace(self, folder):
         with patch.object(files.ctypes, "CDLL", lambda *_, **__: object()):
-            super().operate(folder)
+            super().replace(folder)
 
 
 class ClaimCase:
-    """A folder of files that are replaced one by one."""
+    """Claim of a folder whose files are replaced one by one."""
 
     def prepare(self, folder):
         pass
 
-    def operate(self, folder):
-        claim_folder(folder / "made", KIND)
+    def replace(self, folder):
+        claim_folder(folder / "made", FOLDER_KIND)
 
-    def look(self, folder):
-        made = folder / "made"
-        if not made.exists():
+    def inspect_state(self, folder):
+        target = folder / "made"
+        if not target.exists():
             return "missing"
-        names = [path.name for path in made.iterdir()]
+        names = [path.name for path in target.iterdir()]
         return "new" if names == [files.MARK_NAME] else "missing"
 
 
 class ResultCase:
-    """A result of the study that replaces another one, numbers and curves in two files."""
+    """Replacement of a result of the study, with numbers and curves in two files."""
 
-    def keep(self, folder, number):
+    def save_result(self, folder, number):
         result = Result({"y": number}, {"y": "1"}, {"x": np.full(300, number)})
         save(folder / "made", "7.1", "pw-T6", result, {"problem": "toy"}, {})
 
     def prepare(self, folder):
-        self.keep(folder, 1.0)
+        self.save_result(folder, 1.0)
 
-    def operate(self, folder):
+    def replace(self, folder):
         remove_unfinished(folder / "made" / "7.1")
-        self.keep(folder, 2.0)
+        self.save_result(folder, 2.0)
 
-    def look(self, folder):
+    def inspect_state(self, folder):
         try:
             stored = Results(folder / "made")["7.1/pw-T6"]
         except MissingResult:
@@ -241,70 +244,70 @@ CASES = {
         ResultCase,
     )
 }
-# Besides the old and the new content; of folders without exchange only until the next call
-ALLOWED = {
+# Allowed states besides old and new content (without renameat2, only until the next call)
+ALLOWED_STATES = {
     "FirstFolderCase": {"missing"},
     "EmptyFolderCase": {"missing"},
     "FolderWithoutExchangeCase": {"missing"},
     "ClaimCase": {"missing"},
     "ResultCase": {"mixed, and known to be"},
 }
-PUT_BACK = {"FolderWithoutExchangeCase"}
+RESTORED_CASES = {"FolderWithoutExchangeCase"}
 
 
 @contextmanager
-def surroundings():
-    """A folder of the user's, which has to be as it was but for what is made in it."""
+def user_folder():
+    """Yield a folder with files of the user, and check that all of these are unchanged."""
     with tempfile.TemporaryDirectory() as name:
-        outside, folder = Path(name) / "outside", Path(name) / "folder"
-        for path in (outside / "file", folder / "notes.txt", folder / "other.bp" / "md.idx"):
+        outside_folder, folder = Path(name) / "outside", Path(name) / "folder"
+        for path in (outside_folder / "file", folder / "notes.txt", folder / "other.bp" / "md.idx"):
             path.parent.mkdir(exist_ok=True)
             path.write_text("mine")
         (folder / ".0123456789abcdef.pw-elements-unfinished.txt").write_text("mine")
-        (folder / "link").symlink_to(outside)
-        (folder / ".aaaaaaaaaaaaaaaa.pw-elements-unfinished").symlink_to(outside)
-        before = content(Path(name))
+        (folder / "link").symlink_to(outside_folder)
+        (folder / ".aaaaaaaaaaaaaaaa.pw-elements-unfinished").symlink_to(outside_folder)
+        content_before = folder_content(Path(name))
         yield folder
-        now = content(Path(name))
-        assert {path: now.get(path) for path in before} == before
-        more = {path.split("/")[1] for path in now.keys() - before.keys()}
-        assert more <= {"made", "data"}, more
+        content_after = folder_content(Path(name))
+        assert {path: content_after.get(path) for path in content_before} == content_before
+        new_entries = {path.split("/")[1] for path in content_after.keys() - content_before.keys()}
+        assert new_entries <= {"made", "data"}, new_entries
 
 
-def content(folder):
+def folder_content(folder):
     return {
         str(path.relative_to(folder)): path.is_file() and path.read_bytes()
         for path in folder.rglob("*")
     }
 
 
-def judge(case, folder, raised=None):
-    """Old, new or what the case allows; nothing unfinished after the next call, which succeeds."""
+def check_recovery(case, folder, error_raised=None):
+    """Check the state after a failure, and that the next call succeeds; return the state."""
     name = type(case).__name__
-    found = case.look(folder)
-    assert found in {"old", "new"} | ALLOWED.get(name, set()), found
-    if raised is not None and name not in ALLOWED:
-        assert found == "old", found
-    if name in PUT_BACK and found == "missing":
+    state = case.inspect_state(folder)
+    assert state in {"old", "new"} | ALLOWED_STATES.get(name, set()), state
+    if error_raised is not None and name not in ALLOWED_STATES:
+        assert state == "old", state
+    if name in RESTORED_CASES and state == "missing":
         remove_unfinished(folder)
-        assert case.look(folder) == "old"
-    case.operate(folder)
-    assert case.look(folder) == "new"
-    return found
+        assert case.inspect_state(folder) == "old"
+    case.replace(folder)
+    assert case.inspect_state(folder) == "new"
+    return state
 
 
 def kill_at_each_call(case):
-    """Kill the case everywhere; return how often, and what was there afterwards."""
-    found, number, reached = [], 0, True
-    while reached:
+    """Kill a case at each system call; return the number of kills and the states after them."""
+    states, number, was_killed = [], 0, True
+    while was_killed:
         number += 1
-        for after in (False, True):
-            with surroundings() as folder:
+        for after_call in (False, True):
+            with user_folder() as folder:
                 case.prepare(folder)
-                reached = killed(lambda at=folder: case.operate(at), number, after)
-                if reached:
-                    found.append(judge(case, folder))
-    return len(found), {*found}
+                was_killed = run_with_kill(lambda at=folder: case.replace(at), number, after_call)
+                if was_killed:
+                    states.append(check_recovery(case, folder))
+    return len(states), {*states}
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Model of one of Abaqus' input files: nodes, elements, and sets of them, as tables.
+"""Model of an Abaqus input file: tables of nodes, elements, sets and surfaces.
 
-What follows the model, from *STEP on, is not read. Whatever the order of the text, nodes and
-elements are read first, then ELSETs, NSETs and SURFACEs, as CalculiX does.
+Blocks from *STEP on are ignored. Nodes and elements are resolved before ELSETs, NSETs and SURFACEs
+whatever their order in the file is, as in CalculiX.
 """
 
 from array import array
@@ -14,149 +14,166 @@ import numpy as np
 
 from pw_elements.abaqus.lines import (
     Block,
-    PlacedError,
-    coordinates,
-    entries,
-    integers,
+    LocatedError,
     is_number,
-    label,
+    normalize_name,
+    parse_integers,
+    parse_node,
     read_blocks,
+    split_entries,
 )
-from pw_elements.abaqus.types import Kind, kind_of
+from pw_elements.abaqus.types import AbaqusElementType, abaqus_element_type
 from pw_elements.arrays import Indices
 from pw_elements.checks import arguments
 
-# Keywords that make nodes or elements, or move them
-NOT_READ = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "IMPORT"}
-NOT_READ |= {"SYMMETRICMODELGENERATION", "MESHREFINEMENT", "SUBSTRUCTUREGENERATE"}
-# Parameters that are read, or that do not change nodes and members
-PARAMETERS = {
+# Keywords that generate or move nodes or elements
+UNSUPPORTED_KEYWORDS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "IMPORT"}
+UNSUPPORTED_KEYWORDS |= {"SYMMETRICMODELGENERATION", "MESHREFINEMENT", "SUBSTRUCTUREGENERATE"}
+# Parameters that are read, or that do not change nodes and members of sets
+SUPPORTED_PARAMETERS = {
     "NODE": {"NSET", "SYSTEM", "INTERNAL"},
     "ELEMENT": {"TYPE", "ELSET", "PARENT", "DLOAD", "SOLIDELEMENTNUMBERING", "INTERNAL"},
     "NSET": {"NSET", "GENERATE", "ELSET", "INSTANCE", "INTERNAL", "UNSORTED", "FREQUENCY"},
     "ELSET": {"ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"},
     "SURFACE": {"NAME", "TYPE", "INTERNAL", "TRIM", "PROPERTY", "NOTHICK", "NOOFFSET"},
 }
-KEYWORDS = NOT_READ | PARAMETERS.keys() | {"PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "STEP"}
-# A key is a number of a node or element and this times the number of its part
-PART = 2**32
-MAX_TYPES = 1000
-# Members that all sets may have together, and entries that ranges may be compared with: so many,
-# and so many times the nodes and elements
-MAX_MEMBERS, MAX_MEMBERSHIPS = 2_000_000, 20
+RELEVANT_KEYWORDS = (
+    UNSUPPORTED_KEYWORDS
+    | SUPPORTED_PARAMETERS.keys()
+    | {"PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "STEP"}
+)
+# The key of a node or element is its number plus this multiple of the number of its part
+KEYS_PER_PART = 2**32
+MAX_ELEMENT_TYPES = 1000
+# Largest total number of members of all sets (and of keys compared with ranges): this number plus
+# this multiple of the number of nodes and elements
+MAX_SET_MEMBERS, MAX_MEMBERS_PER_ENTITY = 2_000_000, 20
 
-Name = tuple[int, str]  # number of the part, and the name in it
+SetName = tuple[int, str]  # number of the part, and name of the set in the part
 
 
-class Reference(NamedTuple):
-    """A set that is named in a row of another, and the face of its elements ("" if none is)."""
+class SetReference(NamedTuple):
+    """Name of a set in a row of another set; in surfaces, with a face of its elements or ""."""
 
-    sort: str
-    name: Name
+    set_kind: str
+    name: SetName
     face: str = ""
 
 
 class SetBlock(NamedTuple):
-    """Rows of one block: keys of nodes or elements, ranges of keys, and other sets.
+    """Rows of a block of a set or surface: keys, ranges of keys, and names of other sets.
 
     Args:
-        name: of the set.
-        place: of the block.
-        sort: "NSET" if its numbers are those of nodes, else "ELSET".
-        keys: of members (n,).
-        faces: of a surface, one for each key.
-        ranges: first key, last key, step.
-        references: to sets.
+        name: name of the set or surface.
+        location: file, line and keyword of the block, for messages.
+        set_kind: "NSET" for members that are nodes, "ELSET" for elements.
+        keys: keys (n,) of members.
+        faces: face (or "") of each of these, for surfaces of elements.
+        ranges: first key, last key and step of each range.
+        references: names of other sets.
     """
 
-    name: Name
-    place: str
-    sort: str
+    name: SetName
+    location: str
+    set_kind: str
     keys: array
     faces: list[str]
     ranges: list[tuple[int, int, int]]
-    references: list[Reference]
+    references: list[SetReference]
 
 
 class SurfacePart(NamedTuple):
-    """Positions of elements ("ELSET") and one face of them ("" for all free ones), or of nodes."""
+    """Positions of nodes ("NSET"), or of elements ("ELSET") and a face ("" for all free faces)."""
 
-    sort: str
+    set_kind: str
     face: str
     members: Indices
 
 
 class Deck:
-    """Nodes and elements of a file, sets of their positions, and surfaces.
+    """Nodes and elements of an input file, sets of their positions, and surfaces.
+
+    A position is the index of a node or element in ascending order of the keys.
 
     Attributes:
-        node_keys: of the nodes (n,), in ascending order.
-        x: coordinates (n, 3).
-        element_keys: of the elements (m,), in ascending order; those that are not read, too.
-        kinds: types of elements.
-        kind: number of the type of each element (m,).
-        members: by type, positions of its elements in the order of the file.
-        nodes: by type, keys (elements of it, nodes) of their nodes.
-        sets: of "NSET" and "ELSET": positions of nodes or elements, in ascending order.
-        surfaces: parts of each.
-        instances: name of the instance of each part that is in one.
-        notes: sentences on what was left out, or taken in another way than written.
+        node_keys: keys (n,) of the nodes in ascending order.
+        x: coordinates (n, 3) of the nodes.
+        element_keys: keys (m,) of all elements in ascending order, of unsupported types, too.
+        element_types: types of elements in the file.
+        type_index: index (m,) of each element's type.
+        members: for each type, positions of its elements in the order of the file.
+        nodes: for each type, keys (elements of the type, nodes) of their nodes.
+        sets: by "NSET" and "ELSET", then by name: positions of nodes or elements, ascending.
+        surfaces: parts of each surface.
+        instance_names: name of the instance of each part that has one.
+        notes: messages about data that were left out or changed.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.instances: dict[int, str] = {}
+        self.instance_names: dict[int, str] = {}
         self._part_of_instance: dict[str, int] = {}
         self.notes: list[str] = []
-        self.sets: dict[str, dict[Name, Indices]] = {}
-        self.surfaces: dict[Name, list[SurfacePart]] = {}
-        self._parts, self._part = {"": 0}, 0
-        self._shifts: dict[int, list[float]] = {}
-        self._node_keys, self._x = array("q"), array("d")
-        self._types: dict[str, int] = {}
-        self._element_keys, self._kind = array("q"), array("q")
+        self.sets: dict[str, dict[SetName, Indices]] = {}
+        self.surfaces: dict[SetName, list[SurfacePart]] = {}
+        self._part_numbers, self._current_part = {"": 0}, 0
+        self._instance_offsets: dict[int, list[float]] = {}
+        self._node_keys, self._coordinates = array("q"), array("d")
+        self._type_index_by_name: dict[str, int] = {}
+        self._element_keys, self._type_indices = array("q"), array("q")
         self._connectivity: list[array] = []
-        self._longer: dict[str, int] = {}
+        self._overlong_rows: dict[str, int] = {}
         self._blocks: dict[str, list[SetBlock]] = {"NSET": [], "ELSET": [], "SURFACE": []}
-        # sets that blocks of nodes and elements name: rows of those, from the first to the end
-        self._named_rows: dict[str, list[tuple[Name, int, int]]] = {"NSET": [], "ELSET": []}
-        self._chunks: dict[str, dict[Name, list[Indices]]] = {"NSET": {}, "ELSET": {}}
-        self._with_gaps: dict[str, None] = {}
-        for block in read_blocks(path, KEYWORDS):
+        # names in blocks of nodes and elements, with first row and end of the block
+        self._rows_of_named_blocks: dict[str, list[tuple[SetName, int, int]]] = {
+            "NSET": [],
+            "ELSET": [],
+        }
+        self._member_chunks: dict[str, dict[SetName, list[Indices]]] = {"NSET": {}, "ELSET": {}}
+        self._sets_with_gaps: dict[str, None] = {}
+        for block in read_blocks(path, RELEVANT_KEYWORDS):
             if block.keyword == "STEP":
                 break
             try:
-                self._add(block)
+                self._add_block(block)
             except KeyError as error:
-                raise ValueError(f"{block.place}: {error.args[0]}=... is missing") from error
-            except PlacedError:
+                raise ValueError(f"{block.location}: {error.args[0]}=... is missing") from error
+            except LocatedError:
                 raise
             except ValueError as error:
-                raise ValueError(f"{block.here()}, *{block.keyword}: {error}") from error
+                raise ValueError(
+                    f"{block.current_location()}, *{block.keyword}: {error}"
+                ) from error
         self._finish_tables()
         self._resolve_sets("ELSET")
         self._resolve_sets("NSET")
         self._resolve_surfaces()
-        if self._with_gaps:
-            first, *others = self._with_gaps
-            more = f" and {len(others)} other sets" if others else ""
-            self.notes.append(f"ranges of {first}{more} have numbers of nothing that is there")
+        if self._sets_with_gaps:
+            first_name, *other_names = self._sets_with_gaps
+            suffix = f" and {len(other_names)} other sets" if other_names else ""
+            self.notes.append(
+                f"ranges of {first_name}{suffix} have numbers of nothing that is there"
+            )
 
-    # Reading
+    # Blocks
 
-    def _add(self, block: Block) -> None:
-        keyword, given = block.keyword, block.parameters
-        if keyword in NOT_READ:
+    def _add_block(self, block: Block) -> None:
+        keyword, parameters = block.keyword, block.parameters
+        if keyword in UNSUPPORTED_KEYWORDS:
             raise ValueError("this is not read: write all nodes and elements out, in x, y, z")
-        if unknown := given.keys() - PARAMETERS.get(keyword, given.keys()):
-            raise ValueError(f"the parameter {min(unknown)} is not read")
+        if unknown_parameters := parameters.keys() - SUPPORTED_PARAMETERS.get(
+            keyword, parameters.keys()
+        ):
+            raise ValueError(f"the parameter {min(unknown_parameters)} is not read")
         match keyword:
             case "PART":
-                self._part = self._new_part(label(given["NAME"], block.place))
+                self._current_part = self._add_part(
+                    normalize_name(parameters["NAME"], block.location)
+                )
             case "INSTANCE":
                 self._add_instance(block)
             case "ENDPART" | "ENDINSTANCE":
-                self._part = 0
+                self._current_part = 0
             case "NODE":
                 self._add_nodes(block)
             case "ELEMENT":
@@ -166,368 +183,411 @@ class Deck:
             case "SURFACE":
                 self._add_surface(block)
 
-    def _new_part(self, name: str) -> int:
-        if name in self._parts:
+    def _add_part(self, name: str) -> int:
+        if name in self._part_numbers:
             raise ValueError(f"the part {name} is given twice")
-        return self._parts.setdefault(name, len(self._parts))
+        return self._part_numbers.setdefault(name, len(self._part_numbers))
 
     def _add_instance(self, block: Block) -> None:
-        name, part = (label(block.parameters[key], block.place) for key in ("NAME", "PART"))
-        rows = [text.split(",") for text in block.rows]
-        number = self._parts.get(part, -1)
+        name, part_name = (
+            normalize_name(block.parameters[key], block.location) for key in ("NAME", "PART")
+        )
+        offset_rows = [text.split(",") for text in block.rows]
+        part_number = self._part_numbers.get(part_name, -1)
         if name in self._part_of_instance:
             raise ValueError(f"the instance {name} is given twice")
-        if number < 1:
-            raise ValueError(f"{name}: there is no part {part} before it")
-        if number in self.instances or len(rows) > 1 or len(rows[:1] and rows[0]) > 4:
+        if part_number < 1:
+            raise ValueError(f"{name}: there is no part {part_name} before it")
+        if (
+            part_number in self.instance_names
+            or len(offset_rows) > 1
+            or len(offset_rows[:1] and offset_rows[0]) > 4
+        ):
             raise ValueError(f"{name}: parts that are turned, or used twice, are not read")
-        self.instances[number] = name
-        self._part_of_instance[name] = number
-        self._part = number  # nodes and elements may stand in the instance, too
-        shift = ",".join(["1", *rows[0]]) if rows else "1"
-        self._shifts[number] = coordinates(shift)[1]
+        self.instance_names[part_number] = name
+        self._part_of_instance[name] = part_number
+        self._current_part = part_number  # an instance may define nodes and elements, too
+        offset_row = ",".join(["1", *offset_rows[0]]) if offset_rows else "1"
+        self._instance_offsets[part_number] = parse_node(offset_row)[1]
 
     def _add_nodes(self, block: Block) -> None:
         if block.parameters.get("SYSTEM", "R").upper() != "R":
             raise ValueError("SYSTEM is not read: write the nodes in x, y, z")
-        if any(self._shifts.get(self._part, ())):
+        if any(self._instance_offsets.get(self._current_part, ())):
             raise ValueError("nodes in an instance that is moved are not read")
-        first, base = len(self._node_keys), PART * self._part
+        start, key_offset = len(self._node_keys), KEYS_PER_PART * self._current_part
         for text in block.rows:
-            number, x = coordinates(text)
-            self._node_keys.append(base + number)
-            self._x.extend(x)
-        self._name_rows("NSET", block, first, len(self._node_keys))
-        size = max(map(abs, self._x[3 * first :]), default=0.0)
-        if not size <= arguments.MAX_MAGNITUDE:
+            number, x = parse_node(text)
+            self._node_keys.append(key_offset + number)
+            self._coordinates.extend(x)
+        self._record_block_name("NSET", block, start, len(self._node_keys))
+        largest = max(map(abs, self._coordinates[3 * start :]), default=0.0)
+        if not largest <= arguments.MAX_MAGNITUDE:
             raise ValueError(
-                f"a coordinate is of the size {size:.3g}, larger than {arguments.MAX_MAGNITUDE:g}"
+                f"a coordinate is of the size {largest:.3g}, larger than "
+                f"{arguments.MAX_MAGNITUDE:g}"
             )
 
     def _add_elements(self, block: Block) -> None:
-        name = label(block.parameters["TYPE"], block.place)
-        kind = kind_of(name)
-        number = self._types.setdefault(name, len(self._types))
-        if number >= MAX_TYPES:
-            raise ValueError(f"there are more than {MAX_TYPES} types of elements")
-        if number == len(self._connectivity):
+        name = normalize_name(block.parameters["TYPE"], block.location)
+        element_type = abaqus_element_type(name)
+        type_index = self._type_index_by_name.setdefault(name, len(self._type_index_by_name))
+        if type_index >= MAX_ELEMENT_TYPES:
+            raise ValueError(f"there are more than {MAX_ELEMENT_TYPES} types of elements")
+        if type_index == len(self._connectivity):
             self._connectivity.append(array("q"))
-        connectivity = self._connectivity[number]
-        first, base = len(self._element_keys), PART * self._part
-        for key, *nodes in self._element_rows(block.rows, kind):
-            self._element_keys.append(base + key)
-            connectivity.extend(base + node for node in nodes)
-        count = len(self._element_keys) - first
-        self._kind.extend([number] * count)
-        self._name_rows("ELSET", block, first, first + count)
+        connectivity = self._connectivity[type_index]
+        start, key_offset = len(self._element_keys), KEYS_PER_PART * self._current_part
+        for key, *nodes in self._parse_element_rows(block.rows, element_type):
+            self._element_keys.append(key_offset + key)
+            connectivity.extend(key_offset + node for node in nodes)
+        count = len(self._element_keys) - start
+        self._type_indices.extend([type_index] * count)
+        self._record_block_name("ELSET", block, start, start + count)
 
-    def _element_rows(self, rows: Iterator[str], kind: Kind) -> Iterator[list[int]]:
-        """Yield number and nodes of elements, whose rows may go on over several lines.
+    def _parse_element_rows(
+        self, rows: Iterator[str], element_type: AbaqusElementType
+    ) -> Iterator[list[int]]:
+        """Yield number and nodes of each element; its row may extend over several lines.
 
-        Only the number is read of elements that are no cells; their nodes may be 0.
+        Of elements with an unknown number of nodes, only the number is yielded. Nodes of elements
+        that are no cells may be 0.
         """
-        least = 1 if kind.dim else 0
+        minimum = 1 if element_type.dim else 0
         for text in rows:
-            row = integers(text, least)
-            if not kind.nodes:
+            row = parse_integers(text, minimum)
+            if not element_type.n_nodes:
                 while text.endswith(",") and (text := next(rows, "")):
                     pass
                 yield row[:1]
                 continue
-            length = kind.nodes + 1
-            one_line = len(row) >= length
+            length = element_type.n_nodes + 1
+            fits_in_line = len(row) >= length
             while len(row) < length:
                 text = next(rows, "")
                 if not text:
                     raise ValueError(
-                        f"element {row[0]} ends after {len(row) - 1} of {kind.nodes} nodes"
+                        f"element {row[0]} ends after {len(row) - 1} of {element_type.n_nodes} "
+                        "nodes"
                     )
-                row += integers(text, least)
-            if len(row) > length and not one_line:
+                row += parse_integers(text, minimum)
+            if len(row) > length and not fits_in_line:
                 raise ValueError(
-                    f"{kind.name} has {kind.nodes} nodes: the lines of element {row[0]} have "
-                    f"{len(row) - 1}"
+                    f"{element_type.name} has {element_type.n_nodes} nodes: the lines of element "
+                    f"{row[0]} have {len(row) - 1}"
                 )
             if len(row) > length:
-                self._longer[kind.name] = self._longer.get(kind.name, 0) + 1
+                self._overlong_rows[element_type.name] = (
+                    self._overlong_rows.get(element_type.name, 0) + 1
+                )
             yield row[:length]
 
-    def _name_rows(self, sort: str, block: Block, first: int, end: int) -> None:
-        if sort in block.parameters:
-            self._named_rows[sort].append((self._name(block, sort), first, end))
+    def _record_block_name(self, set_kind: str, block: Block, start: int, end: int) -> None:
+        if set_kind in block.parameters:
+            self._rows_of_named_blocks[set_kind].append(
+                (self._set_name(block, set_kind), start, end)
+            )
 
-    def _name(self, block: Block, key: str) -> Name:
-        name = label(block.parameters[key], block.place)
+    def _set_name(self, block: Block, key: str) -> SetName:
+        name = normalize_name(block.parameters[key], block.location)
         if not name:
             raise KeyError(key)
-        return self._part, name
+        return self._current_part, name
 
     def _add_set(self, block: Block) -> None:
-        keyword, given = block.keyword, block.parameters
+        keyword, parameters = block.keyword, block.parameters
         part = (
-            self._part_of(label(given["INSTANCE"], block.place))
-            if "INSTANCE" in given
-            else self._part
+            self._find_part(normalize_name(parameters["INSTANCE"], block.location))
+            if "INSTANCE" in parameters
+            else self._current_part
         )
-        name = self._name(block, keyword)
-        added = SetBlock(name, block.place, keyword, array("q"), [], [], [])
-        if keyword == "NSET" and "ELSET" in given:
-            elements = part, label(given["ELSET"], block.place)
-            added.references.append(Reference("ELSET", elements))
+        name = self._set_name(block, keyword)
+        set_block = SetBlock(name, block.location, keyword, array("q"), [], [], [])
+        if keyword == "NSET" and "ELSET" in parameters:
+            elements = part, normalize_name(parameters["ELSET"], block.location)
+            set_block.references.append(SetReference("ELSET", elements))
         for text in block.rows:
-            row = entries(text, block.place)
-            if "GENERATE" in given:
-                if len(row) not in (2, 3) or not all(map(is_number, row)):
+            row_entries = split_entries(text, block.location)
+            if "GENERATE" in parameters:
+                if len(row_entries) not in (2, 3) or not all(map(is_number, row_entries)):
                     raise ValueError("GENERATE takes the first number, the last, and the step")
-                first, last, step = [*integers(text), 1][:3]
-                if last < first:
-                    raise ValueError(f"GENERATE from {first} to {last}: the last is the smaller")
-                added.ranges.append((part * PART + first, part * PART + last, step))
+                range_start, range_end, step = [*parse_integers(text), 1][:3]
+                if range_end < range_start:
+                    raise ValueError(
+                        f"GENERATE from {range_start} to {range_end}: the last is the smaller"
+                    )
+                set_block.ranges.append(
+                    (part * KEYS_PER_PART + range_start, part * KEYS_PER_PART + range_end, step)
+                )
                 continue
-            for entry in filter(None, row):
-                self._add_member(added, entry, part)
-        self._blocks[keyword].append(added)
+            for member in filter(None, row_entries):
+                self._add_member(set_block, member, part)
+        self._blocks[keyword].append(set_block)
 
-    def _add_member(self, block: SetBlock, entry: str, part: int, face: str = "") -> None:
-        """Add a number or a set's name, either of which may stand after the name of an instance."""
-        if not is_number(entry):
-            name = label(entry, block.place)
-            instance, _, rest = name.rpartition(".")
+    def _add_member(self, block: SetBlock, member: str, part: int, face: str = "") -> None:
+        """Add the number of a member or the name of a set, either with or without "INSTANCE."."""
+        if not is_number(member):
+            name = normalize_name(member, block.location)
+            instance, _, set_name = name.rpartition(".")
             if instance in self._part_of_instance:
-                part, name = self._part_of(instance), rest
+                part, name = self._find_part(instance), set_name
             if not is_number(name):
-                block.references.append(Reference(block.sort, (part, name), face))
+                block.references.append(SetReference(block.set_kind, (part, name), face))
                 return
-            entry = name
-        block.keys.append(part * PART + integers(entry)[0])
+            member = name
+        block.keys.append(part * KEYS_PER_PART + parse_integers(member)[0])
         block.faces.append(face)
 
-    def _part_of(self, instance: str) -> int:
+    def _find_part(self, instance: str) -> int:
+        """Return the number of the part of an instance."""
         if instance in self._part_of_instance:
             return self._part_of_instance[instance]
-        if self.instances or len(self._parts) > 1:
+        if self.instance_names or len(self._part_numbers) > 1:
             raise ValueError(f"there is no instance {instance} before it")
-        return self._part  # CalculiX knows no instances, and passes the parameter by
+        return self._current_part  # CalculiX has no instances and ignores the parameter
 
     def _add_surface(self, block: Block) -> None:
-        given = block.parameters
-        name = self._name(block, "NAME")
-        kind = label(given.get("TYPE", "ELEMENT"), block.place)
-        if kind not in ("ELEMENT", "NODE"):
-            self.notes.append(f"the surface {name[1]} of the type {kind} is left out")
+        parameters = block.parameters
+        name = self._set_name(block, "NAME")
+        surface_type = normalize_name(parameters.get("TYPE", "ELEMENT"), block.location)
+        if surface_type not in ("ELEMENT", "NODE"):
+            self.notes.append(f"the surface {name[1]} of the type {surface_type} is left out")
             return
-        sort = "NSET" if kind == "NODE" else "ELSET"
-        added = SetBlock(name, block.place, sort, array("q"), [], [], [])
+        set_kind = "NSET" if surface_type == "NODE" else "ELSET"
+        set_block = SetBlock(name, block.location, set_kind, array("q"), [], [], [])
         for text in block.rows:
-            member, *face = entries(text, block.place)
-            side = label(face[0], block.place) if face and sort == "ELSET" else ""
-            self._add_member(added, member, self._part, side)
-        self._blocks["SURFACE"].append(added)
+            member, *face = split_entries(text, block.location)
+            face_name = (
+                normalize_name(face[0], block.location) if face and set_kind == "ELSET" else ""
+            )
+            self._add_member(set_block, member, self._current_part, face_name)
+        self._blocks["SURFACE"].append(set_block)
 
-    # Tables of what was read
+    # Tables
 
     def _finish_tables(self) -> None:
-        """Sort nodes and elements by their keys."""
+        """Sort nodes and elements by their keys; make tables of elements by type."""
         keys = np.array(self._node_keys, dtype=np.int64)
-        self.node_keys, rows, self._node_position = np.unique(
+        self.node_keys, first_rows, self._node_position = np.unique(
             keys, return_index=True, return_inverse=True
         )
-        x = np.array(self._x).reshape(-1, 3)
-        self.x = x[rows]
-        moved = np.flatnonzero((self.x[self._node_position] != x).any(axis=1))
-        if len(moved):
-            number = self.number(keys[moved[0]])
+        x = np.array(self._coordinates).reshape(-1, 3)
+        self.x = x[first_rows]
+        conflicting = np.flatnonzero((self.x[self._node_position] != x).any(axis=1))
+        if len(conflicting):
+            number = self.describe_key(keys[conflicting[0]])
             raise ValueError(f"{self.path}: node {number} is given twice, at two places")
-        for part, shift in self._shifts.items():
-            first, end = np.searchsorted(self.node_keys, [part * PART, (part + 1) * PART])
-            self.x[first:end] += shift
+        for part, offset in self._instance_offsets.items():
+            start, end = np.searchsorted(
+                self.node_keys, [part * KEYS_PER_PART, (part + 1) * KEYS_PER_PART]
+            )
+            self.x[start:end] += offset
 
         keys = np.array(self._element_keys, dtype=np.int64)
         order = np.argsort(keys, kind="stable")
         self.element_keys = keys[order]
-        twice = np.flatnonzero(np.diff(self.element_keys) == 0)
-        if len(twice):
-            number = self.number(self.element_keys[twice[0]])
+        repeated = np.flatnonzero(np.diff(self.element_keys) == 0)
+        if len(repeated):
+            number = self.describe_key(self.element_keys[repeated[0]])
             raise ValueError(f"{self.path}: element {number} is given twice")
         self._element_position = np.argsort(order, kind="stable")
-        self.kinds = [kind_of(name) for name in self._types]
-        kind = np.array(self._kind, dtype=np.int64)
-        self.kind = kind[order]
-        self.members = [self._element_position[kind == k] for k in range(len(self.kinds))]
-        self.nodes = [
-            np.array(nodes, dtype=np.int64).reshape(len(members), -1)
-            for nodes, members in zip(self._connectivity, self.members, strict=True)
+        self.element_types = [abaqus_element_type(name) for name in self._type_index_by_name]
+        type_index = np.array(self._type_indices, dtype=np.int64)
+        self.type_index = type_index[order]
+        self.members = [
+            self._element_position[type_index == k] for k in range(len(self.element_types))
         ]
-        self._row = np.empty(len(keys), dtype=np.int64)  # of each element in its own table
-        for members in self.members:
-            self._row[members] = np.arange(len(members))
-        self._allowed = MAX_MEMBERS + MAX_MEMBERSHIPS * (len(self.x) + len(keys))
-        for name, count in self._longer.items():
+        self.nodes = [
+            np.array(nodes, dtype=np.int64).reshape(len(positions), -1)
+            for nodes, positions in zip(self._connectivity, self.members, strict=True)
+        ]
+        self._row_in_table = np.empty(
+            len(keys), dtype=np.int64
+        )  # of each element in the table of its type
+        for positions in self.members:
+            self._row_in_table[positions] = np.arange(len(positions))
+        self._members_left = MAX_SET_MEMBERS + MAX_MEMBERS_PER_ENTITY * (len(self.x) + len(keys))
+        for name, count in self._overlong_rows.items():
             self.notes.append(
-                f"{count} rows of {name} have more than {kind_of(name).nodes} nodes: the others "
-                "are not read, as in CalculiX"
+                f"{count} rows of {name} have more than {abaqus_element_type(name).n_nodes} nodes: "
+                "the others are not read, as in CalculiX"
             )
 
-    def number(self, key: int) -> str:
-        """Return the number of a node or an element as it is written, after its instance if any."""
-        part, number = divmod(int(key), PART)
-        return f"{self.instances[part]}.{number}" if part in self.instances else str(number)
+    def describe_key(self, key: int) -> str:
+        """Return the number of a node or element, after the name of its instance if it has one."""
+        part, number = divmod(int(key), KEYS_PER_PART)
+        return (
+            f"{self.instance_names[part]}.{number}" if part in self.instance_names else str(number)
+        )
 
-    def _spend(self, count: int, place: str) -> None:
-        """Refuse sets whose members, taken together, are out of proportion to the mesh."""
-        self._allowed -= count
-        if self._allowed < 0:
+    def _count_members(self, n_members: int, location: str) -> None:
+        """Count members of all sets; raise ValueError if they are out of proportion to the mesh."""
+        self._members_left -= n_members
+        if self._members_left < 0:
             raise ValueError(
-                f"{place}: the sets up to here have more than {MAX_MEMBERS:g} members and "
-                f"{MAX_MEMBERSHIPS} times the nodes and elements: is a set repeated?"
+                f"{location}: the sets up to here have more than {MAX_SET_MEMBERS:g} members and "
+                f"{MAX_MEMBERS_PER_ENTITY} times the nodes and elements: is a set repeated?"
             )
 
     # Sets
 
-    def _resolve_sets(self, sort: str) -> None:
-        sets = self._chunks[sort]
-        nodes = sort == "NSET"
-        position = self._node_position if nodes else self._element_position
-        for name, first, end in self._named_rows[sort]:
-            self._extend(sort, name, np.unique(position[first:end]), str(self.path))
-        for block, members in self._with_positions(self._blocks[sort]):
+    def _resolve_sets(self, set_kind: str) -> None:
+        """Resolve all NSETs or ELSETs to positions of nodes or elements."""
+        sets = self._member_chunks[set_kind]
+        are_nodes = set_kind == "NSET"
+        position = self._node_position if are_nodes else self._element_position
+        for name, start, end in self._rows_of_named_blocks[set_kind]:
+            self._extend_set(set_kind, name, np.unique(position[start:end]), str(self.path))
+        for block, members in self._locate_keys(self._blocks[set_kind]):
             sets.setdefault(block.name, [])
-            chunks = [unique(members), self._range_members(block)]
+            chunks = [sort_distinct(members), self._members_in_ranges(block)]
             for reference in block.references:
-                chunk = self._set(reference.sort, reference.name, block.place)
-                chunks.append(self._nodes_of(chunk) if reference.sort != sort else chunk)
+                chunk = self._collect_set(reference.set_kind, reference.name, block.location)
+                chunks.append(
+                    self._nodes_of_elements(chunk) if reference.set_kind != set_kind else chunk
+                )
             for chunk in chunks:
-                self._extend(sort, block.name, chunk, block.place)
-        self.sets[sort] = {name: self._set(sort, name, "") for name in sets}
+                self._extend_set(set_kind, block.name, chunk, block.location)
+        self.sets[set_kind] = {name: self._collect_set(set_kind, name, "") for name in sets}
 
-    def _extend(self, sort: str, name: Name, members: Indices, place: str) -> None:
-        chunks = self._chunks[sort].setdefault(name, [])
+    def _extend_set(self, set_kind: str, name: SetName, members: Indices, location: str) -> None:
+        chunks = self._member_chunks[set_kind].setdefault(name, [])
         if len(members) and not (len(chunks) == 1 and members is chunks[0]):
-            self._spend(len(members), place)
+            self._count_members(len(members), location)
             chunks.append(members)
 
-    def _set(self, sort: str, name: Name, place: str) -> Indices:
-        chunks = self._chunks[sort].get(name)
+    def _collect_set(self, set_kind: str, name: SetName, location: str) -> Indices:
+        """Return the positions of all members that a set has so far, in ascending order."""
+        chunks = self._member_chunks[set_kind].get(name)
         if chunks is None:
-            raise ValueError(f"{place}: the {sort} {name[1]} is not defined before")
+            raise ValueError(f"{location}: the {set_kind} {name[1]} is not defined before")
         if len(chunks) != 1:
             members = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *chunks]))
-            self._spend(sum(map(len, chunks)), place)
+            self._count_members(sum(map(len, chunks)), location)
             chunks[:] = [members]
         return chunks[0]
 
-    def _with_positions(self, blocks: list[SetBlock]) -> Iterator[tuple[SetBlock, Indices]]:
-        """Yield blocks with the positions of their keys, which have to be there."""
-        for sort, known in (("NSET", self.node_keys), ("ELSET", self.element_keys)):
-            own = [block for block in blocks if block.sort == sort]
-            lengths = [len(block.keys) for block in own]
+    def _locate_keys(self, blocks: list[SetBlock]) -> Iterator[tuple[SetBlock, Indices]]:
+        """Yield blocks with the positions of their keys; raise ValueError for a missing key."""
+        for set_kind, existing_keys in (("NSET", self.node_keys), ("ELSET", self.element_keys)):
+            selected_blocks = [block for block in blocks if block.set_kind == set_kind]
+            lengths = [len(block.keys) for block in selected_blocks]
             keys = np.fromiter(
-                chain.from_iterable(block.keys for block in own), np.int64, sum(lengths)
+                chain.from_iterable(block.keys for block in selected_blocks), np.int64, sum(lengths)
             )
-            position = np.searchsorted(known, keys)
-            there = position < len(known)
-            there[there] = known[position[there]] == keys[there]
+            position = np.searchsorted(existing_keys, keys)
+            exists = position < len(existing_keys)
+            exists[exists] = existing_keys[position[exists]] == keys[exists]
             start = 0
-            for block, length in zip(own, lengths, strict=True):
-                part = slice(start, start + length)
+            for block, length in zip(selected_blocks, lengths, strict=True):
+                of_block = slice(start, start + length)
                 start += length
-                if not there[part].all():
-                    number = self.number(keys[part][~there[part]][0])
-                    noun = "node" if sort == "NSET" else "element"
+                if not exists[of_block].all():
+                    number = self.describe_key(keys[of_block][~exists[of_block]][0])
+                    noun = "node" if set_kind == "NSET" else "element"
                     raise ValueError(
-                        f"{block.place}: {block.name[1]} has the {noun} {number}, which is not "
+                        f"{block.location}: {block.name[1]} has the {noun} {number}, which is not "
                         "there"
                     )
-                yield block, position[part]
+                yield block, position[of_block]
 
-    def _range_members(self, block: SetBlock) -> Indices:
-        """Positions of the nodes or elements in ranges of keys; numbers without one are noted."""
-        known = self.node_keys if block.sort == "NSET" else self.element_keys
+    def _members_in_ranges(self, block: SetBlock) -> Indices:
+        """Return positions of the nodes or elements in a block's ranges; note gaps in ranges."""
+        existing_keys = self.node_keys if block.set_kind == "NSET" else self.element_keys
         chunks = [np.empty(0, dtype=np.int64)]
         if not block.ranges:
             return chunks[0]
-        for first, last, step in merged(block.ranges):
-            start, end = np.searchsorted(known, [first, last + 1])
-            count = (last - first) // step + 1
-            self._spend(min(count, end - start) + 1, block.place)
+        for range_start, range_end, step in merge_ranges(block.ranges):
+            start, end = np.searchsorted(existing_keys, [range_start, range_end + 1])
+            count = (range_end - range_start) // step + 1
+            self._count_members(min(count, end - start) + 1, block.location)
             if count < end - start:
-                keys = np.arange(first, last + 1, step)
-                position = start + np.searchsorted(known[start:end], keys)
-                chunk = position[known[np.minimum(position, len(known) - 1)] == keys]
+                keys = np.arange(range_start, range_end + 1, step)
+                position = start + np.searchsorted(existing_keys[start:end], keys)
+                chunk = position[
+                    existing_keys[np.minimum(position, len(existing_keys) - 1)] == keys
+                ]
             else:
-                chunk = start + np.flatnonzero((known[start:end] - first) % step == 0)
+                chunk = start + np.flatnonzero((existing_keys[start:end] - range_start) % step == 0)
             if not len(chunk):
                 raise ValueError(
-                    f"{block.place}: GENERATE from {self.number(first)} to {self.number(last)} "
-                    "names nothing that is there"
+                    f"{block.location}: GENERATE from {self.describe_key(range_start)} to "
+                    f"{self.describe_key(range_end)} names nothing that is there"
                 )
             if len(chunk) < count:
-                self._with_gaps.setdefault(f"{block.sort} {block.name[1]}")
+                self._sets_with_gaps.setdefault(f"{block.set_kind} {block.name[1]}")
             chunks.append(chunk)
         return np.unique(np.concatenate(chunks))
 
-    def _nodes_of(self, elements: Indices) -> Indices:
-        """Positions of the nodes of elements."""
+    def _nodes_of_elements(self, elements: Indices) -> Indices:
+        """Return the positions of the nodes of elements."""
         keys = [np.empty(0, dtype=np.int64)]
-        for k, nodes in enumerate(self.nodes):
-            keys.append(nodes[self._row[elements[self.kind[elements] == k]]].ravel())
+        for type_index, nodes in enumerate(self.nodes):
+            keys.append(
+                nodes[self._row_in_table[elements[self.type_index[elements] == type_index]]].ravel()
+            )
         return self.node_positions(np.unique(np.concatenate(keys)))
 
     def node_positions(self, keys: Indices) -> Indices:
-        """Return the positions of nodes, which elements name.
+        """Return the positions of the nodes of elements by their keys.
 
         Raises:
-            ValueError: for the first node that is not there.
+            ValueError: names the first node that does not exist.
         """
         position = np.searchsorted(self.node_keys, keys)
-        there = position < len(self.node_keys)
-        there[there] = self.node_keys[position[there]] == keys[there]
-        if not there.all():
-            lost = self.number(keys[~there].min())
-            raise ValueError(f"{self.path}: elements have the node {lost}, which is not there")
+        exists = position < len(self.node_keys)
+        exists[exists] = self.node_keys[position[exists]] == keys[exists]
+        if not exists.all():
+            missing = self.describe_key(keys[~exists].min())
+            raise ValueError(f"{self.path}: elements have the node {missing}, which is not there")
         return position
 
     def _resolve_surfaces(self) -> None:
-        for block, members in self._with_positions(self._blocks["SURFACE"]):
-            parts = self.surfaces.setdefault(block.name, [])
+        """Resolve all surfaces to positions of nodes, or of elements with a face."""
+        for block, members in self._locate_keys(self._blocks["SURFACE"]):
+            surface_parts = self.surfaces.setdefault(block.name, [])
             faces = np.array(block.faces, dtype=object)
             for face in dict.fromkeys(block.faces):
-                parts.append(SurfacePart(block.sort, face, members[faces == face]))
+                surface_parts.append(SurfacePart(block.set_kind, face, members[faces == face]))
             for reference in block.references:
-                chunk = self._set(reference.sort, reference.name, block.place)
-                self._spend(len(chunk), block.place)
-                parts.append(SurfacePart(block.sort, reference.face, chunk))
+                chunk = self._collect_set(reference.set_kind, reference.name, block.location)
+                self._count_members(len(chunk), block.location)
+                surface_parts.append(SurfacePart(block.set_kind, reference.face, chunk))
 
     @property
-    def placed(self) -> Indices:
-        """Numbers of the parts that the model consists of."""
-        if self.instances:
-            return np.array([0, *self.instances])
-        parts = np.unique(self.node_keys // PART)
-        if len(parts[parts > 0]) > 1:
-            names = [name for name, part in self._parts.items() if part in parts[parts > 0]]
+    def used_parts(self) -> Indices:
+        """Numbers of the parts in the model; 0 stands for nodes and elements outside of parts."""
+        if self.instance_names:
+            return np.array([0, *self.instance_names])
+        used_parts = np.unique(self.node_keys // KEYS_PER_PART)
+        if len(used_parts[used_parts > 0]) > 1:
+            names = [
+                name
+                for name, part in self._part_numbers.items()
+                if part in used_parts[used_parts > 0]
+            ]
             raise ValueError(f"{self.path}: the parts {', '.join(names)} are in no instance")
-        return np.union1d(parts, 0)
+        return np.union1d(used_parts, 0)
 
 
-def unique(members: Indices) -> Indices:
-    """Return members in ascending order, each once; quick where there is but one."""
+def sort_distinct(members: Indices) -> Indices:
+    """Return the distinct members in ascending order."""
     return np.unique(members) if len(members) > 1 else members
 
 
-def merged(ranges: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
-    """Join ranges (first, last, step) of the same numbers, so that none is walked over twice."""
+def merge_ranges(ranges: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
+    """Merge overlapping ranges (first, last, step) that have step and remainder in common."""
     by_phase: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for first, last, step in set(ranges):
-        by_phase.setdefault((step, first % step), []).append((first, last))
-    joined = []
+    for range_start, range_end, step in set(ranges):
+        by_phase.setdefault((step, range_start % step), []).append((range_start, range_end))
+    merged_ranges = []
     for (step, _), spans in by_phase.items():
         spans.sort()
         start, end = spans[0]
-        for first, last in spans:
-            if first > end + step:
-                joined.append((start, end, step))
-                start, end = first, last
-            end = max(end, last)
-        joined.append((start, end, step))
-    return joined
+        for range_start, range_end in spans:
+            if range_start > end + step:
+                merged_ranges.append((start, end, step))
+                start, end = range_start, range_end
+            end = max(end, range_end)
+        merged_ranges.append((start, end, step))
+    return merged_ranges

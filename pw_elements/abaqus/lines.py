@@ -1,8 +1,9 @@
-"""Text of Abaqus' input files, read as a stream: lines, keywords with their parameters, numbers.
+"""Stream reader of Abaqus' input files: lines, keywords with their parameters, numbers.
 
 Rules of the syntax: "Abaqus Analysis User's Guide", Input Syntax Rules; G. Dhondt, "CalculiX
-CrunchiX User's Manual", version 2.20, section 7. Blanks count in quoted names alone; a to z become
-capitals but in quoted names and names of files. Bytes that are no UTF-8 are taken as Latin-1.
+CrunchiX User's Manual", version 2.20, section 7. Outside of quoted names, blanks are ignored and
+letters a to z converted to upper case (not in file names). Bytes that are not valid UTF-8 are
+decoded as Latin-1.
 """
 
 import re
@@ -12,301 +13,324 @@ from io import StringIO
 from pathlib import Path
 from typing import IO, NamedTuple
 
-# CalculiX' own limit of files that include each other
-MAX_DEPTH = 9
+# Largest depth of nested INCLUDEs, the limit of CalculiX
+MAX_INCLUDE_DEPTH = 9
 MAX_INCLUDES = 10_000
-# Characters in one line
-MAX_LINE = 1_000_000
-# Text that files included more than once may add: so many times their sizes, and so many characters
-MAX_REPEATS, MAX_REPEATED_TEXT = 3, 1_000_000
-# Of nodes and elements: CalculiX' own, and more than Abaqus'
-MAX_NUMBER = 2**31 - 1
+# Largest number of characters of a line
+MAX_LINE_LENGTH = 1_000_000
+# Largest total text of files that are included repeatedly: this multiple of the sizes of all files,
+# plus this number of characters
+MAX_REPETITION_FACTOR, MAX_REPEATED_CHARACTERS = 3, 1_000_000
+# Largest number of a node or element, the limit of CalculiX (higher than that of Abaqus)
+MAX_LABEL = 2**31 - 1
 # Parameters without a value
-FLAGS = ("GENERATE", "INTERNAL", "UNSORTED", "DLOAD")
+FLAG_PARAMETERS = ("GENERATE", "INTERNAL", "UNSORTED", "DLOAD")
 
-_CAPITALS = str.maketrans(string.ascii_lowercase, string.ascii_uppercase)
-_INTEGERS = re.compile(r"[\d,+ \t]*", re.ASCII)
-_REALS = re.compile(r"[\d.,eEdD+\- \t]*", re.ASCII)
+_UPPER_ASCII = str.maketrans(string.ascii_lowercase, string.ascii_uppercase)
+_INTEGER_ROW = re.compile(r"[\d,+ \t]*", re.ASCII)
+_REAL_ROW = re.compile(r"[\d.,eEdD+\- \t]*", re.ASCII)
 _FIELD = re.compile(r'((?:"[^"]*"|[^,"])*)(?:,|$)')
-_NO_QUOTES = re.compile(r'"([^"]*)"|([^"]+)')
+_QUOTED_OR_PLAIN = re.compile(r'"([^"]*)"|([^"]+)')
 
 
-class PlacedError(ValueError):
-    """A ValueError whose words begin with file and line."""
+class LocatedError(ValueError):
+    """ValueError whose message begins with file and line."""
 
 
 class Block(NamedTuple):
-    """A keyword such as NODE, without blanks, its parameters, and its rows of text.
+    """Block of an input file: a keyword, its parameters, and the rows that follow it.
 
-    Rows have to be taken before the next block is asked for. `place` is where the keyword stands,
-    `here()` the line that was read last.
+    Args:
+        keyword: name such as NODE, without blanks.
+        parameters: values by the names of the parameters, "" for flags.
+        location: file, line and keyword, for messages.
+        rows: lines of text, to be consumed before the next block is read.
+        current_location: returns file and line of the row that was read last.
     """
 
     keyword: str
     parameters: dict[str, str]
-    place: str
+    location: str
     rows: Iterator[str]
-    here: Callable[[], str]
+    current_location: Callable[[], str]
 
 
 def read_blocks(path: Path, keywords: Set[str]) -> Iterator[Block]:
-    """Yield the blocks of some keywords from a file and those that it includes.
+    """Yield the blocks with some keywords from a file and from the files that it includes.
 
     Raises:
-        FileNotFoundError: if a file is not there.
-        ValueError: for a file that is no text, that includes itself, or that repeats others without
-            end.
+        FileNotFoundError: if a file does not exist.
+        ValueError: for a file that is no text, that includes itself, or that includes others too
+            often.
     """
-    source = _Source(path)
+    source = _LineSource(path)
     try:
-        for _ in _rows(source):  # what stands before the first keyword says nothing
+        for _ in _read_rows(source):  # rows before the first keyword are ignored
             pass
-        if not source.head:
-            raise PlacedError(f"{path} has no keyword, such as *NODE: it is no input file")
-        while source.head:
-            keyword, parameters, place = source.head
-            source.head = None
+        if not source.next_keyword:
+            raise LocatedError(f"{path} has no keyword, such as *NODE: it is no input file")
+        while source.next_keyword:
+            keyword, parameters, location = source.next_keyword
+            source.next_keyword = None
             if keyword not in keywords:
-                for _ in _rows(source):
+                for _ in _read_rows(source):
                     pass
                 continue
             if keyword in ("NODE", "ELEMENT") and "INPUT" in parameters:
-                source.include(parameters.pop("INPUT"), place)
-            rows = _rows(source)
-            yield Block(keyword, parameters, place, rows, lambda: source.place)
+                source.include(parameters.pop("INPUT"), location)
+            rows = _read_rows(source)
+            yield Block(keyword, parameters, location, rows, lambda: source.location)
             for _ in rows:
                 pass
     finally:
         source.close()
 
 
-def _rows(source: "_Source") -> Iterator[str]:
-    """Yield rows, included ones too, up to the next keyword, the source's `head` from then on."""
+def _read_rows(source: "_LineSource") -> Iterator[str]:
+    """Yield rows (of included files, too) up to the next keyword; store it in `next_keyword`."""
     while (text := source.next_line()) is not None:
         if not text.startswith("*"):
             yield text
             continue
-        keyword, parameters = _keyword(text, source)
+        keyword, parameters = _parse_keyword(text, source)
         if keyword != "INCLUDE":
-            source.head = keyword, parameters, f"{source.place}, *{keyword}"
+            source.next_keyword = keyword, parameters, f"{source.location}, *{keyword}"
             return
-        source.include(parameters.get("INPUT", ""), f"{source.place}, *{keyword}")
+        source.include(parameters.get("INPUT", ""), f"{source.location}, *{keyword}")
 
 
-def _keyword(text: str, source: "_Source") -> tuple[str, dict[str, str]]:
-    """Return keyword and parameters.
+def _parse_keyword(text: str, source: "_LineSource") -> tuple[str, dict[str, str]]:
+    """Return the keyword of a line and its parameters.
 
-    After a comma at the end the next line goes on, if it has a parameter and is no row.
+    If the line ends with a comma, the next line belongs to it, too, if that has a parameter.
     """
     if "," not in text:
-        return label(text[1:], source.place), {}
-    lines = [text]
-    while lines[-1].endswith(","):
-        following = source.next_line()
-        if following is None:
+        return normalize_name(text[1:], source.location), {}
+    keyword_lines = [text]
+    while keyword_lines[-1].endswith(","):
+        next_line = source.next_line()
+        if next_line is None:
             break
-        first = following.partition(",")[0]
-        if following.startswith("*") or not ("=" in first or capitals(first.strip()) in FLAGS):
-            source.put_back(following)
+        first_entry = next_line.partition(",")[0]
+        if next_line.startswith("*") or not (
+            "=" in first_entry or to_upper_ascii(first_entry.strip()) in FLAG_PARAMETERS
+        ):
+            source.put_back(next_line)
             break
-        lines.append(following)
-    place = source.place
-    keyword, *pairs = entries("".join(lines), place)
+        keyword_lines.append(next_line)
+    location = source.location
+    keyword, *pairs = split_entries("".join(keyword_lines), location)
     parameters: dict[str, str] = {}
     for pair in pairs:
         key, _, value = pair.partition("=")
-        key = label(key, place)
+        key = normalize_name(key, location)
         if key in parameters:
-            raise PlacedError(f"{place}: the parameter {key} is given twice")
+            raise LocatedError(f"{location}: the parameter {key} is given twice")
         if key:
             parameters[key] = value.strip(" \t")
-    return label(keyword[1:], place), parameters
+    return normalize_name(keyword[1:], location), parameters
 
 
-class _Source:
-    """Lines of files that include each other, without comments, blank lines and outer blanks."""
+class _LineSource:
+    """Stream of stripped lines of a file and its INCLUDEs, without comments and blank lines."""
 
     def __init__(self, path: Path) -> None:
-        self._open: list[_File] = []
-        self._main, self._waiting = path, list[str]()
-        self.head: tuple[str, dict[str, str], str] | None = None
+        self._open_files: list[_OpenFile] = []
+        self._main_path, self._returned_lines = path, list[str]()
+        self.next_keyword: tuple[str, dict[str, str], str] | None = None
         self._sizes: dict[Path, int] = {}
-        self._read = self._includes = 0
-        self._push(path)
+        self._n_characters = self._n_includes = 0
+        self._open_file(path)
 
     @property
-    def place(self) -> str:
-        """Name of the file and number of the line that was read last."""
-        return f"{self._last.name}, line {self._last.number}"
+    def location(self) -> str:
+        """File and number of the line that was read last, for messages."""
+        return f"{self._current_file.name}, line {self._current_file.number}"
 
     def next_line(self) -> str | None:
-        if self._waiting:
-            return self._waiting.pop()
-        while self._open:
-            self._last = self._open[-1]
-            while (text := self._last.next_line()) is not None:
+        if self._returned_lines:
+            return self._returned_lines.pop()
+        while self._open_files:
+            self._current_file = self._open_files[-1]
+            while (text := self._current_file.next_line()) is not None:
                 if text and not text.startswith("**"):
                     return text
-            self._open.pop().text.close()
+            self._open_files.pop().text.close()
         return None
 
     def close(self) -> None:
-        for file in self._open:
+        for file in self._open_files:
             file.text.close()
 
     def put_back(self, text: str) -> None:
-        self._waiting.append(text)
+        self._returned_lines.append(text)
 
-    def include(self, name: str, place: str) -> None:
-        """Read the lines of another file next.
+    def include(self, name: str, location: str) -> None:
+        """Continue with the lines of another file.
 
-        Names are relative to the folder of the file that includes it, or else to the first one's.
+        Its name is relative to the folder of the including file or, if there is no such file, to
+        the folder of the main file.
         """
         if not name.strip('" \t'):
-            raise PlacedError(f"{place}: INPUT=... is missing, the name of a file")
+            raise LocatedError(f"{location}: INPUT=... is missing, the name of a file")
         name = name.strip('"')
-        beside = self._last.path.parent / name
-        path = beside if beside.is_file() else self._main.parent / name
+        relative_path = self._current_file.path.parent / name
+        path = relative_path if relative_path.is_file() else self._main_path.parent / name
         if not path.is_file():
-            raise FileNotFoundError(f"{place}: there is no file {beside}")
-        self._includes += 1
+            raise FileNotFoundError(f"{location}: there is no file {relative_path}")
+        self._n_includes += 1
         resolved = path.resolve()
-        if any(resolved == file.resolved for file in self._open):
-            raise PlacedError(f"{place}: {path} includes itself")
-        if len(self._open) > MAX_DEPTH:
-            raise PlacedError(
-                f"{place}: files include each other over more than {MAX_DEPTH} levels"
+        if any(resolved == file.resolved for file in self._open_files):
+            raise LocatedError(f"{location}: {path} includes itself")
+        if len(self._open_files) > MAX_INCLUDE_DEPTH:
+            raise LocatedError(
+                f"{location}: files include each other over more than {MAX_INCLUDE_DEPTH} levels"
             )
-        if self._includes > MAX_INCLUDES:
-            raise PlacedError(f"{place}: more than {MAX_INCLUDES} files are included")
-        self._push(path)
+        if self._n_includes > MAX_INCLUDES:
+            raise LocatedError(f"{location}: more than {MAX_INCLUDES} files are included")
+        self._open_file(path)
 
-    def _push(self, path: Path) -> None:
+    def _open_file(self, path: Path) -> None:
         if not path.is_file():
             raise FileNotFoundError(f"there is no file {path}")
-        file = _File(path)
-        self._open.append(file)
-        self._last = file
-        self._read += file.size
+        file = _OpenFile(path)
+        self._open_files.append(file)
+        self._current_file = file
+        self._n_characters += file.size
         self._sizes[file.resolved] = file.size
-        if self._read > MAX_REPEATS * sum(self._sizes.values()) + MAX_REPEATED_TEXT:
-            raise PlacedError(f"{path} is included too often: its text would be read without end")
+        if (
+            self._n_characters
+            > MAX_REPETITION_FACTOR * sum(self._sizes.values()) + MAX_REPEATED_CHARACTERS
+        ):
+            raise LocatedError(f"{path} is included too often: its text would be read without end")
 
 
-class _File:
-    """An open file, whose lines end with line feed, carriage return, or both."""
+class _OpenFile:
+    """Open text file whose lines end with line feed, carriage return, or both."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.resolved = path, path.resolve()
         self.name, self.number = str(path), 0
         self.size = path.stat().st_size
         with path.open("rb") as file:
-            mark = file.read(3) if self.size else b""
-        self._wide = mark[:2] in (b"\xff\xfe", b"\xfe\xff")
-        # what has no size, such as a file of the system, is not opened: it might never end
-        wide = "utf-16" if self._wide else "latin-1"
-        self.text: IO[str] = path.open(encoding=wide) if self.size else StringIO()
-        if mark == b"\xef\xbb\xbf":
+            leading_bytes = file.read(3) if self.size else b""
+        self._is_utf16 = leading_bytes[:2] in (b"\xff\xfe", b"\xfe\xff")
+        # files of size 0, such as devices, are not opened: reading them might never end
+        encoding = "utf-16" if self._is_utf16 else "latin-1"
+        self.text: IO[str] = path.open(encoding=encoding) if self.size else StringIO()
+        if leading_bytes == b"\xef\xbb\xbf":
             self.text.read(3)
 
     def next_line(self) -> str | None:
         self.number += 1
         try:
-            text = self.text.readline(MAX_LINE)
+            text = self.text.readline(MAX_LINE_LENGTH)
             if not text:
                 return None
-            if not text.isascii() and not self._wide:
-                text = _decoded(text)
+            if not text.isascii() and not self._is_utf16:
+                text = _decode_utf8(text)
         except UnicodeError as error:
-            raise PlacedError(f"{self.path}, line {self.number}: this is no text") from error
+            raise LocatedError(f"{self.path}, line {self.number}: this is no text") from error
         if "\0" in text:
-            raise PlacedError(f"{self.path}, line {self.number}: this is no text")
-        if len(text) >= MAX_LINE and not text.endswith("\n"):
-            raise PlacedError(
-                f"{self.path}, line {self.number}: the line is longer than {MAX_LINE} characters"
+            raise LocatedError(f"{self.path}, line {self.number}: this is no text")
+        if len(text) >= MAX_LINE_LENGTH and not text.endswith("\n"):
+            raise LocatedError(
+                f"{self.path}, line {self.number}: the line is longer than {MAX_LINE_LENGTH} "
+                "characters"
             )
         return text.strip(" \t\n")
 
 
-def _decoded(text: str) -> str:
+def _decode_utf8(text: str) -> str:
     try:
         return text.encode("latin-1").decode("utf-8")
     except UnicodeDecodeError:
         return text
 
 
-def shortened(text: str) -> str:
-    """Return a text in quotes, its first 40 characters if it is longer."""
+def quote_shortened(text: str) -> str:
+    """Return a text in quotes, cut after 40 characters."""
     return repr(text if len(text) <= 40 else text[:40] + "...")
 
 
-def entries(text: str, place: str) -> list[str]:
-    """Split a row at its commas, but those in quotes; empty entries at the end do not count."""
+def split_entries(text: str, location: str) -> list[str]:
+    """Split a row at commas outside of quotes; drop empty entries at its end."""
     if '"' not in text:
-        parts = [part.strip(" \t") for part in text.split(",")]
+        fields = [field.strip(" \t") for field in text.split(",")]
     elif text.count('"') % 2:
-        raise PlacedError(f"{place}: a quotation mark is missing in {shortened(text)}")
+        raise LocatedError(f"{location}: a quotation mark is missing in {quote_shortened(text)}")
     else:
-        parts = [part.strip(" \t") for part in _FIELD.findall(text)]
-    while parts and not parts[-1]:
-        parts.pop()
-    return parts or [""]
+        fields = [field.strip(" \t") for field in _FIELD.findall(text)]
+    while fields and not fields[-1]:
+        fields.pop()
+    return fields or [""]
 
 
-def label(text: str, place: str) -> str:
-    """Return a name: in capitals and without blanks, but as it is where it is in quotes."""
+def normalize_name(text: str, location: str) -> str:
+    """Return a name in upper case without blanks; quoted parts are unchanged."""
     if '"' in text:
         if text.count('"') % 2:
-            raise PlacedError(f"{place}: a quotation mark is missing in {shortened(text)}")
-        return "".join(quoted or label(plain, place) for quoted, plain in _NO_QUOTES.findall(text))
-    return capitals(text.replace(" ", "").replace("\t", ""))
+            raise LocatedError(
+                f"{location}: a quotation mark is missing in {quote_shortened(text)}"
+            )
+        return "".join(
+            quoted or normalize_name(unquoted, location)
+            for quoted, unquoted in _QUOTED_OR_PLAIN.findall(text)
+        )
+    return to_upper_ascii(text.replace(" ", "").replace("\t", ""))
 
 
-def capitals(text: str) -> str:
-    """Return a text with a to z in capitals; other letters are not changed, so that none merge."""
-    return text.upper() if text.isascii() else text.translate(_CAPITALS)
+def to_upper_ascii(text: str) -> str:
+    """Convert a to z to upper case; other letters stay, so that different names stay different."""
+    return text.upper() if text.isascii() else text.translate(_UPPER_ASCII)
 
 
 def is_number(text: str) -> bool:
-    """Whether an entry is a number of a node or an element, and no name."""
+    """Return whether an entry is the number of a node or an element, not a name."""
     return text.isdigit() and text.isascii()
 
 
-def integers(text: str, least: int = 1) -> list[int]:
-    """Read a row of numbers of nodes and elements; commas at its end do not count.
+def parse_integers(text: str, minimum: int = 1) -> list[int]:
+    """Parse a row of numbers of nodes and elements; ignore commas at its end.
 
     Raises:
-        ValueError: for what is not a number from `least` to `MAX_NUMBER`.
+        ValueError: for an entry that is not an integer from `minimum` to `MAX_LABEL`.
     """
-    if not _INTEGERS.fullmatch(text):
-        wrong = next(part for part in text.split(",") if not _INTEGERS.fullmatch(part))
-        raise ValueError(f"{shortened(wrong.strip())} is no number of a node or an element")
-    parts = text.rstrip(", \t").split(",")
+    if not _INTEGER_ROW.fullmatch(text):
+        wrong_entry = next(field for field in text.split(",") if not _INTEGER_ROW.fullmatch(field))
+        raise ValueError(
+            f"{quote_shortened(wrong_entry.strip())} is no number of a node or an element"
+        )
+    fields = text.rstrip(", \t").split(",")
     try:
-        numbers = [int(part) for part in parts]
+        numbers = [int(field) for field in fields]
     except ValueError as error:
-        raise ValueError(f"{shortened(text)} has an entry that is empty, or no number") from error
-    if min(numbers) < least or max(numbers) > MAX_NUMBER:
-        raise ValueError(f"{shortened(text)}: numbers have to be from {least} to {MAX_NUMBER}")
+        raise ValueError(
+            f"{quote_shortened(text)} has an entry that is empty, or no number"
+        ) from error
+    if min(numbers) < minimum or max(numbers) > MAX_LABEL:
+        raise ValueError(
+            f"{quote_shortened(text)}: numbers have to be from {minimum} to {MAX_LABEL}"
+        )
     return numbers
 
 
-def coordinates(text: str) -> tuple[int, list[float]]:
-    """Read the number of a node and its three coordinates, of which empty or missing ones are 0.
+def parse_node(text: str) -> tuple[int, list[float]]:
+    """Parse the number of a node and its three coordinates; empty or missing ones are 0.
 
-    After them the row may have the components of a normal, which are not read.
+    Up to three more entries, the components of a normal, are ignored.
 
     Raises:
-        ValueError: for a coordinate that is no number.
+        ValueError: for a coordinate that is no number, or too many entries.
     """
-    if not _REALS.fullmatch(text):
-        wrong = next(part for part in text.split(",") if not _REALS.fullmatch(part))
-        raise ValueError(f"{shortened(wrong.strip())} is no number")
-    number, *parts = text.rstrip(", \t").replace("D", "E").replace("d", "e").split(",")
+    if not _REAL_ROW.fullmatch(text):
+        wrong_entry = next(field for field in text.split(",") if not _REAL_ROW.fullmatch(field))
+        raise ValueError(f"{quote_shortened(wrong_entry.strip())} is no number")
+    number, *fields = text.rstrip(", \t").replace("D", "E").replace("d", "e").split(",")
     try:
-        x = [float(part) if part.strip(" \t") else 0.0 for part in parts[:3]]
+        x = [float(field) if field.strip(" \t") else 0.0 for field in fields[:3]]
     except ValueError as error:
-        raise ValueError(f"{shortened(text)} has a coordinate that is no number") from error
-    if len(parts) > 6 or not is_number(number.strip(" \t")):
-        raise ValueError(f"{shortened(text)} is no row of a node: number, x, y, z")
-    return integers(number)[0], x + [0.0] * (3 - len(x))
+        raise ValueError(f"{quote_shortened(text)} has a coordinate that is no number") from error
+    if len(fields) > 6 or not is_number(number.strip(" \t")):
+        raise ValueError(f"{quote_shortened(text)} is no row of a node: number, x, y, z")
+    return parse_integers(number)[0], x + [0.0] * (3 - len(x))

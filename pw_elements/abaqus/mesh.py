@@ -1,8 +1,8 @@
-"""Cells and tagged facets of a deck, as arrays that DOLFINx makes a mesh of.
+"""Arrays of cells and tagged facets of an Abaqus input file, from which DOLFINx makes a mesh.
 
-Second-order quadrilaterals and bricks of 8 and 20 nodes become Lagrange cells of 9 and 27: nodes in
-the middle of faces and cells are added where the shape functions of 8 and 20 nodes place them, so
-that the cells keep their shape.
+Second-order quadrilaterals of 8 nodes and bricks of 20 become Lagrange cells of 9 and 27 nodes. The
+shape functions of 8 and 20 nodes give the positions of the additional nodes in the middle of faces
+and cells, so that the cells keep their shape.
 """
 
 from collections.abc import Sequence
@@ -13,39 +13,39 @@ import basix
 import numpy as np
 import scipy.sparse as sp
 
-from pw_elements.abaqus.deck import PART, Deck, Name, SurfacePart, unique
-from pw_elements.abaqus.lines import capitals
-from pw_elements.abaqus.types import EDGES, FACES, Kind
+from pw_elements.abaqus.deck import KEYS_PER_PART, Deck, SetName, SurfacePart, sort_distinct
+from pw_elements.abaqus.lines import to_upper_ascii
+from pw_elements.abaqus.types import EDGE_CORNERS, FACE_CORNERS, AbaqusElementType
 from pw_elements.arrays import Array, Indices, Mask
 
-# Corners in DOLFINx' order, and how many there are
-CORNERS = {
+# Abaqus' numbers of the corners, in DOLFINx' order
+DOLFINX_CORNERS = {
     "triangle": (0, 1, 2),
     "quadrilateral": (0, 1, 3, 2),
     "tetrahedron": (0, 1, 2, 3),
     "hexahedron": (0, 1, 3, 2, 4, 5, 7, 6),
 }
-# Sides of a shell: in Abaqus, and in CalculiX, where its edges are S3, S4 ...
-SHELL_SIDES = ("SPOS", "SNEG", "S1", "S2")
-# Distance from a plane within which nodes lie in it, over their extent
-FLATNESS = 1e-9
-# Pairs of a set's node and a facet at it that are in memory at the same time
-MAX_PAIRS = 2_000_000
+# Names of the two sides of a shell in Abaqus and CalculiX (where its edges are S3, S4 ...)
+SHELL_SIDE_NAMES = ("SPOS", "SNEG", "S1", "S2")
+# Largest distance of nodes from their plane, relative to the extent of the nodes
+FLATNESS_TOLERANCE = 1e-9
+# Largest number of pairs (node of a set, facet at the node) in memory at once
+MAX_PAIRS_IN_MEMORY = 2_000_000
 
-Tags = dict[str, tuple[int, ...]]  # of each set
+TagsBySet = dict[str, tuple[int, ...]]  # tags of each set by its name
 
 
 class DeckMesh(NamedTuple):
-    """Arrays of a mesh and its sets.
+    """Arrays of the mesh of an input file, with its sets.
 
     Args:
-        cell: as DOLFINx calls it.
-        degree: of its geometry.
-        x: nodes (k, dim).
-        cells: nodes (n, nodes of a cell), in DOLFINx' order.
-        tags: of "cells" (n, 1) and "facets" (n, facets of a cell), 0 being none.
-        names: of sets of "cells" and "facets", with the tags of each.
-        notes: what was left out, or is other than it is written.
+        cell: DOLFINx' name of the cells.
+        degree: degree of the geometry.
+        x: coordinates (k, dim) of the nodes.
+        cells: indices of nodes (n, nodes per cell) in DOLFINx' order.
+        tags: tags of "cells" (n, 1) and of their "facets" (n, facets per cell), 0 for untagged.
+        names: tags of each named set of "cells" and of "facets".
+        notes: messages about data that were left out or changed.
     """
 
     cell: str
@@ -53,207 +53,255 @@ class DeckMesh(NamedTuple):
     x: Array
     cells: Indices
     tags: dict[str, Indices]
-    names: dict[str, Tags]
+    names: dict[str, TagsBySet]
     notes: list[str]
 
 
 def read_deck(path: Path, cells: Sequence[str] | None = None) -> DeckMesh:
-    """Read cells and sets of a file.
+    """Read the cells and sets of an input file.
 
     Args:
-        path: of the file.
-        cells: names of ELSETs whose elements are the cells; all elements if None.
+        path: path of the file.
+        cells: names of the ELSETs whose elements are the cells; by default all elements.
 
     Raises:
-        FileNotFoundError: if the file is not there, or one that it includes.
-        ValueError: for a file without such a mesh; the message names file, line and reason.
+        FileNotFoundError: if the file, or a file that it includes, does not exist.
+        ValueError: for a file without a supported mesh; the message names file, line and reason.
     """
     deck = Deck(path)
-    labels = _labels(deck)
-    chosen = _chosen(deck, labels, cells)
-    table = _Cells(deck, chosen)
-    facets = _Facets(table)
-    facets.find_skin(np.isin(deck.element_keys // PART, deck.placed))
+    set_labels = _label_sets(deck)
+    is_selected = _select_elements(deck, set_labels, cells)
+    cell_table = _CellTable(deck, is_selected)
+    facets = _FacetTable(cell_table)
+    facets.find_facet_elements(np.isin(deck.element_keys // KEYS_PER_PART, deck.used_parts))
     notes = [*deck.notes]
     if cells is None:
-        notes += _left_out(deck, chosen & (table.number < 0) & (facets.of_element < 0))
-    sets = _Sets(deck, labels, table, facets)
-    x, nodes = table.completed(facets, notes)
-    cell_tags, of_cells = _numbered(sets.cells, len(table.nodes))
-    facet_tags, of_facets = _numbered(sets.facets, len(facets.corners))
-    columns, sides = _dolfinx_order(table.cell, table.degree)
-    tags = {"cells": cell_tags[:, None], "facets": facet_tags[facets.of_cell[:, sides]]}
-    names = {"cells": of_cells, "facets": of_facets}
-    notes += sets.notes
-    return DeckMesh(table.cell, table.degree, x, nodes[:, columns], tags, names, notes)
+        notes += _describe_omitted(
+            deck, is_selected & (cell_table.cell_of_element < 0) & (facets.facet_of_element < 0)
+        )
+    named_sets = _NamedSets(deck, set_labels, cell_table, facets)
+    coordinates, nodes = cell_table.complete_nodes(facets, notes)
+    cell_tags, cell_set_tags = _number_set_combinations(named_sets.cells, len(cell_table.nodes))
+    facet_tags, facet_set_tags = _number_set_combinations(named_sets.facets, len(facets.corners))
+    node_order, facet_order = _dolfinx_order(cell_table.cell, cell_table.degree)
+    tags = {
+        "cells": cell_tags[:, None],
+        "facets": facet_tags[facets.facets_of_cell[:, facet_order]],
+    }
+    names = {"cells": cell_set_tags, "facets": facet_set_tags}
+    notes += named_sets.notes
+    return DeckMesh(
+        cell_table.cell, cell_table.degree, coordinates, nodes[:, node_order], tags, names, notes
+    )
 
 
-def _labels(deck: Deck) -> dict[str, dict[Name, str]]:
-    """Names of the sets of each sort: as they are if that is clear, or else "INSTANCE.NAME"."""
-    parts = set(map(int, deck.placed))
-    labels: dict[str, dict[Name, str]] = {}
-    sorts = {sort: dict.fromkeys(named) for sort, named in deck.sets.items()}
-    for sort, named in {**sorts, "SURFACE": dict.fromkeys(deck.surfaces)}.items():
-        labels[sort] = {}
-        for part, name in named:
-            if part not in parts:
+def _label_sets(deck: Deck) -> dict[str, dict[SetName, str]]:
+    """Return public names of sets by kind: their own if unambiguous, or else "INSTANCE.NAME"."""
+    used_parts = set(map(int, deck.used_parts))
+    labels: dict[str, dict[SetName, str]] = {}
+    names_by_kind = {set_kind: dict.fromkeys(names) for set_kind, names in deck.sets.items()}
+    for set_kind, names in {**names_by_kind, "SURFACE": dict.fromkeys(deck.surfaces)}.items():
+        labels[set_kind] = {}
+        for part, name in names:
+            if part not in used_parts:
                 continue
-            shared = len(deck.instances) > 1 or (0, name) in named
-            qualified = part > 0 and part in deck.instances and shared
-            labels[sort][part, name] = f"{deck.instances[part]}.{name}" if qualified else name
+            is_ambiguous = len(deck.instance_names) > 1 or (0, name) in names
+            needs_instance = part > 0 and part in deck.instance_names and is_ambiguous
+            labels[set_kind][part, name] = (
+                f"{deck.instance_names[part]}.{name}" if needs_instance else name
+            )
     return labels
 
 
-def _chosen(deck: Deck, labels: dict[str, dict[Name, str]], cells: Sequence[str] | None) -> Mask:
-    """Which elements are to be cells, as far as they are of the highest dimension."""
+def _select_elements(
+    deck: Deck, set_labels: dict[str, dict[SetName, str]], cells: Sequence[str] | None
+) -> Mask:
+    """Return a mask of the elements to be cells, if they are of the highest dimension."""
     if cells is None:
-        return np.isin(deck.element_keys // PART, deck.placed)
-    chosen = np.zeros(len(deck.element_keys), dtype=bool)
-    by_label = {label: name for name, label in labels["ELSET"].items()}
+        return np.isin(deck.element_keys // KEYS_PER_PART, deck.used_parts)
+    is_selected = np.zeros(len(deck.element_keys), dtype=bool)
+    by_label = {label: name for name, label in set_labels["ELSET"].items()}
     for cell_set in cells:
-        name = by_label.get(cell_set, by_label.get(capitals(cell_set)))
+        name = by_label.get(cell_set, by_label.get(to_upper_ascii(cell_set)))
         if name is None:
-            known = ", ".join(by_label) or "none"
-            raise ValueError(f"{deck.path}: no ELSET is called {cell_set}; known are {known}")
-        chosen[deck.sets["ELSET"][name]] = True
-    return chosen
+            known_labels = ", ".join(by_label) or "none"
+            raise ValueError(
+                f"{deck.path}: no ELSET is called {cell_set}; known are {known_labels}"
+            )
+        is_selected[deck.sets["ELSET"][name]] = True
+    return is_selected
 
 
-def _left_out(deck: Deck, elements: Mask) -> list[str]:
-    counts = np.bincount(deck.kind[elements], minlength=len(deck.kinds))
-    words = ", ".join(f"{n} {kind.name}" for kind, n in zip(deck.kinds, counts, strict=True) if n)
-    return [f"elements that are neither cells nor facets are left out: {words}"] if words else []
+def _describe_omitted(deck: Deck, is_omitted: Mask) -> list[str]:
+    counts = np.bincount(deck.type_index[is_omitted], minlength=len(deck.element_types))
+    description = ", ".join(
+        f"{n} {kind.name}" for kind, n in zip(deck.element_types, counts, strict=True) if n
+    )
+    return (
+        [f"elements that are neither cells nor facets are left out: {description}"]
+        if description
+        else []
+    )
 
 
-class _Cells:
-    """Nodes (n, corners and middles) of the cells, as rows of `x`, in Abaqus' order.
+class _CellTable:
+    """Cells of a deck, with nodes in Abaqus' order.
 
     Attributes:
-        x: coordinates (k, dim) of the nodes that cells have.
-        node: row of each of the deck's nodes (or -1).
-        number: of the cell that each of the deck's elements is (or -1).
-        kinds: type of each cell.
+        x: coordinates (k, dim) of the nodes of cells.
+        nodes: rows of `x` (n, corners and mid-side nodes) for each cell; -1 for a missing node.
+        row_of_node: row of `x` for each node of the deck, or -1.
+        cell_of_element: cell for each element of the deck, or -1.
+        element_of_cell: position (n,) in the deck of each cell's element.
+        element_types: type of each cell.
     """
 
-    def __init__(self, deck: Deck, chosen: Mask) -> None:
+    def __init__(self, deck: Deck, is_selected: Mask) -> None:
         self.deck = deck
-        present = np.bincount(deck.kind[chosen], minlength=len(deck.kinds)) > 0
-        kinds = [kind for kind, there in zip(deck.kinds, present, strict=True) if there]
-        self.cell, self.degree, self.dim = self._one_kind(kinds)
-        width = len(CORNERS[self.cell]) + (len(EDGES[self.cell]) if self.degree > 1 else 0)
+        has_elements = (
+            np.bincount(deck.type_index[is_selected], minlength=len(deck.element_types)) > 0
+        )
+        element_types = [
+            element_type
+            for element_type, is_present in zip(deck.element_types, has_elements, strict=True)
+            if is_present
+        ]
+        self.cell, self.degree, self.dim = self._common_cell(element_types)
+        n_nodes = len(DOLFINX_CORNERS[self.cell]) + (
+            len(EDGE_CORNERS[self.cell]) if self.degree > 1 else 0
+        )
         if self.degree > 1 and self.cell == "quadrilateral":
-            width += 1
-        tables, positions, self.kinds = [], [], list[Kind]()
-        for kind, members, nodes in zip(deck.kinds, deck.members, deck.nodes, strict=True):
-            own = chosen[members]
-            if kind.dim != self.dim or not own.any():
+            n_nodes += 1
+        tables, positions, self.element_types = [], [], list[AbaqusElementType]()
+        for element_type, members, nodes in zip(
+            deck.element_types, deck.members, deck.nodes, strict=True
+        ):
+            is_cell = is_selected[members]
+            if element_type.dim != self.dim or not is_cell.any():
                 continue
-            rows = np.full((int(own.sum()), width), -1, dtype=np.int64)
-            rows[:, : kind.nodes] = deck.node_positions(nodes[own])
+            rows = np.full((int(is_cell.sum()), n_nodes), -1, dtype=np.int64)
+            rows[:, : element_type.n_nodes] = deck.node_positions(nodes[is_cell])
             tables.append(rows)
-            positions.append(members[own])
-            self.kinds += [kind] * len(rows)
-        table, self.position = np.concatenate(tables), np.concatenate(positions)
-        self.number = np.full(len(deck.element_keys), -1, dtype=np.int64)
-        self.number[self.position] = np.arange(len(table))
-        used = np.unique(table[table >= 0])
-        self.node = np.full(len(deck.node_keys) + 1, -1, dtype=np.int64)
-        self.node[used] = np.arange(len(used))
-        self.nodes = self.node[table]  # the last entry of node stays -1
-        self._keys = deck.node_keys[used]
+            positions.append(members[is_cell])
+            self.element_types += [element_type] * len(rows)
+        table, self.element_of_cell = np.concatenate(tables), np.concatenate(positions)
+        self.cell_of_element = np.full(len(deck.element_keys), -1, dtype=np.int64)
+        self.cell_of_element[self.element_of_cell] = np.arange(len(table))
+        used_positions = np.unique(table[table >= 0])
+        self.row_of_node = np.full(len(deck.node_keys) + 1, -1, dtype=np.int64)
+        self.row_of_node[used_positions] = np.arange(len(used_positions))
+        self.nodes = self.row_of_node[table]  # index -1 gives the last entry, which is -1
+        self._keys = deck.node_keys[used_positions]
         self._check_nodes()
-        self.x = np.ascontiguousarray(deck.x[used][:, self._axes(deck.x[used])])
+        self.x = np.ascontiguousarray(
+            deck.x[used_positions][:, self._choose_axes(deck.x[used_positions])]
+        )
 
-    def _one_kind(self, kinds: list[Kind]) -> tuple[str, int, int]:
+    def _common_cell(self, element_types: list[AbaqusElementType]) -> tuple[str, int, int]:
+        """Return cell, degree and dimension of the cells; raise ValueError if they differ."""
         path = self.deck.path
-        unread = sorted(kind.name for kind in kinds if not kind.dim and not kind.optional)
-        if unread:
+        unsupported = sorted(
+            element_type.name
+            for element_type in element_types
+            if not element_type.dim and not element_type.is_optional
+        )
+        if unsupported:
             raise ValueError(
-                f"{path}: elements {', '.join(unread)} are not read, since DOLFINx has no such "
-                "cells; from_file(path, cells=NAME) reads those of an ELSET alone"
+                f"{path}: elements {', '.join(unsupported)} are not read, since DOLFINx has no "
+                "such cells; from_file(path, cells=NAME) reads those of an ELSET alone"
             )
-        dim = max((kind.dim for kind in kinds), default=0)
-        found = {(kind.cell, kind.degree) for kind in kinds if kind.dim == dim > 0}
-        if dim < 2 or len(found) > 1:
-            words = " and ".join(sorted(f"{cell}s of degree {n}" for cell, n in found)) or "none"
-            others = ", ".join(sorted({kind.name for kind in kinds})[:6])
-            advice = f", but {others}" if others else ""
+        dim = max((element_type.dim for element_type in element_types), default=0)
+        cells_and_degrees = {
+            (element_type.cell, element_type.degree)
+            for element_type in element_types
+            if element_type.dim == dim > 0
+        }
+        if dim < 2 or len(cells_and_degrees) > 1:
+            description = (
+                " and ".join(sorted(f"{cell}s of degree {n}" for cell, n in cells_and_degrees))
+                or "none"
+            )
+            type_names = ", ".join(
+                sorted({element_type.name for element_type in element_types})[:6]
+            )
+            advice = f", but {type_names}" if type_names else ""
             if dim > 1:
                 advice = "; from_file(path, cells=NAME) reads those of an ELSET"
             raise ValueError(
-                f"{path}: a mesh has plane or solid cells of one kind, here are {words}{advice}"
+                f"{path}: a mesh has plane or solid cells of one kind, here are {description}"
+                f"{advice}"
             )
-        ((cell, degree),) = found
+        ((cell, degree),) = cells_and_degrees
         return cell, degree, dim
 
-    def _element(self, cell: int) -> str:
-        return self.deck.number(self.deck.element_keys[self.position[cell]])
+    def _element_name(self, cell: int) -> str:
+        return self.deck.describe_key(self.deck.element_keys[self.element_of_cell[cell]])
 
-    def _node(self, node: int) -> str:
-        return self.deck.number(self._keys[node])
+    def _node_name(self, node: int) -> str:
+        return self.deck.describe_key(self._keys[node])
 
     def _check_nodes(self) -> None:
-        """Refuse nodes and cells that are there twice, and edges whose nodes are not one's."""
-        path, corners = self.deck.path, len(CORNERS[self.cell])
+        """Raise ValueError for repeated nodes or cells, and for edges with two middle nodes."""
+        path, corners = self.deck.path, len(DOLFINX_CORNERS[self.cell])
         rows = np.sort(self.nodes, axis=1)
         cell, column = np.nonzero((np.diff(rows, axis=1) == 0) & (rows[:, 1:] >= 0))
         if len(cell):
-            node = self._node(rows[cell[0], column[0]])
+            node = self._node_name(rows[cell[0], column[0]])
             raise ValueError(
-                f"{path}: element {self._element(cell[0])} has the node {node} twice: collapsed "
-                "cells are not read"
+                f"{path}: element {self._element_name(cell[0])} has the node {node} twice: "
+                "collapsed cells are not read"
             )
         rows = np.sort(self.nodes[:, :corners], axis=1)
-        order = np.lexsort(rows.T)
-        same = np.flatnonzero((np.diff(rows[order], axis=0) == 0).all(axis=1))
-        if len(same):
-            first, second = sorted(order[same[0] : same[0] + 2])
+        ordering = np.lexsort(rows.T)
+        equal_rows = np.flatnonzero((np.diff(rows[ordering], axis=0) == 0).all(axis=1))
+        if len(equal_rows):
+            first_cell, second_cell = sorted(ordering[equal_rows[0] : equal_rows[0] + 2])
             raise ValueError(
-                f"{path}: elements {self._element(first)} and {self._element(second)} have the "
-                "same corners: one cell is given twice"
+                f"{path}: elements {self._element_name(first_cell)} and "
+                f"{self._element_name(second_cell)} have the same corners: one cell is given twice"
             )
         if self.degree == 1:
             return
-        middles = self.nodes[:, corners : corners + len(EDGES[self.cell])]
-        both = np.intersect1d(middles, self.nodes[:, :corners])
-        if len(both):
+        middles = self.nodes[:, corners : corners + len(EDGE_CORNERS[self.cell])]
+        contradictory = np.intersect1d(middles, self.nodes[:, :corners])
+        if len(contradictory):
             raise ValueError(
-                f"{path}: node {self._node(both[0])} is a corner of one element and in the middle "
-                "of another's edge"
+                f"{path}: node {self._node_name(contradictory[0])} is a corner of one element and "
+                "in the middle of another's edge"
             )
-        ends = np.array([[int(c) for c in edge] for edge in EDGES[self.cell]])
-        pairs = np.sort(self.nodes[:, ends], axis=2).reshape(-1, 2)
-        order = np.lexsort(pairs.T)
-        pairs, middle = pairs[order], middles.ravel()[order]
-        torn = (np.diff(pairs, axis=0) == 0).all(axis=1) & (np.diff(middle) != 0)
-        if torn.any():
-            k = int(np.flatnonzero(torn)[0])
-            a, b, c, d = (self._node(n) for n in (*pairs[k], *middle[k : k + 2]))
+        edge_ends = np.array([[int(c) for c in edge] for edge in EDGE_CORNERS[self.cell]])
+        pairs = np.sort(self.nodes[:, edge_ends], axis=2).reshape(-1, 2)
+        ordering = np.lexsort(pairs.T)
+        pairs, middle_nodes = pairs[ordering], middles.ravel()[ordering]
+        is_torn = (np.diff(pairs, axis=0) == 0).all(axis=1) & (np.diff(middle_nodes) != 0)
+        if is_torn.any():
+            k = int(np.flatnonzero(is_torn)[0])
+            a, b, c, d = (self._node_name(n) for n in (*pairs[k], *middle_nodes[k : k + 2]))
             raise ValueError(
                 f"{path}: the edge between nodes {a} and {b} has the node {c} in one element and "
                 f"{d} in another"
             )
-        order = np.argsort(middle, kind="stable")
-        pairs, middle = pairs[order], middle[order]
-        shared = (np.diff(middle) == 0) & (np.diff(pairs, axis=0) != 0).any(axis=1)
-        if shared.any():
-            node = self._node(middle[np.flatnonzero(shared)[0]])
+        ordering = np.argsort(middle_nodes, kind="stable")
+        pairs, middle_nodes = pairs[ordering], middle_nodes[ordering]
+        is_shared = (np.diff(middle_nodes) == 0) & (np.diff(pairs, axis=0) != 0).any(axis=1)
+        if is_shared.any():
+            node = self._node_name(middle_nodes[np.flatnonzero(is_shared)[0]])
             raise ValueError(f"{path}: node {node} is in the middle of two edges")
 
-    def _axes(self, x: Array) -> list[int]:
-        """Which coordinates are those of the mesh."""
+    def _choose_axes(self, x: Array) -> list[int]:
+        """Return the indices of the coordinates that the mesh keeps."""
         if self.dim == 3:
             return [0, 1, 2]
         extent = np.ptp(x, axis=0)
-        flat = extent <= FLATNESS * extent.max()
-        shells = all(kind.shell for kind in set(self.kinds))
-        for constant, axes in ((2, [0, 1]), (1, [0, 2]), (0, [1, 2])):
-            if flat[constant] and (shells or constant == 2):
-                if constant < 2:
-                    a, b, c = ("xyz"[k] for k in (*axes, constant))
+        is_flat = extent <= FLATNESS_TOLERANCE * extent.max()
+        all_shells = all(element_type.is_shell for element_type in set(self.element_types))
+        for normal_axis, axes in ((2, [0, 1]), (1, [0, 2]), (0, [1, 2])):
+            if is_flat[normal_axis] and (all_shells or normal_axis == 2):
+                if normal_axis < 2:
+                    a, b, c = ("xyz"[k] for k in (*axes, normal_axis))
                     self.deck.notes.append(
-                        f"the shells lie in a plane {c} = {x[0, constant]:g}: {a} and {b} are the "
-                        "mesh's x and y"
+                        f"the shells lie in a plane {c} = {x[0, normal_axis]:g}: {a} and {b} are "
+                        "the mesh's x and y"
                     )
                 return axes
         raise ValueError(
@@ -261,225 +309,272 @@ class _Cells:
             "may lie in a plane x, y or z = constant: turn the nodes into one"
         )
 
-    def completed(self, facets: "_Facets", notes: list[str]) -> tuple[Array, Indices]:
-        """Return nodes and cells with those in the middle of faces and cells added."""
+    def complete_nodes(self, facets: "_FacetTable", notes: list[str]) -> tuple[Array, Indices]:
+        """Return coordinates and cells with added nodes in the middle of faces and cells."""
         x, nodes = self.x, self.nodes
-        if self.degree == 1 or len(CORNERS[self.cell]) == self.dim + 1:
+        if self.degree == 1 or len(DOLFINX_CORNERS[self.cell]) == self.dim + 1:
             return x, nodes
         if self.cell == "quadrilateral":
-            missing = np.flatnonzero(nodes[:, 8] < 0)
-            if len(missing):
+            incomplete_cells = np.flatnonzero(nodes[:, 8] < 0)
+            if len(incomplete_cells):
                 nodes = nodes.copy()
-                nodes[missing, 8] = len(x) + np.arange(len(missing))
-                x = np.concatenate([x, self._middles(nodes[missing, :4], nodes[missing, 4:8])])
-                notes.append(f"{len(missing)} cells of 8 nodes have got a ninth in their middle")
+                nodes[incomplete_cells, 8] = len(x) + np.arange(len(incomplete_cells))
+                x = np.concatenate(
+                    [
+                        x,
+                        self._face_centres(
+                            nodes[incomplete_cells, :4], nodes[incomplete_cells, 4:8]
+                        ),
+                    ]
+                )
+                notes.append(
+                    f"{len(incomplete_cells)} cells of 8 nodes have got a ninth in their middle"
+                )
             return x, nodes
         corners = self.nodes[facets.first_cell[:, None], facets.face_corners[facets.first_side]]
         middles = self.nodes[facets.first_cell[:, None], facets.face_middles[facets.first_side]]
-        of_faces = self._middles(corners, middles)
-        centre = x[nodes[:, 8:]].sum(axis=1) / 4 - x[nodes[:, :8]].sum(axis=1) / 4
-        on_faces = len(x) + facets.of_cell
-        inside = len(x) + len(of_faces) + np.arange(len(nodes))
+        face_centres = self._face_centres(corners, middles)
+        cell_centres = x[nodes[:, 8:]].sum(axis=1) / 4 - x[nodes[:, :8]].sum(axis=1) / 4
+        face_nodes = len(x) + facets.facets_of_cell
+        centre_nodes = len(x) + len(face_centres) + np.arange(len(nodes))
         notes.append(
             f"{len(nodes)} cells of 20 nodes have got 7 more, in the middle of faces and cells"
         )
-        return np.concatenate([x, of_faces, centre]), np.hstack([nodes, on_faces, inside[:, None]])
+        return np.concatenate([x, face_centres, cell_centres]), np.hstack(
+            [nodes, face_nodes, centre_nodes[:, None]]
+        )
 
-    def _middles(self, corners: Indices, middles: Indices) -> Array:
-        """Places (n, dim) that shape functions of 8 nodes give the middle of a face."""
+    def _face_centres(self, corners: Indices, middles: Indices) -> Array:
+        """Return the centres (n, dim) of faces of 8 nodes by their shape functions."""
         return self.x[middles].sum(axis=1) / 2 - self.x[corners].sum(axis=1) / 4
 
 
-class _Facets:
-    """Facets of the cells, each once, by their corners in ascending order.
+class _FacetTable:
+    """Distinct facets of the cells.
 
     Attributes:
-        corners: nodes (m, corners of a facet).
-        of_cell: numbers (n, facets of a cell) in the order S1, S2 ...
-        outer: whether a facet has one cell (m,).
-        first_cell, first_side: a cell that has the facet, and which of its facets it is (m,).
-        of_element: facet that each of the deck's elements is (or -1).
+        corners: nodes (m, corners of a facet), in ascending order.
+        nodes: all nodes (m, nodes of a facet).
+        facets_of_cell: facets (n, facets of a cell) in the order S1, S2 ...
+        is_outer: whether a facet belongs to one cell only (m,).
+        first_cell, first_side: a cell with the facet, and the number of the side in it (m,).
+        facet_of_element: facet for each element of the deck, or -1.
     """
 
-    def __init__(self, cells: _Cells) -> None:
+    def __init__(self, cells: _CellTable) -> None:
         self._cells = cells
-        kind, count = cells.cell, len(cells.nodes)
-        self.face_corners = np.array([[int(c) for c in face] for face in FACES[kind]])
-        edges = [set(edge) for edge in EDGES[kind]]
-        self.face_middles = len(CORNERS[kind]) + np.array(
-            [[k for k, edge in enumerate(edges) if edge <= set(face)] for face in FACES[kind]]
+        cell, n_cells = cells.cell, len(cells.nodes)
+        self.face_corners = np.array([[int(c) for c in face] for face in FACE_CORNERS[cell]])
+        edges = [set(edge) for edge in EDGE_CORNERS[cell]]
+        self.face_middles = len(DOLFINX_CORNERS[cell]) + np.array(
+            [
+                [k for k, edge in enumerate(edges) if edge <= set(face)]
+                for face in FACE_CORNERS[cell]
+            ]
         )
         rows = np.sort(cells.nodes[:, self.face_corners], axis=2)
         rows = rows.reshape(-1, self.face_corners.shape[1])
-        self.corners, first, inverse, times = np.unique(
+        self.corners, first_index, inverse, n_cells_at_facet = np.unique(
             rows, axis=0, return_index=True, return_inverse=True, return_counts=True
         )
-        self.of_cell = inverse.reshape(count, -1)
-        self.outer = times == 1
-        self.first_cell, self.first_side = np.divmod(first, len(self.face_corners))
+        self.facets_of_cell = inverse.reshape(n_cells, -1)
+        self.is_outer = n_cells_at_facet == 1
+        self.first_cell, self.first_side = np.divmod(first_index, len(self.face_corners))
         columns = self.face_corners
         if cells.degree > 1:
             columns = np.hstack([self.face_corners, self.face_middles])
         self.nodes = cells.nodes[self.first_cell[:, None], columns[self.first_side]]
-        self.of_element = np.full(len(cells.deck.element_keys), -1, dtype=np.int64)
+        self.facet_of_element = np.full(len(cells.deck.element_keys), -1, dtype=np.int64)
 
-    def find_skin(self, placed: Mask) -> None:
-        """Find the facets that elements of one dimension less are."""
+    def find_facet_elements(self, is_placed: Mask) -> None:
+        """Set `facet_of_element` for used elements of one dimension less than the cells."""
         cells, deck = self._cells, self._cells.deck
-        corner = np.zeros(len(cells.x) + 1, dtype=bool)
-        corner[cells.nodes[:, : len(CORNERS[cells.cell])]] = True
-        size = self.corners.shape[1]
-        for kind, members, keys in zip(deck.kinds, deck.members, deck.nodes, strict=True):
-            if kind.dim != cells.dim - 1 or not placed[members].any():
+        is_corner = np.zeros(len(cells.x) + 1, dtype=bool)
+        is_corner[cells.nodes[:, : len(DOLFINX_CORNERS[cells.cell])]] = True
+        n_corners = self.corners.shape[1]
+        for element_type, members, keys in zip(
+            deck.element_types, deck.members, deck.nodes, strict=True
+        ):
+            if element_type.dim != cells.dim - 1 or not is_placed[members].any():
                 continue
-            elements = members[placed[members]]
-            nodes = cells.node[deck.node_positions(keys[placed[members]])]
-            at_corner = corner[nodes] & (nodes >= 0)
-            whole = at_corner.sum(axis=1) == size
-            elements, nodes, at_corner = elements[whole], nodes[whole], at_corner[whole]
-            rows = np.sort(nodes[at_corner].reshape(-1, size), axis=1)
-            inverse = np.unique(np.concatenate([self.corners, rows]), axis=0, return_inverse=True)[
+            elements = members[is_placed[members]]
+            nodes = cells.row_of_node[deck.node_positions(keys[is_placed[members]])]
+            node_is_corner = is_corner[nodes] & (nodes >= 0)
+            has_all_corners = node_is_corner.sum(axis=1) == n_corners
+            elements, nodes, node_is_corner = (
+                elements[has_all_corners],
+                nodes[has_all_corners],
+                node_is_corner[has_all_corners],
+            )
+            rows = np.sort(nodes[node_is_corner].reshape(-1, n_corners), axis=1)
+            row_code = np.unique(np.concatenate([self.corners, rows]), axis=0, return_inverse=True)[
                 1
             ]
-            inverse = inverse.ravel()
-            facet_of = np.full(inverse.max() + 1, -1, dtype=np.int64)
-            facet_of[inverse[: len(self.corners)]] = np.arange(len(self.corners))
-            facet = facet_of[inverse[len(self.corners) :]]
-            inside = (nodes[:, :, None] == self.nodes[facet][:, None]).any(axis=2).all(axis=1)
-            self.of_element[elements] = np.where(inside & (facet >= 0), facet, -1)
+            row_code = row_code.ravel()
+            facet_of_code = np.full(row_code.max() + 1, -1, dtype=np.int64)
+            facet_of_code[row_code[: len(self.corners)]] = np.arange(len(self.corners))
+            facet = facet_of_code[row_code[len(self.corners) :]]
+            has_same_nodes = (
+                (nodes[:, :, None] == self.nodes[facet][:, None]).any(axis=2).all(axis=1)
+            )
+            self.facet_of_element[elements] = np.where(has_same_nodes & (facet >= 0), facet, -1)
 
-    def with_all_nodes_in(self, sets: list[Indices]) -> list[Indices]:
-        """Return the outer facets all of whose nodes are in each of the sets of nodes."""
-        outer = np.flatnonzero(self.outer)
-        size = self.nodes.shape[1]
-        columns = np.repeat(np.arange(len(outer)), size)
-        shape = (len(self._cells.x), len(outer))
+    def facets_within_node_sets(self, sets: list[Indices]) -> list[Indices]:
+        """Return for each set of nodes the outer facets whose nodes are all in the set."""
+        outer_facets = np.flatnonzero(self.is_outer)
+        n_nodes = self.nodes.shape[1]
+        columns = np.repeat(np.arange(len(outer_facets)), n_nodes)
+        shape = (len(self._cells.x), len(outer_facets))
         ones = np.ones(len(columns), dtype=np.int32)
-        at_node = sp.csr_matrix((ones, (self.nodes[outer].ravel(), columns)), shape)
-        pairs = np.diff(at_node.indptr)
-        cost = np.cumsum([int(pairs[members].sum()) for members in sets])
-        batch = cost // MAX_PAIRS
-        found: list[Indices] = []
+        facets_at_node = sp.csr_matrix((ones, (self.nodes[outer_facets].ravel(), columns)), shape)
+        n_facets_at_node = np.diff(facets_at_node.indptr)
+        n_pairs = np.cumsum([int(n_facets_at_node[members].sum()) for members in sets])
+        batch = n_pairs // MAX_PAIRS_IN_MEMORY
+        facets_of_set: list[Indices] = []
         for number in np.unique(batch):
-            own = [sets[k] for k in np.flatnonzero(batch == number)]
-            pointers = np.concatenate([[0], np.cumsum([len(members) for members in own])])
-            members = np.concatenate(own)
+            batch_sets = [sets[k] for k in np.flatnonzero(batch == number)]
+            pointers = np.concatenate([[0], np.cumsum([len(members) for members in batch_sets])])
+            members = np.concatenate(batch_sets)
             ones = np.ones(len(members), dtype=np.int32)
-            of_sets = sp.csr_matrix((ones, members, pointers), (len(own), shape[0]))
-            count = (of_sets @ at_node).tocsr()
-            whole = count.data == size
-            ends = np.concatenate([[0], np.cumsum(whole)])[count.indptr]
-            found += np.split(outer[count.indices[whole]], ends[1:-1])
-        return found
+            set_nodes = sp.csr_matrix((ones, members, pointers), (len(batch_sets), shape[0]))
+            n_nodes_in_set = (set_nodes @ facets_at_node).tocsr()
+            is_complete = n_nodes_in_set.data == n_nodes
+            ends = np.concatenate([[0], np.cumsum(is_complete)])[n_nodes_in_set.indptr]
+            facets_of_set += np.split(outer_facets[n_nodes_in_set.indices[is_complete]], ends[1:-1])
+        return facets_of_set
 
 
-class _Sets:
-    """Members of the named sets, less sets without any and those that begin with an underscore.
+class _NamedSets:
+    """Cells and facets of the named sets; empty sets and names beginning with "_" are left out.
 
     Attributes:
         cells: cells of each set.
-        facets: facets of each set; a SURFACE goes before an ELSET, this before an NSET of the name.
-        notes: what is not a facet.
+        facets: facets of each set. Of sets of the same name a SURFACE has precedence over an ELSET,
+            and an ELSET over an NSET.
+        notes: messages about sides of shells, which are no facets.
     """
 
     def __init__(
-        self, deck: Deck, labels: dict[str, dict[Name, str]], cells: _Cells, facets: _Facets
+        self,
+        deck: Deck,
+        set_labels: dict[str, dict[SetName, str]],
+        cells: _CellTable,
+        facets: _FacetTable,
     ) -> None:
         self._deck, self._cells, self._facets = deck, cells, facets
-        self._shell = np.array([kind.shell for kind in cells.kinds])
-        self._of_shells: dict[str, None] = {}
+        self._is_shell = np.array([kind.is_shell for kind in cells.element_types])
+        self._sets_with_shell_sides: dict[str, None] = {}
         self.cells: dict[str, Indices] = {}
         self.facets: dict[str, Indices] = {}
-        own = {
-            sort: {name: label for name, label in named.items() if not name[1].startswith("_")}
-            for sort, named in labels.items()
+        visible_sets = {
+            set_kind: {name: label for name, label in labels.items() if not name[1].startswith("_")}
+            for set_kind, labels in set_labels.items()
         }
-        node_sets = {("NSET", name): deck.sets["NSET"][name] for name in own["NSET"]}
-        for name in own["SURFACE"]:
-            if nodes := [part.members for part in deck.surfaces[name] if part.sort == "NSET"]:
-                node_sets["SURFACE", name] = np.unique(np.concatenate(nodes))
-        rows = [cells.node[members] for members in node_sets.values()]
-        found = facets.with_all_nodes_in([row[row >= 0] for row in rows])
-        of_nodes = dict(zip(node_sets, found, strict=True))
-        for name, label in own["NSET"].items():
-            self._add(self.facets, label, of_nodes["NSET", name])
-        for name, label in own["ELSET"].items():
-            self._add(self.cells, label, cells.number[deck.sets["ELSET"][name]])
-            self._add(self.facets, label, facets.of_element[deck.sets["ELSET"][name]])
-        for name, label in own["SURFACE"].items():
-            parts = [part for part in deck.surfaces[name] if part.sort == "ELSET"]
-            chunks = [self._of_faces(part, label) for part in parts]
-            chunks += [of_nodes[key] for key in [("SURFACE", name)] if key in of_nodes]
-            self._add(self.facets, label, np.concatenate([facets.of_cell[:0, 0], *chunks]))
+        node_sets = {("NSET", name): deck.sets["NSET"][name] for name in visible_sets["NSET"]}
+        for name in visible_sets["SURFACE"]:
+            if node_parts := [
+                part.members for part in deck.surfaces[name] if part.set_kind == "NSET"
+            ]:
+                node_sets["SURFACE", name] = np.unique(np.concatenate(node_parts))
+        rows = [cells.row_of_node[members] for members in node_sets.values()]
+        node_set_facets = facets.facets_within_node_sets([row[row >= 0] for row in rows])
+        facets_of_nodes = dict(zip(node_sets, node_set_facets, strict=True))
+        for name, label in visible_sets["NSET"].items():
+            self._store_set(self.facets, label, facets_of_nodes["NSET", name])
+        for name, label in visible_sets["ELSET"].items():
+            self._store_set(self.cells, label, cells.cell_of_element[deck.sets["ELSET"][name]])
+            self._store_set(self.facets, label, facets.facet_of_element[deck.sets["ELSET"][name]])
+        for name, label in visible_sets["SURFACE"].items():
+            parts = [part for part in deck.surfaces[name] if part.set_kind == "ELSET"]
+            chunks = [self._facets_of_surface_part(part, label) for part in parts]
+            chunks += [
+                facets_of_nodes[key] for key in [("SURFACE", name)] if key in facets_of_nodes
+            ]
+            self._store_set(
+                self.facets, label, np.concatenate([facets.facets_of_cell[:0, 0], *chunks])
+            )
         self.notes = [
-            f"{name} has sides of shells, which are no facets" for name in self._of_shells
+            f"{name} has sides of shells, which are no facets"
+            for name in self._sets_with_shell_sides
         ]
 
-    def _add(self, sets: dict[str, Indices], label: str, members: Indices) -> None:
-        members = unique(members[members >= 0])
+    def _store_set(self, sets: dict[str, Indices], label: str, members: Indices) -> None:
+        members = sort_distinct(members[members >= 0])
         if len(members):
             sets[label] = members
 
-    def _of_faces(self, part: SurfacePart, label: str) -> Indices:
-        """Facets that the elements of a surface are, and those that are faces of its cells."""
-        facets, number = self._facets, self._cells.number[part.members]
-        chunks = [facets.of_element[part.members]]
-        for shell in (False, True):
-            cells = number[(number >= 0) & (self._shell[number] == shell)]
+    def _facets_of_surface_part(self, part: SurfacePart, label: str) -> Indices:
+        """Return the facets of a part of a surface: its facet elements, and faces of its cells."""
+        facets, cell_numbers = self._facets, self._cells.cell_of_element[part.members]
+        chunks = [facets.facet_of_element[part.members]]
+        for is_shell in (False, True):
+            cells = cell_numbers[(cell_numbers >= 0) & (self._is_shell[cell_numbers] == is_shell)]
             if not len(cells):
                 continue
-            sides = _face_names(self._cells.cell, shell)
+            face_numbers = _face_numbers(self._cells.cell, is_shell)
             if not part.face:
-                free = facets.of_cell[cells]
-                chunks.append(free[facets.outer[free]])
-            elif part.face in sides:
-                chunks.append(facets.of_cell[cells, sides[part.face]])
-            elif shell and part.face in SHELL_SIDES:
-                self._of_shells.setdefault(label)
+                cell_facets = facets.facets_of_cell[cells]
+                chunks.append(cell_facets[facets.is_outer[cell_facets]])
+            elif part.face in face_numbers:
+                chunks.append(facets.facets_of_cell[cells, face_numbers[part.face]])
+            elif is_shell and part.face in SHELL_SIDE_NAMES:
+                self._sets_with_shell_sides.setdefault(label)
             else:
                 raise ValueError(
                     f"{self._deck.path}: a surface has faces {part.face}; a {self._cells.cell} "
-                    f"has {[*sides]}"
+                    f"has {[*face_numbers]}"
                 )
         return np.concatenate(chunks)
 
 
-def _face_names(cell: str, shell: bool) -> dict[str, int]:
-    """Return the number of each face by its name; a shell's, which are edges, have two names."""
-    count = len(FACES[cell])
-    if not shell:
+def _face_numbers(cell: str, is_shell: bool) -> dict[str, int]:
+    """Return the number of each face by its name; edges of shells have two names."""
+    count = len(FACE_CORNERS[cell])
+    if not is_shell:
         return {f"S{k + 1}": k for k in range(count)}
     return {f"E{k + 1}": k for k in range(count)} | {f"S{k + 3}": k for k in range(count)}
 
 
 def _dolfinx_order(cell: str, degree: int) -> tuple[list[int], list[int]]:
-    """Columns of a cell's nodes, and of its facets, in DOLFINx' order."""
-    corners = CORNERS[cell]
+    """Return Abaqus' numbers of a cell's nodes and of its facets in DOLFINx' order."""
+    corners = DOLFINX_CORNERS[cell]
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
     topology = basix.topology(basix.CellType[cell])
-    faces = [set(map(int, face)) for face in FACES[cell]]
-    sides = [faces.index({corners[k] for k in facet}) for facet in topology[dim - 1]]
-    columns = [*corners]
+    face_corners = [set(map(int, face)) for face in FACE_CORNERS[cell]]
+    facet_order = [face_corners.index({corners[k] for k in facet}) for facet in topology[dim - 1]]
+    node_order = [*corners]
     if degree > 1:
-        edges = [set(map(int, edge)) for edge in EDGES[cell]]
-        columns += [len(columns) + edges.index({corners[k] for k in edge}) for edge in topology[1]]
+        edge_corners = [set(map(int, edge)) for edge in EDGE_CORNERS[cell]]
+        node_order += [
+            len(node_order) + edge_corners.index({corners[k] for k in edge}) for edge in topology[1]
+        ]
         if cell == "hexahedron":
-            columns += [len(columns) + side for side in sides]
+            node_order += [len(node_order) + side for side in facet_order]
         if len(corners) != dim + 1:
-            columns.append(len(columns))
-    return columns, sides
+            node_order.append(len(node_order))
+    return node_order, facet_order
 
 
-def _numbered(sets: dict[str, Indices], count: int) -> tuple[Indices, Tags]:
-    """Tags (count,) that tell in which of the sets each member is, from 1, and those of a set."""
-    codes = np.zeros(count, dtype=np.int64)
-    last = 0
-    for members in sets.values():
-        known, inverse = np.unique(codes[members], return_inverse=True)
-        codes[members] = last + 1 + inverse
-        last += len(known)
+def _number_set_combinations(
+    members_of_set: dict[str, Indices], n_entities: int
+) -> tuple[Indices, TagsBySet]:
+    """Number the combinations of sets that entities are in.
+
+    Returns:
+        Tag (n_entities,) of each entity's combination, from 1 (0 for no set), and the tags of each
+        set.
+    """
+    codes = np.zeros(n_entities, dtype=np.int64)
+    n_codes = 0
+    for members in members_of_set.values():
+        distinct_codes, code_index = np.unique(codes[members], return_inverse=True)
+        codes[members] = n_codes + 1 + code_index
+        n_codes += len(distinct_codes)
     tags = np.unique(codes[codes > 0])
-    tag = np.zeros(last + 1, dtype=np.int64)
-    tag[tags] = np.arange(1, len(tags) + 1)
-    numbers = tag[codes]
-    return numbers, {name: tuple(map(int, unique(numbers[own]))) for name, own in sets.items()}
+    tag_of_code = np.zeros(n_codes + 1, dtype=np.int64)
+    tag_of_code[tags] = np.arange(1, len(tags) + 1)
+    entity_tags = tag_of_code[codes]
+    return entity_tags, {
+        name: tuple(map(int, sort_distinct(entity_tags[set_members])))
+        for name, set_members in members_of_set.items()
+    }

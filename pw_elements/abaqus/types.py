@@ -1,21 +1,21 @@
-"""Types of Abaqus' and CalculiX' elements: which cells they are, or whether they may be left out.
+"""Element types of Abaqus and CalculiX: the cells that they are, and types that may be left out.
 
 Nodes and faces: "Abaqus Analysis User's Guide", part VI; G. Dhondt, "CalculiX CrunchiX User's
-Manual", version 2.20, section 6.2. Corners come first, nodes in the middle of edges then.
+Manual", version 2.20, section 6.2. Corners come first, then the mid-side nodes.
 """
 
 import re
 from typing import NamedTuple
 
-# Faces S1, S2 ... by their corners; of shells and membranes these are the edges E1, E2 ...
-FACES = {
+# Corners of the faces S1, S2 ...; for shells and membranes, of the edges E1, E2 ...
+FACE_CORNERS = {
     "triangle": ("01", "12", "20"),
     "quadrilateral": ("01", "12", "23", "30"),
     "tetrahedron": ("012", "031", "132", "230"),
     "hexahedron": ("0123", "4765", "0451", "1562", "2673", "3740"),
 }
-# Edges by their corners, in the order of the nodes in their middles
-EDGES = {
+# Corners of the edges, in the order of the mid-side nodes
+EDGE_CORNERS = {
     "triangle": ("01", "12", "20"),
     "quadrilateral": ("01", "12", "23", "30"),
     "tetrahedron": ("01", "12", "20", "03", "13", "23"),
@@ -23,50 +23,50 @@ EDGES = {
 }
 
 
-class Kind(NamedTuple):
-    """Type of an element.
+class AbaqusElementType(NamedTuple):
+    """Element type of Abaqus or CalculiX.
 
     Args:
-        name: such as C3D20R.
-        nodes: how many a row has; 0 if that is not known or not the same for all.
-        dim: of cells; 0 if it is none that is read.
-        cell: as DOLFINx calls it.
-        degree: of its edges.
-        shell: whether it is a shell or membrane, whose plane may be any.
-        optional: whether a mesh without it is the same body: springs, beams, masses ...
+        name: name such as C3D20R.
+        n_nodes: number of nodes; 0 if it is unknown or varies.
+        dim: dimension of the cell; 0 for types that are not supported.
+        cell: DOLFINx' name of the cell.
+        degree: degree of the edges.
+        is_shell: whether it is a shell or membrane, which may lie in any plane.
+        is_optional: whether a mesh without such elements is the same body: springs, masses ...
     """
 
     name: str
-    nodes: int
+    n_nodes: int
     dim: int = 0
     cell: str = ""
     degree: int = 0
-    shell: bool = False
-    optional: bool = False
+    is_shell: bool = False
+    is_optional: bool = False
 
 
-SOLIDS = {
+SOLID_SHAPES = {
     "4": (4, 3, "tetrahedron", 1),
     "8": (8, 3, "hexahedron", 1),
     "10": (10, 3, "tetrahedron", 2),
     "20": (20, 3, "hexahedron", 2),
 }
-PLANE = {
+PLANE_SHAPES = {
     "3": (3, 2, "triangle", 1),
     "4": (4, 2, "quadrilateral", 1),
     "6": (6, 2, "triangle", 2),
     "8": (8, 2, "quadrilateral", 2),
 }
-SHELLS = PLANE | {"65": PLANE["6"], "9": (9, 2, "quadrilateral", 2)}
-LINES = {"2": (2, 1, "interval", 1), "3": (3, 1, "interval", 2)}
-READ = (
-    (re.compile(r"[AD]?C3D(\d+)[A-Z]*"), SOLIDS),
-    (re.compile(r"(?:CPS|CPEG?|CG?AX|[AD]C2D|[AD]CAX)(\d+)[A-Z]*"), PLANE),
-    (re.compile(r"(?:S|STRI|DS|SFM3D|M3D)(\d+)[A-Z]*\d?"), SHELLS),
-    (re.compile(r"T[23]D(\d)[A-Z]*"), LINES),
+SHELL_SHAPES = PLANE_SHAPES | {"65": PLANE_SHAPES["6"], "9": (9, 2, "quadrilateral", 2)}
+LINE_SHAPES = {"2": (2, 1, "interval", 1), "3": (3, 1, "interval", 2)}
+SUPPORTED_TYPES = (
+    (re.compile(r"[AD]?C3D(\d+)[A-Z]*"), SOLID_SHAPES),
+    (re.compile(r"(?:CPS|CPEG?|CG?AX|[AD]C2D|[AD]CAX)(\d+)[A-Z]*"), PLANE_SHAPES),
+    (re.compile(r"(?:S|STRI|DS|SFM3D|M3D)(\d+)[A-Z]*\d?"), SHELL_SHAPES),
+    (re.compile(r"T[23]D(\d)[A-Z]*"), LINE_SHAPES),
 )
-# Beside solids these are no part of the body: numbers of their nodes, where it is one for all
-OPTIONAL = (
+# Types that are no part of a solid body, and their numbers of nodes (0 if these vary)
+OPTIONAL_TYPES = (
     (re.compile("MASS|ROTARYI|SPRING1|DASHPOT1|DCOUP[23]D|HEATCAP"), 1),
     (re.compile("SPRING[2A]|DASHPOT[2A]|GAPUNI|GAPCYL|GAPSPHER|CONN[23]D2|R2D2|RAX2"), 2),
     (re.compile(r"B[23]1[A-Z]*|PIPE[23]1H?|[SM]AX1|FRAME[23]D"), 2),
@@ -76,17 +76,17 @@ OPTIONAL = (
     (re.compile("R3D4"), 4),
     (re.compile(r"(?:ELBOW|JOINT|DRAG|PSI|ITS|ITT|GAP|CONN)[A-Z0-9]*|US?\d+"), 0),
 )
-_COUNT = re.compile(r"[A-Z]*[23]D(?!27|15V)(\d+)[A-Z]*")
+_NODE_COUNT = re.compile(r"[A-Z]*[23]D(?!27|15V)(\d+)[A-Z]*")
 
 
-def kind_of(name: str) -> Kind:
-    """Return the kind of a type by its name in capitals, of dimension 0 if it is not read."""
-    for pattern, known in READ:
+def abaqus_element_type(name: str) -> AbaqusElementType:
+    """Return the element type with a name in upper case; unsupported ones have dimension 0."""
+    for pattern, shapes in SUPPORTED_TYPES:
         match = pattern.fullmatch(name)
-        if match and match[1] in known:
-            return Kind(name, *known[match[1]], shell=known is SHELLS)
-    for pattern, nodes in OPTIONAL:
+        if match and match[1] in shapes:
+            return AbaqusElementType(name, *shapes[match[1]], is_shell=shapes is SHELL_SHAPES)
+    for pattern, n_nodes in OPTIONAL_TYPES:
         if pattern.fullmatch(name):
-            return Kind(name, nodes, optional=True)
-    match = _COUNT.fullmatch(name)
-    return Kind(name, int(match[1]) if match else 0)
+            return AbaqusElementType(name, n_nodes, is_optional=True)
+    match = _NODE_COUNT.fullmatch(name)
+    return AbaqusElementType(name, int(match[1]) if match else 0)

@@ -1,4 +1,7 @@
-"""Checks of what a user gives, on all processes at once: asked at the faces, never in a loop."""
+"""Checks of users' arguments, functions and meshes; errors are raised on all processes together.
+
+Public functions call them once, before any computation.
+"""
 
 from pw_elements.checks.arguments import vector_sizes
 from pw_elements.checks.guard import (

@@ -1,7 +1,8 @@
-"""Objects as users give them: meshes, spaces, matrices, coefficients of the right kind.
+"""Checks of users' arguments: numbers, arrays, meshes, spaces, matrices, coefficients.
 
-What is of the wrong type is a TypeError; each error names the thing and says what to give. Numbers
-are real, finite and in range, of whatever type they are.
+A wrong type raises TypeError, a wrong value ValueError; the message begins with the argument's name
+(`name`) and says what is needed. Numbers of any type are accepted if they are real, finite and in
+the range from `MIN_MAGNITUDE` to `MAX_MAGNITUDE`.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -23,48 +24,48 @@ from ufl.form import BaseForm
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks.guard import collective_errors, find_communicator
 
-Sizes = tuple[int, int]  # of vectors, own and global
+VectorSizes = tuple[int, int]  # of a distributed vector: local and global size
 
-# Range of the sizes of numbers that are given: squares of their quotients are numbers, too. Beyond
-# it norms become zero or infinite, and results lose their digits without a word
+# Range of magnitudes in which squares of quotients neither underflow nor overflow. Outside of it,
+# norms become zero or infinite, and results lose digits without a warning
 MIN_MAGNITUDE, MAX_MAGNITUDE = 1e-75, 1e75
 
 
 def as_list(value: object) -> list[Any]:
-    """Return the things of a list or another iterable, or a single thing in a list.
+    """Return the items of an iterable as a list, or a single object in a list.
 
-    Expressions and PETSc's objects are single ones, though some can be gone through.
+    UFL expressions, PETSc objects and strings count as single objects.
     """
     if isinstance(value, Iterable) and not isinstance(value, Expr | PETSc.Object | str | bytes):
         try:
             return list(value)
-        except Exception:  # of whatever kind: it is a user's
+        except Exception:  # raised by a user's iterator
             return [value]
     return [value]
 
 
 def is_one_of(value: object, names: Collection[str]) -> TypeGuard[str]:
-    """Return whether a value is one of some strings: other things may refuse to be compared."""
+    """Return whether a value is one of these strings; other types are never compared."""
     return isinstance(value, str) and value in names
 
 
 def is_number(value: Any) -> bool:  # noqa: ANN401
-    """Whether a value is one real number, a 0-d array being one, too: no truth value, no text."""
-    plain = isinstance(value, int | float | np.number | np.ndarray)
-    return plain and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
+    """Return whether a value is a real number or a 0-d array of one; bool and text are not."""
+    is_numeric = isinstance(value, int | float | np.number | np.ndarray)
+    return is_numeric and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
 
 
 def is_user_function(value: object) -> TypeGuard[Callable[..., Any]]:
-    """Return whether a value is a user's function.
+    """Return whether a value is a function, as opposed to other callables.
 
-    Expressions and forms of UFL, matrices of PETSc and classes can be called, too.
+    UFL expressions and forms, PETSc matrices and classes are callable, too.
     """
-    others = Expr | BaseForm | Measure | PETSc.Object | type
-    return callable(value) and not isinstance(value, others)
+    other_callables = Expr | BaseForm | Measure | PETSc.Object | type
+    return callable(value) and not isinstance(value, other_callables)
 
 
 def check_magnitude(name: str, magnitude: float, minimum: float = MIN_MAGNITUDE) -> None:
-    """Raise ValueError for a size that is neither zero nor in the range of serviceable numbers."""
+    """Raise ValueError for a magnitude out of range; zero is accepted."""
     if magnitude > MAX_MAGNITUDE or 0 < magnitude < minimum:
         raise ValueError(
             f"{name} is of the size {magnitude:.3g}, out of the range {MIN_MAGNITUDE:g} to "
@@ -74,6 +75,7 @@ def check_magnitude(name: str, magnitude: float, minimum: float = MIN_MAGNITUDE)
 
 
 def check_number(name: str, value: Any) -> float:  # noqa: ANN401
+    """Return a finite real number as a float; raise ValueError for other values."""
     if not (is_number(value) and np.isfinite(value)):
         raise ValueError(f"{name} = {value!r}: has to be a finite number")
     check_magnitude(name, abs(float(value)), minimum=0.0)
@@ -81,6 +83,7 @@ def check_number(name: str, value: Any) -> float:  # noqa: ANN401
 
 
 def check_positive(name: str, value: Any) -> float:  # noqa: ANN401
+    """Return a positive real number as a float; raise ValueError for other values."""
     if not check_number(name, value) > 0:
         raise ValueError(f"{name} = {value!r}: has to be positive")
     check_magnitude(name, float(value))
@@ -88,53 +91,66 @@ def check_positive(name: str, value: Any) -> float:  # noqa: ANN401
 
 
 def check_integer(name: str, value: Any, minimum: int) -> int:  # noqa: ANN401
+    """Return an integer of at least a minimum; raise ValueError for other values."""
     if not (is_number(value) and np.asarray(value).dtype.kind in "iu" and value >= minimum):
         raise ValueError(f"{name} = {value!r}: has to be a whole number, {minimum} at least")
     return int(value)
 
 
 def check_vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa: ANN401
-    several = isinstance(values, Iterable) and not isinstance(values, PETSc.Object)
-    each = as_list(values) if several else []
-    finite = all(is_number(one) and np.isfinite(one) for one in each)
-    if not (each and finite and len(each) == (length or len(each))):
-        count = f"{length} finite" if length else "finite"
-        raise ValueError(f"{name} {values!r}: it needs {count} components")
-    found = np.array(each, dtype=float)
-    check_magnitude(name, float(np.abs(found).max()), minimum=0.0)
-    return found
+    """Return finite components (length,) as floats; raise ValueError for other values."""
+    is_sequence = isinstance(values, Iterable) and not isinstance(values, PETSc.Object)
+    components = as_list(values) if is_sequence else []
+    are_finite = all(is_number(component) and np.isfinite(component) for component in components)
+    if not (components and are_finite and len(components) == (length or len(components))):
+        requirement = f"{length} finite" if length else "finite"
+        raise ValueError(f"{name} {values!r}: it needs {requirement} components")
+    vector = np.array(components, dtype=float)
+    check_magnitude(name, float(np.abs(vector).max()), minimum=0.0)
+    return vector
 
 
 def check_real_array(name: str, values: Any, shape: tuple[int, ...]) -> Array:  # noqa: ANN401
-    """Return finite real numbers of a shape as floats; ValueError for anything else."""
-    try:  # of vectors of PETSc empty ones end the process
-        given = np.asarray(None if isinstance(values, PETSc.Object) else values)
+    """Return an array of finite real numbers of a shape; raise ValueError for other values."""
+    try:  # NumPy's conversion of an empty PETSc vector ends the process
+        array = np.asarray(None if isinstance(values, PETSc.Object) else values)
     except ValueError:  # rows of different lengths
-        given = np.empty(0, dtype=object)
-    if given.shape != shape or given.dtype.kind not in "iuf" or not np.isfinite(given).all():
+        array = np.empty(0, dtype=object)
+    if array.shape != shape or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
         raise ValueError(
-            f"{name} of the shape {given.shape} and the type {given.dtype}: {shape} finite numbers "
+            f"{name} of the shape {array.shape} and the type {array.dtype}: {shape} finite numbers "
             "are needed, all of them real"
         )
-    return given.astype(float)
+    return array.astype(float)
 
 
 def check_function_values(
     name: str, values: object, shape: tuple[int, ...], layout: str, kind: type = float
 ) -> npt.NDArray[Any]:
-    """Numbers, or truths, that a user's function gives at points; NaN and infinity pass."""
-    given = np.asarray(values)
-    if given.shape != shape or given.dtype.kind not in ("b" if kind is bool else "iuf"):
+    """Return the values of a user's function at points; NaN and infinity are accepted.
+
+    Args:
+        name: name of the function, such as "the marker".
+        values: what the function returned.
+        shape: required shape, the number of points first.
+        layout: description of the required layout, for the message.
+        kind: float for real numbers, bool for truth values.
+
+    Raises:
+        ValueError: for values of another shape or type.
+    """
+    array = np.asarray(values)
+    if array.shape != shape or array.dtype.kind not in ("b" if kind is bool else "iuf"):
         raise ValueError(
-            f"{name} gave {given.dtype} of the shape {given.shape} for {shape[0]} points: {layout}"
+            f"{name} gave {array.dtype} of the shape {array.shape} for {shape[0]} points: {layout}"
         )
-    return given.astype(kind)
+    return array.astype(kind)
 
 
 def check_type(
     name: str, value: object, kind: type | UnionType | tuple[type, ...], remedy: str
 ) -> None:
-    """Raises TypeError unless the value is of a kind; `remedy` says what to give instead."""
+    """Raise TypeError unless a value is an instance; `remedy` tells users what to pass."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} is {describe(value)}: {remedy}")
 
@@ -144,15 +160,17 @@ def check_communicator(value: object) -> None:
 
 
 def check_mesh_type(value: Any) -> None:  # noqa: ANN401
+    """Raise TypeError or ValueError unless it is a mesh in double precision."""
     check_type("the mesh", value, Mesh, "it has to be a dolfinx.mesh.Mesh")
     if value.geometry.x.dtype != np.float64:
         raise ValueError(f"the mesh is one of {value.geometry.x.dtype}: make it with dtype=float64")
 
 
 def check_space(value: Any, name: str = "the space") -> None:  # noqa: ANN401
+    """Raise TypeError or ValueError unless it is a whole function space in double precision."""
     check_type(name, value, fem.FunctionSpace, "it has to be a fem.FunctionSpace, one of `Spaces`")
     check_mesh_type(value.mesh)
-    if getattr(value, "component", list)():  # which not every version of DOLFINx may have
+    if getattr(value, "component", list)():  # missing in some versions of DOLFINx
         raise ValueError(
             f"{name} is a part of another, {name}.sub(i): give the whole, or collapse it"
         )
@@ -163,9 +181,16 @@ def check_flag(name: str, value: object) -> None:
 
 
 def check_matrix(
-    name: str, value: object, other_name: str = "", sizes: Sizes | None = None
+    name: str, value: object, other_name: str = "", sizes: VectorSizes | None = None
 ) -> None:
-    """Raises unless it is a square matrix; if sizes are given, of these."""
+    """Raise TypeError or ValueError unless it is an assembled square matrix.
+
+    Args:
+        name: name of the matrix in messages.
+        value: object to be checked.
+        other_name: name of the object that `sizes` belong to.
+        sizes: required local and global number of rows, if any.
+    """
     check_type(name, value, PETSc.Mat, "assemble_matrix(form) makes a PETSc matrix")
     assert isinstance(value, PETSc.Mat)
     check_petsc_object(name, value)
@@ -175,25 +200,35 @@ def check_matrix(
     if not value.isAssembled():
         raise ValueError(f"{name} is not assembled: call its assemble()")
     if sizes is not None:
-        check_sizes(name, value.getSizes()[0], other_name, sizes)
+        check_vector_sizes(name, value.getSizes()[0], other_name, sizes)
 
 
 def check_petsc_vector(
-    name: str, value: object, other_name: str = "", other: fem.FunctionSpace | Sizes | None = None
+    name: str,
+    value: object,
+    other_name: str = "",
+    other: fem.FunctionSpace | VectorSizes | None = None,
 ) -> None:
-    """Raises unless it is a vector; if another thing is given, of its sizes."""
+    """Raise TypeError or ValueError unless it is a vector.
+
+    Args:
+        name: name of the vector in messages.
+        value: object to be checked.
+        other_name: name of `other` in messages.
+        other: function space, or sizes, that the vector has to match, if any.
+    """
     check_type(name, value, PETSc.Vec, "assemble_vector(form) makes one, float(s) * vector a share")
     assert isinstance(value, PETSc.Vec)
     check_petsc_object(name, value)
     if other is not None:
-        check_sizes(name, value.getSizes(), other_name, other)
+        check_vector_sizes(name, value.getSizes(), other_name, other)
 
 
 def check_petsc_object(name: str, value: PETSc.Object) -> None:
-    """Raise ValueError for an object of PETSc that was destroyed, or never set up."""
+    """Raise ValueError for a PETSc object that was destroyed or never set up."""
     if value.handle == 0 or value.getType() is None:
-        kind = {"Mat": "matrix", "Vec": "vector"}.get(type(value).__name__, "object")
-        raise ValueError(f"{name} is an empty {kind}: it was destroyed, or never set up")
+        noun = {"Mat": "matrix", "Vec": "vector"}.get(type(value).__name__, "object")
+        raise ValueError(f"{name} is an empty {noun}: it was destroyed, or never set up")
 
 
 def check_coefficient(
@@ -203,10 +238,20 @@ def check_coefficient(
     requirement: str,
     comm: MPI.Comm = MPI.COMM_SELF,
 ) -> float | Expr:
-    """A number as a float, or a scalar UFL expression, in range as far as its values are known.
+    """Return a number as a float, or a scalar UFL expression, if its values are valid.
 
-    Known are numbers, the value of a `fem.Constant`, and nodal values of a Lagrange `fem.Function`.
-    It is refused on all processes of `comm` at once; a function's are known.
+    Values are checked if they are available: for numbers, `fem.Constant` and Lagrange functions.
+    Errors are raised on all processes of the coefficient's mesh, or else of `comm`.
+
+    Args:
+        name: name of the coefficient in messages.
+        value: number or scalar expression.
+        is_valid: returns for values (n,) whether each is valid.
+        requirement: message about values that are not, such as "has to be positive".
+        comm: communicator of a coefficient that has none itself.
+
+    Raises:
+        ValueError: for expressions that are not scalar, and for invalid values.
     """
     with collective_errors(find_communicator(comm, value)):
         if not isinstance(value, Expr):
@@ -214,33 +259,37 @@ def check_coefficient(
         elif value.ufl_shape != ():
             raise ValueError(f"{name} has the shape {value.ufl_shape}: it has to be a scalar")
         values = available_values(value)
-        wrong = ~(np.isfinite(values) & is_valid(values))
-        if wrong.any():
-            raise ValueError(f"{name} = {values[wrong][0]}: {requirement}")
+        is_wrong = ~(np.isfinite(values) & is_valid(values))
+        if is_wrong.any():
+            raise ValueError(f"{name} = {values[is_wrong][0]}: {requirement}")
     return value
 
 
 def check_positive_coefficient(
     name: str, value: object, comm: MPI.Comm = MPI.COMM_SELF
 ) -> float | Expr:
-    checked = check_coefficient(name, value, lambda values: values > 0, "has to be positive", comm)
+    coefficient = check_coefficient(
+        name, value, lambda values: values > 0, "has to be positive", comm
+    )
     with collective_errors(find_communicator(comm, value)):
-        values = available_values(checked)
-        for size in (values.min(initial=1.0), values.max(initial=1.0)):
-            check_magnitude(name, float(size))
-    return checked
+        values = available_values(coefficient)
+        for value_bound in (values.min(initial=1.0), values.max(initial=1.0)):
+            check_magnitude(name, float(value_bound))
+    return coefficient
 
 
 def available_values(value: float | Expr) -> Array:
+    """Return the values (n,) of a number, a constant or a Lagrange function, else none."""
     if isinstance(value, fem.Function):
-        lagrange = value.function_space.element.basix_element.family is ElementFamily.P
-        return value.x.array if lagrange else np.empty(0)
+        is_lagrange = value.function_space.element.basix_element.family is ElementFamily.P
+        return value.x.array if is_lagrange else np.empty(0)
     if isinstance(value, fem.Constant):
         return np.atleast_1d(value.value)
     return np.empty(0) if isinstance(value, Expr) else np.array([value])
 
 
 def check_components(name: str, value: object, size: int) -> Expr | Array:
+    """Return a vector of numbers or a UFL vector of a size; raise ValueError for others."""
     if not isinstance(value, Expr):
         return check_vector(name, value, size)
     if value.ufl_shape != (size,):
@@ -250,25 +299,29 @@ def check_components(name: str, value: object, size: int) -> Expr | Array:
     return value
 
 
-def vector_sizes(space: fem.FunctionSpace) -> Sizes:
+def vector_sizes(space: fem.FunctionSpace) -> VectorSizes:
+    """Return the local and global number of degrees of freedom of a space."""
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     return index_map.size_local * block, index_map.size_global * block
 
 
-def check_sizes(name: str, sizes: Sizes, other_name: str, other: fem.FunctionSpace | Sizes) -> None:
-    """Raises ValueError unless sizes are those of another thing; local."""
-    if isinstance(other, fem.FunctionSpace):
-        other = vector_sizes(other)
-    if sizes[1] != other[1]:
+def check_vector_sizes(
+    name: str, sizes: VectorSizes, other_name: str, other_sizes: fem.FunctionSpace | VectorSizes
+) -> None:
+    """Raise ValueError on this process unless sizes equal those of another object."""
+    if isinstance(other_sizes, fem.FunctionSpace):
+        other_sizes = vector_sizes(other_sizes)
+    if sizes[1] != other_sizes[1]:
         raise ValueError(
-            f"{name} has {sizes[1]} degrees of freedom, {other_name} has {other[1]}: all of them "
-            "have to come from one space, none left out"
+            f"{name} has {sizes[1]} degrees of freedom, {other_name} has {other_sizes[1]}: all of "
+            "them have to come from one space, none left out"
         )
-    if sizes[0] != other[0]:
+    if sizes[0] != other_sizes[0]:
         raise ValueError(f"{name} is distributed over the processes otherwise than {other_name}")
 
 
 def describe(value: object) -> str:
+    """Return a short description of a value for messages: itself, its class, or its type."""
     if value is None or isinstance(value, str | bytes | bool | int | float | complex):
         return repr(value)
     if isinstance(value, type):

@@ -1,14 +1,14 @@
-"""One guard for checks, users' functions and arguments: what is wrong on one process ends all.
+"""Collective errors: an error, or a different argument, on one process is raised on all processes.
 
-Were an error raised on one process only, or were processes given different problems, they would
-wait for each other for ever in their next communication. So public functions that communicate are
-decorated by `check_same_arguments`, and local work of users' functions is done under the guard,
+If an error were raised on one process only, or if processes had different arguments, they would
+wait for each other forever in their next communication. Therefore public functions that communicate
+are decorated by `check_same_arguments`, and users' functions are called in a block
 
     with collective_errors(mesh.comm):
         marked = call_user_function(mesh.comm, "the marker", where, x)
 
-with whatever communicates before it or after it, never within. Neither knows of errors elsewhere:
-within PETSc, or between two guards, `python -m mpi4py` ends all processes.
+which must not communicate itself. Errors raised elsewhere, within PETSc or between two blocks, stay
+on their process; `python -m mpi4py` ends all processes in that case.
 """
 
 import inspect
@@ -38,94 +38,104 @@ from ufl.corealg.traversal import unique_pre_traversal
 
 from pw_elements.arrays import Array
 
-P = ParamSpec("P")
-T = TypeVar("T")
-F = TypeVar("F", bound=Callable[..., Any])
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
+Function = TypeVar("Function", bound=Callable[..., Any])
 
-# Arguments and attributes that differ by nature: parts of a mesh by numbers or masks, values at
-# nodes, and what only some processes have
-_LOCAL = {"where", "nodes", "free", "history", "substates", "callback", "axes", "source"}
-# Of each open block, the errors that blocks within it have raised on how many processes
-_open: list[list[tuple[BaseException, int]]] = []
-# Attribute of a statement that its check has refused, on one of several processes
-_REFUSAL = "_refusal"
-# Relative difference of values of two processes that is no round-off of other machines
+# Arguments and attributes that may differ between processes: parts of a mesh by numbers or masks,
+# values at nodes, and arguments that only some processes have
+_LOCAL_ARGUMENTS = {"where", "nodes", "free", "history", "substates", "callback", "axes", "source"}
+# For each open block, errors raised by blocks within it, and the number of processes that have them
+_errors_of_open_blocks: list[list[tuple[BaseException, int]]] = []
+# Attribute of an object with the error of its check, if that is deferred to all processes
+_DEFERRED_ERROR = "_refusal"
+# Relative difference of values on two processes that cannot be round-off between machines
 RANK_DIFFERENCE_TOLERANCE = 1e-8
-# Points of each process at which functions are compared on all of them, and the most of all
-_COMPARED_POINTS, _ALL_COMPARED_POINTS = 64, 2**15
-# Whether what is called now has been compared by a function around it; a user's function has not
-_compared = [False]
-# Attributes by which things know their processes, directly or by what they belong to
-_OWNERS = "comm mesh function_space space _space u spaces displacement offset"
+# Largest number of points, of each process and in all, at which a function is compared
+_MAX_POINTS_PER_PROCESS, _MAX_POINTS = 64, 2**15
+# Stack: whether an enclosing call has compared its arguments (False within users' functions)
+_arguments_compared = [False]
+# Attributes through which a communicator is found
+_OWNER_ATTRIBUTES = "comm mesh function_space space _space u spaces displacement offset"
 
 
 @contextmanager
 def collective_errors(comm: MPI.Comm) -> Iterator[dict[str, object]]:
-    """Has an exception of a block on one process raised on all of them, with the same words.
+    """Raise an exception of the block on one process on all processes, with the same message.
 
-    What the block puts into its mapping has to be the same on all processes, to the last bit.
+    The error of the process of lowest rank is raised; on that process with its traceback. The block
+    itself must not communicate, except in nested blocks.
 
-    The error of the lowest process that has one is raised; its traceback is there, too. Blocks are
-    local: they do not communicate, but in blocks of their own.
+    Args:
+        comm: communicator of the processes that execute the block.
+
+    Yields:
+        A mapping to which the block may add values that have to be equal on all processes, to the
+        last bit; a ValueError names the first that differs.
     """
-    same: dict[str, object] = {}
-    own: BaseException | None = None
+    shared: dict[str, object] = {}
+    own_error: BaseException | None = None
     digest = 0
-    known: list[tuple[BaseException, int]] = []
-    _open.append(known)
+    known_errors: list[tuple[BaseException, int]] = []
+    _errors_of_open_blocks.append(known_errors)
     try:
-        yield same
-        if MPI.COMM_WORLD.size > 1:  # a single process' own statements may have been refused, too
-            digest = int.from_bytes(_digest(same)[:7])
-    except BaseException as raised:
-        own = raised
+        yield shared
+        if MPI.COMM_WORLD.size > 1:  # on one process, objects with refused arguments are allowed
+            digest = int.from_bytes(_compute_digest(shared)[:7])
+    except BaseException as caught:
+        own_error = caught
     finally:
-        _open.pop()
-    if own is not None and any(own is error and n == comm.size for error, n in known):
-        raise own
-    ends = np.array([comm.size if own is None else comm.rank, digest, -digest])
-    comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
-    failed, least, most = map(int, ends)
-    if failed < comm.size:
-        told = comm.bcast(_sent(own), failed)
-        if own is not None and comm.rank == failed:
-            told, own = own, own.__cause__
-        raise _known(told, comm) from own
-    if least != -most:
-        _refuse_differing(comm, same)
+        _errors_of_open_blocks.pop()
+    if own_error is not None and any(
+        own_error is error and n_processes == comm.size for error, n_processes in known_errors
+    ):
+        raise own_error
+    outcomes = np.array([comm.size if own_error is None else comm.rank, digest, -digest])
+    comm.Allreduce(MPI.IN_PLACE, outcomes, MPI.MIN)
+    failed_rank, min_digest, negated_max_digest = map(int, outcomes)
+    if failed_rank < comm.size:
+        sent_error = comm.bcast(_make_picklable(own_error), failed_rank)
+        if own_error is not None and comm.rank == failed_rank:
+            sent_error, own_error = own_error, own_error.__cause__
+        raise _record_error(sent_error, comm) from own_error
+    if min_digest != -negated_max_digest:
+        _raise_differing_arguments(comm, shared)
 
 
-def _known(error: BaseException, comm: MPI.Comm) -> BaseException:
-    if _open:
-        _open[-1].append((error, comm.size))
+def _record_error(error: BaseException, comm: MPI.Comm) -> BaseException:
+    """Record an error of all processes of `comm` for the enclosing block; return it."""
+    if _errors_of_open_blocks:
+        _errors_of_open_blocks[-1].append((error, comm.size))
     return error
 
 
-def _refuse_differing(comm: MPI.Comm, same: Mapping[str, object]) -> None:
-    told = comm.allgather([(name, _digest(value)) for name, value in same.items()])
-    for each in zip_longest(*told, fillvalue=("what is done", b"")):
-        if len(set(each)) > 1:
-            other = next(k for k, one in enumerate(each) if one != each[0])
-            raise _differing(each[0][0], other, comm)
-
-
-def _differing(name: str, other: int, comm: MPI.Comm) -> BaseException:
-    error = ValueError(
-        f"{name}: this differs between processes 0 and {other}, but all of them have to state the "
-        "same problem"
+def _raise_differing_arguments(comm: MPI.Comm, shared: Mapping[str, object]) -> None:
+    digests_by_rank = comm.allgather(
+        [(name, _compute_digest(value)) for name, value in shared.items()]
     )
-    return _known(error, comm)
+    for entries in zip_longest(*digests_by_rank, fillvalue=("what is done", b"")):
+        if len(set(entries)) > 1:
+            other_rank = next(rank for rank, entry in enumerate(entries) if entry != entries[0])
+            raise _difference_error(entries[0][0], other_rank, comm)
+
+
+def _difference_error(name: str, other_rank: int, comm: MPI.Comm) -> BaseException:
+    error = ValueError(
+        f"{name}: this differs between processes 0 and {other_rank}, but all of them have to state "
+        "the same problem"
+    )
+    return _record_error(error, comm)
 
 
 def relative_difference(values: Array, reference: Array, min_scale: float = 0.0) -> float:
-    """Return the largest difference over the largest finite size of the reference.
+    """Return max |values - reference| over the largest finite |reference|.
 
-    It is infinite where shapes differ, or what is infinite or no number.
+    The result is infinite if shapes, or infinite and NaN entries, differ.
 
     Args:
-        values: of any shape.
-        reference: of the same shape.
-        min_scale: a size below which the reference is nothing but round-off.
+        values: array of any shape.
+        reference: array of the same shape.
+        min_scale: lower limit of the denominator, such as the round-off of the reference.
     """
     if values.shape != reference.shape:
         return np.inf
@@ -142,186 +152,201 @@ def relative_difference(values: Array, reference: Array, min_scale: float = 0.0)
 def check_same_function(
     comm: MPI.Comm, name: str, function: Callable[[Array], Any], *points: Array
 ) -> None:
-    """Raise ValueError on all processes where a user's function differs between them; collective.
+    """Raise ValueError on all processes if a user's function differs between them; collective.
 
-    It is asked at some points of each process on all of them. There is no comparison if it fails
-    there, or gives another number of values than points: it may be one of its own process' points.
+    All processes evaluate it at the same points, a sample from each process. Functions that fail
+    there or return another number of values are not compared: they may be valid at the points of
+    their own process only.
 
     Args:
-        comm: of the processes.
-        name: of the function.
-        function: of points as rows (n, dim); the first axis of its answer is theirs.
-        points: kinds of points (n, dim) of this process, of each of which some are taken.
+        comm: communicator of the processes.
+        name: name of the function in the message.
+        function: function of points (n, dim) that returns n values or rows.
+        points: one or several arrays (n, dim) of points of this process, to be sampled.
     """
     if comm.size == 1:
         return
-    count = max(2, min(_COMPARED_POINTS, _ALL_COMPARED_POINTS // comm.size))
-    own = np.concatenate([evenly_spaced_rows(rows, count) for rows in points])
-    every: Array = np.concatenate(comm.allgather(own))
+    n_points = max(2, min(_MAX_POINTS_PER_PROCESS, _MAX_POINTS // comm.size))
+    own_points = np.concatenate([evenly_spaced_rows(rows, n_points) for rows in points])
+    all_points: Array = np.concatenate(comm.allgather(own_points))
     values: Array = np.empty(0)
     with collective_errors(comm), np.errstate(all="ignore"), suppress(Exception):
-        values = np.asarray(call_user_function(comm, name, function, every.copy()), dtype=float)
-    if comm.allreduce(values.shape[:1] == (len(every),), MPI.LAND):
+        values = np.asarray(
+            call_user_function(comm, name, function, all_points.copy()), dtype=float
+        )
+    if comm.allreduce(values.shape[:1] == (len(all_points),), MPI.LAND):
         check_same_values(comm, {name: values}, RANK_DIFFERENCE_TOLERANCE)
 
 
 def evenly_spaced_rows(rows: Array, max_rows: int) -> Array:
-    """Return at most so many rows, evenly spread."""
+    """Return at most `max_rows` rows of an array, evenly spaced."""
     return rows[np.unique(np.linspace(0, max(0, len(rows) - 1), max_rows).astype(int))[: len(rows)]]
 
 
 def check_same_values(comm: MPI.Comm, arrays: Mapping[str, Array], tolerance: float) -> None:
-    """Raise ValueError on all processes for numbers that differ between them; collective.
+    """Raise ValueError on all processes if arrays differ between them; collective.
 
     Args:
-        comm: of the processes.
-        arrays: by the names of what gave them, the same names on all processes.
-        tolerance: of differences, over the largest size of each array.
+        comm: communicator of the processes.
+        arrays: arrays by their names in messages; the names are the same on all processes.
+        tolerance: largest difference, relative to the largest entry of each array.
     """
     if comm.size == 1:
         return
     reference = comm.bcast(dict(arrays))
-    unlike = [
+    differing_names = [
         name
         for name, values in arrays.items()
         if not relative_difference(values, reference[name]) <= tolerance
     ]
-    for rank, names in enumerate(comm.allgather(unlike)):
+    for rank, names in enumerate(comm.allgather(differing_names)):
         if names:
-            raise _differing(names[0], rank, comm)
+            raise _difference_error(names[0], rank, comm)
 
 
-def check_same_arguments(function: F) -> F:
-    """A function that all processes call with the same arguments: they are compared first.
+def check_same_arguments(function: Function) -> Function:
+    """Decorate a collective function: compare its arguments on all processes before each call.
 
-    What it calls in its turn has arguments that follow from these, which are not compared again.
+    Arguments of calls within the function are not compared again.
     """
     signature = inspect.signature(function)
 
     @wraps(function)
-    def called(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
-        if MPI.COMM_WORLD.size == 1 or _compared[-1]:
+    def call_checked(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+        if MPI.COMM_WORLD.size == 1 or _arguments_compared[-1]:
             return function(*args, **kwargs)
-        with collective_errors(find_communicator(*args, *kwargs.values())) as same:
-            given = signature.bind(*args, **kwargs)
-            given.apply_defaults()
-            same["the function that is called"] = function.__qualname__
-            for name, value in given.arguments.items():
-                _raise_refusal(value)
+        with collective_errors(find_communicator(*args, *kwargs.values())) as shared:
+            bound = signature.bind(*args, **kwargs)
+            bound.apply_defaults()
+            shared["the function that is called"] = function.__qualname__
+            for name, value in bound.arguments.items():
+                _raise_deferred_error(value)
                 parts = vars(value) if name == "self" and is_dataclass(value) else {name: value}
-                same |= {k: part for k, part in parts.items() if k not in _LOCAL}
-        with _comparing(done=True):
+                shared |= {k: part for k, part in parts.items() if k not in _LOCAL_ARGUMENTS}
+        with _set_arguments_compared(is_compared=True):
             return function(*args, **kwargs)
 
-    called.compares = True  # type: ignore[attr-defined]
-    return cast(F, called)
+    call_checked.compares = True  # type: ignore[attr-defined]
+    return cast(Function, call_checked)
 
 
 def defer_errors_if_parallel(check: Callable[[Any], None]) -> Callable[[Any], None]:
-    """Return the check of a statement whose error all processes raise, if there are several.
+    """Decorate the `__post_init__` of a dataclass: defer its errors if there are several processes.
 
-    Each process states materials, motions and pairs by itself: an error there would stay on its
-    process, for which the others would wait. It is kept, and raised on all of them by the first
-    function that takes the statement.
+    Materials, motions and pairs are created on each process separately: an error would be raised on
+    one process only, and the others would wait for it. Instead, the object keeps the error, and the
+    first collective function that takes the object raises it on all processes.
 
     Args:
-        check: `__post_init__` of a dataclass.
+        check: `__post_init__` of a dataclass, which raises TypeError or ValueError.
     """
 
     @wraps(check)
-    def checked(self: Any) -> None:  # noqa: ANN401
+    def check_or_defer(self: Any) -> None:  # noqa: ANN401
         try:
             check(self)
         except (TypeError, ValueError) as error:
             if MPI.COMM_WORLD.size == 1:
                 raise
-            object.__setattr__(self, _REFUSAL, error)
+            object.__setattr__(self, _DEFERRED_ERROR, error)
 
-    return checked
+    return check_or_defer
 
 
-def _raise_refusal(value: object) -> None:
-    """Raise the error that `defer_errors_if_parallel` has kept of a statement, if there is one."""
-    refusal = getattr(value, "__dict__", {}).get(_REFUSAL)
-    if refusal is not None:
-        raise refusal
+def _raise_deferred_error(value: object) -> None:
+    """Raise the error that `defer_errors_if_parallel` has stored in an object, if any."""
+    error = getattr(value, "__dict__", {}).get(_DEFERRED_ERROR)
+    if error is not None:
+        raise error
 
 
 @contextmanager
-def _comparing(done: bool) -> Iterator[None]:
-    _compared.append(done)
+def _set_arguments_compared(is_compared: bool) -> Iterator[None]:
+    _arguments_compared.append(is_compared)
     try:
         yield
     finally:
-        _compared.pop()
+        _arguments_compared.pop()
 
 
 def find_communicator(*objects: object) -> MPI.Comm:
-    """The communicator of some things: the largest one; all processes if none has one.
+    """Return the largest communicator of some objects, or COMM_WORLD if none has one.
 
-    So a process that has nothing in place of a mesh is waited for if the mesh is all processes'.
+    A process with None instead of a mesh thereby takes part in the checks of the other processes.
     """
-    found = [comm for comm in map(_communicator, objects) if comm is not None]
-    largest = max(found, key=lambda comm: comm.size, default=MPI.COMM_WORLD)
-    # duplicates of one communicator would not meet each other
+    communicators = [comm for comm in map(_communicator_of, objects) if comm is not None]
+    largest = max(communicators, key=lambda comm: comm.size, default=MPI.COMM_WORLD)
+    # collective calls on duplicates of one communicator would not match
     return MPI.COMM_WORLD if largest.size == MPI.COMM_WORLD.size else largest
 
 
-def _communicator(thing: Any) -> MPI.Comm | None:  # noqa: ANN401
-    if isinstance(thing, MPI.Intracomm):
-        return thing
-    if isinstance(thing, PETSc.Object):
-        return thing.comm.tompi4py() if thing.handle else None
-    if isinstance(thing, ufl.Form):
-        return next(map(_communicator, (d.ufl_cargo() for d in thing.ufl_domains())), None)
-    if isinstance(thing, list | tuple):
-        return next(map(_communicator, thing), None)
-    if isinstance(thing, type):
+def _communicator_of(obj: Any) -> MPI.Comm | None:  # noqa: ANN401
+    if isinstance(obj, MPI.Intracomm):
+        return obj
+    if isinstance(obj, PETSc.Object):
+        return obj.comm.tompi4py() if obj.handle else None
+    if isinstance(obj, ufl.Form):
+        return next(map(_communicator_of, (d.ufl_cargo() for d in obj.ufl_domains())), None)
+    if isinstance(obj, list | tuple):
+        return next(map(_communicator_of, obj), None)
+    if isinstance(obj, type):
         return None
-    for name in _OWNERS.split():
-        with suppress(Exception):  # of a user's property, which is asked again under the guard
-            if (owner := getattr(thing, name, None)) is not None:
-                return _communicator(owner)
+    for name in _OWNER_ATTRIBUTES.split():
+        with suppress(Exception):  # errors of users' properties are raised later, in a block
+            if (owner := getattr(obj, name, None)) is not None:
+                return _communicator_of(owner)
     return None
 
 
-def _sent(error: BaseException | None) -> BaseException | None:
-    """The error as it can be sent: classes within functions, or of more than words, cannot."""
+def _make_picklable(error: BaseException | None) -> BaseException | None:
+    """Return an error that can be pickled: the same, or a RuntimeError with its message."""
     if error is None:
         return None
     for args in (error.args, (str(error),)):
         try:
-            sent = pickle.loads(pickle.dumps(type(error)(*args)))
+            copy = pickle.loads(pickle.dumps(type(error)(*args)))
         except Exception:
             continue
-        if str(sent) == str(error):
-            return sent
+        if str(copy) == str(error):
+            return copy
     return RuntimeError(f"{type(error).__name__}: {error}")
 
 
 def call_user_function(
-    comm: MPI.Comm, name: str, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
-) -> T:
-    """Calls a user's function, whose errors become a ValueError; local, for use under the guard."""
+    comm: MPI.Comm,
+    name: str,
+    function: Callable[Parameters, Result],
+    *args: Parameters.args,
+    **kwargs: Parameters.kwargs,
+) -> Result:
+    """Call a user's function, in a block of `collective_errors`; errors become ValueError.
+
+    Args:
+        comm: communicator, for the rank in the message.
+        name: name of the function in the message.
+        function: the function.
+        *args: its positional arguments.
+        **kwargs: its keyword arguments.
+    """
     try:
-        with _comparing(done=False):
+        with _set_arguments_compared(is_compared=False):
             return function(*args, **kwargs)
     except Exception as error:
-        where = f" on process {comm.rank}" if comm.size > 1 else ""
-        said = "".join(format_exception_only(error)).strip()
-        raise ValueError(f"{name} failed{where}: {said}") from error
+        process = f" on process {comm.rank}" if comm.size > 1 else ""
+        description = "".join(format_exception_only(error)).strip()
+        raise ValueError(f"{name} failed{process}: {description}") from error
 
 
-def _digest(value: object) -> bytes:
-    """Digest of what has to be the same: of distributed things kind and size, no local part."""
+def _compute_digest(value: object) -> bytes:
+    """Return a digest of a value; of distributed objects, of type and global size only."""
     digest = blake2b(digest_size=16)
-    for part in _parts(value):
-        digest.update(part if isinstance(part, bytes) else _digest(part))
+    for part in _digest_parts(value):
+        digest.update(part if isinstance(part, bytes) else _compute_digest(part))
     return digest.digest()
 
 
-def _parts(value: Any) -> Iterator[object]:  # noqa: ANN401
-    """Bytes, or simpler things, that tell a value."""
+def _digest_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
+    """Yield bytes, or simpler objects, that identify a value."""
     if isinstance(value, str | Path):
         yield str(value).encode()
     elif isinstance(value, bytes):
@@ -330,23 +355,24 @@ def _parts(value: Any) -> Iterator[object]:  # noqa: ANN401
         isinstance(value, np.ndarray | np.generic | int | float)
         and np.asarray(value).dtype.kind in "biuf"
     ):
-        numbers = np.asarray(value, dtype=float) + 0.0  # zero has one sign
+        numbers = np.asarray(value, dtype=float) + 0.0  # -0.0 becomes 0.0
         yield from (repr(numbers.shape).encode(), numbers.tobytes())
     elif isinstance(value, np.ndarray):
         yield value.tolist()
     elif isinstance(value, Mapping):
-        yield from sorted(_digest(pair) for pair in value.items())
+        yield from sorted(_compute_digest(pair) for pair in value.items())
     elif isinstance(value, set | frozenset):
-        yield from sorted(map(_digest, value))
+        yield from sorted(map(_compute_digest, value))
     elif isinstance(value, Collection) and not isinstance(value, type | Expr):
-        yield from map(_digest, value)
+        yield from map(_compute_digest, value)
     else:
         yield type(value).__qualname__
-        yield from _told(value)
+        yield from _object_parts(value)
 
 
-def _told(value: Any) -> Iterator[object]:  # noqa: ANN401
-    _raise_refusal(value)
+def _object_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
+    """Yield simpler objects that identify an object of DOLFINx, PETSc, UFL or the library."""
+    _raise_deferred_error(value)
     if isinstance(value, Enum):
         yield value.name
     elif isinstance(value, fem.Constant):
@@ -365,7 +391,7 @@ def _told(value: Any) -> Iterator[object]:  # noqa: ANN401
         if value.handle and value.getType():
             yield from (np.atleast_2d(value.getSizes())[:, 1], value.getAttr("assembled"))
     elif isinstance(value, fem.Form):
-        yield value.module.__name__  # which has the digest of what was compiled
+        yield value.module.__name__  # contains a digest of the compiled form
     elif isinstance(value, ufl.Form):
         for part in value.integrals():
             yield from (part.integral_type(), repr(part.subdomain_id()), part.integrand())
@@ -381,9 +407,9 @@ def _told(value: Any) -> Iterator[object]:  # noqa: ANN401
                 yield node.number()
             elif isinstance(node, fem.Constant | fem.Function):
                 yield node
-    elif not callable(value):  # a statement of the library or the user: its plain attributes
-        own = is_dataclass(value) and type(value).__module__.startswith("pw_elements.")
+    elif not callable(value):  # an object of the library or the user: its attributes of plain types
+        is_library_class = is_dataclass(value) and type(value).__module__.startswith("pw_elements.")
         for name, part in getattr(value, "__dict__", {}).items():
-            plain = own or isinstance(part, str | int | float | np.generic)
-            if plain and name not in _LOCAL and not name.startswith("_"):
+            is_compared = is_library_class or isinstance(part, str | int | float | np.generic)
+            if is_compared and name not in _LOCAL_ARGUMENTS and not name.startswith("_"):
                 yield from (name, part)

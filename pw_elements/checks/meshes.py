@@ -1,15 +1,14 @@
-"""Checks of the mesh wherever a body is made: what its cells and its boundary can tell.
+"""Checks of the cells and the boundary of a mesh, made when a body is created.
 
-Errors are cells without volume or partly inside out (curved ones and non-convex quadrilaterals,
-too), neighbours on the same side of a facet (folds), facets with more than two cells, parts that
-overlap, and hanging nodes. Coinciding facets that face each other are a crack or two bodies that
-touch: both are legitimate, so that they are logged only, by the logger `pw_elements`, a crack as a
-warning.
+Errors are flat cells and cells that are partly inside out (curved cells and non-convex
+quadrilaterals, too), neighbours on the same side of a facet (folds), facets with more than two
+cells, overlapping parts, and hanging nodes. Coinciding facets without common nodes are a crack or
+two bodies in contact; both are legitimate and are only logged, a crack as a warning.
 
-The outward area vectors of both cells of an inner facet have to cancel; the cells' volumes then
-add up to the boundary's integral of x·n / dim, which need not be computed.
+The outward area vectors of the two cells of an inner facet have to cancel. Then the volumes of the
+cells add up to the boundary integral of x·n / dim, which need not be computed.
 
-What cannot be told is in the guide's page on meshes.
+The guide's page on meshes lists defects that these checks cannot detect.
 """
 
 import logging
@@ -31,51 +30,57 @@ from pw_elements._compat import cell_nodes
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.progress import log_on_root
 
-# Largest coordinate whose products with others, such as volumes, are finite
+# Largest coordinate for which volumes do not overflow
 MAX_COORDINATE = 1e100
-# Smallest Jacobian determinant over the dim-th power of a cell's size
-_FLAT_DETERMINANT = 1e-10
-# Sum of both area vectors of a facet within, over their sizes: 0 but for round-off, or else 1
-_CANCELS = 1e-6
-# Distance of places that are the same, over the size of a facet
-_NEAR = 1e-6
-# Cells whose Jacobians are in memory at the same time
-_CELLS_AT_ONCE = 20_000
-# Its axes are such that no facet is likely to be parallel to one, nor a ray to meet an edge
-_TURN = np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1)
+# Smallest Jacobian determinant, relative to the dim-th power of the cell's size
+_MIN_RELATIVE_DETERMINANT = 1e-10
+# Largest sum of the two area vectors of an inner facet, relative to the sum of their lengths (0 but
+# for round-off; 1 for a fold)
+_CLOSURE_TOLERANCE = 1e-6
+# Distance of coinciding points, relative to the size of a facet
+_COINCIDENCE_TOLERANCE = 1e-6
+# Number of cells whose Jacobians are in memory at once
+_CELLS_PER_BATCH = 20_000
+# Arbitrary matrix; its orthonormal basis is hardly parallel to facets, so that rays miss edges
+_GENERIC_MATRIX = np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1)
 
-_checked: WeakKeyDictionary[Mesh, int] = WeakKeyDictionary()
+# Checksum of the coordinates of each mesh that has passed `check_mesh`
+_checksum_of_checked: WeakKeyDictionary[Mesh, int] = WeakKeyDictionary()
 
 
 class DegenerateMesh(ValueError):
-    """Cells that are flat or inverted, or cells and boundaries that do not make a body."""
+    """Mesh with flat, inverted, folded or overlapping cells, or with hanging nodes."""
 
 
 def format_points(points: Array) -> str:
-    """Positions (m, dim) as words, in order of their coordinates, round-off left out."""
+    """Return text with the first six of points (m, dim), sorted and rounded to four digits."""
     points = np.round(points, 12) + 0.0
     points = points[np.lexsort(np.round(points, 9).T[::-1])]
-    words = ["(" + ", ".join(f"{c:.4g}" for c in point) + ")" for point in points[:6]]
-    more = f" and {len(points) - 6} more" if len(points) > 6 else ""
-    return ", ".join(words) + more
+    formatted = ["(" + ", ".join(f"{c:.4g}" for c in point) + ")" for point in points[:6]]
+    suffix = f" and {len(points) - 6} more" if len(points) > 6 else ""
+    return ", ".join(formatted) + suffix
 
 
 def check_mesh(mesh: Mesh) -> None:
-    """Refuses cells and boundaries that do not make a body; again only when nodes have moved."""
-    now = crc32(np.ascontiguousarray(mesh.geometry.x))
-    if not mesh.comm.allreduce(_checked.get(mesh) != now, MPI.LOR):
+    """Check the cells and boundary of a mesh, unless they are unchanged since the last check.
+
+    Raises:
+        DegenerateMesh: names the defect and the centres of such cells or facets.
+    """
+    checksum = crc32(np.ascontiguousarray(mesh.geometry.x))
+    if not mesh.comm.allreduce(_checksum_of_checked.get(mesh) != checksum, MPI.LOR):
         return
     if mesh.topology.dim != mesh.geometry.dim:
         raise DegenerateMesh("the mesh is a surface or line in space, not a body")
     _check_coordinates(mesh)
-    cells = _Cells(mesh)
-    cells.check()
+    cells = _CellChecks(mesh)
+    cells.check_cells_and_facets()
     if mesh.topology.dim > 1:
-        surface = _Surface(cells)
-        surface.check_hanging()
+        surface = _SurfaceChecks(cells)
+        surface.check_hanging_nodes()
         surface.check_overlap()
-        surface.log_contacts()
-    _checked[mesh] = now
+        surface.log_coincident_facets()
+    _checksum_of_checked[mesh] = checksum
 
 
 def _check_coordinates(mesh: Mesh) -> None:
@@ -90,19 +95,24 @@ def _check_coordinates(mesh: Mesh) -> None:
 
 
 def check_cells(mesh: Mesh) -> None:
-    """Refuse cells without volume or partly inside out, folds, and facets of more than two cells.
+    """Check that no cell is flat, inverted or folded, and no facet has more than two cells.
 
     Raises:
-        DegenerateMesh: with the places of such cells.
+        DegenerateMesh: names the defect and the centres of such cells.
     """
     _check_coordinates(mesh)
-    _Cells(mesh).check()
+    _CellChecks(mesh).check_cells_and_facets()
 
 
-class _Cells:
-    """Cells of this process (without ghosts), and what is around them.
+class _CellChecks:
+    """Checks of the cells of this process (without ghosts) and of their facets.
 
-    Area vectors (dim, sides, cells) point outwards; a triangle's is twice as long as it is large.
+    Attributes:
+        vertices: geometry nodes (n, corners) of the cells' corners.
+        centres: mean of the corners (n, dim) of each cell.
+        facets: facets (sides, n) of the cells.
+        area: outward area vectors (dim, sides, n); those of triangles have twice the area's length.
+        exterior: whether a side (sides, n) belongs to one cell only.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -110,212 +120,279 @@ class _Cells:
         self.mesh, self.dim = mesh, dim
         self.element = mesh.ufl_domain().ufl_coordinate_element().basix_element
         nodes = cell_nodes(mesh)[: topology.index_map(dim).size_local]
-        corner = [dofs[0] for dofs in self.element.entity_dofs[0]]
-        self.vertices = nodes[:, corner].astype(np.int64)
+        corner_dofs = [dofs[0] for dofs in self.element.entity_dofs[0]]
+        self.vertices = nodes[:, corner_dofs].astype(np.int64)
         self._x = np.ascontiguousarray(mesh.geometry.x[:, :dim].T)[:, nodes.T]
-        self.middle = self._x[:, corner].mean(axis=1).T
+        self.centres = self._x[:, corner_dofs].mean(axis=1).T
 
-    def check(self) -> None:
-        kind, dim, cells = self.element.cell_type, self.dim, len(self.middle)
-        corners = basix.geometry(kind)
-        sides = np.array([corners[c].mean(axis=0) for c in basix.topology(kind)[dim - 1]])
-        straight = self.element.degree == 1 and len(corners) == dim + 1
-        inner = np.vstack([self.element.points, basix.make_quadrature(kind, 4)[0]])
-        points = sides[:1] if straight else np.vstack([sides, inner])
-        slopes = self.element.tabulate(1, points)[1:, :, :, 0]
-        at_sides = np.empty((dim, dim, 1 if straight else len(sides), cells))
-        flat, turned = np.zeros((2, cells), dtype=bool)
-        for first in range(0, cells, _CELLS_AT_ONCE):
-            some = slice(first, first + _CELLS_AT_ONCE)
-            jacobian = np.einsum("jpn,inc->ijpc", slopes, self._x[:, :, some], optimize=True)
+    def check_cells_and_facets(self) -> None:
+        cell_type, dim, n_cells = self.element.cell_type, self.dim, len(self.centres)
+        corners = basix.geometry(cell_type)
+        side_midpoints = np.array(
+            [corners[c].mean(axis=0) for c in basix.topology(cell_type)[dim - 1]]
+        )
+        is_affine = self.element.degree == 1 and len(corners) == dim + 1
+        inner_points = np.vstack([self.element.points, basix.make_quadrature(cell_type, 4)[0]])
+        points = side_midpoints[:1] if is_affine else np.vstack([side_midpoints, inner_points])
+        gradients = self.element.tabulate(1, points)[1:, :, :, 0]
+        side_cofactors = np.empty((dim, dim, 1 if is_affine else len(side_midpoints), n_cells))
+        is_flat, is_inverted = np.zeros((2, n_cells), dtype=bool)
+        for start in range(0, n_cells, _CELLS_PER_BATCH):
+            batch = slice(start, start + _CELLS_PER_BATCH)
+            jacobian = np.einsum("jpn,inc->ijpc", gradients, self._x[:, :, batch], optimize=True)
             cofactor = _cofactors(jacobian)
             determinant = sum(jacobian[i, 0] * cofactor[i, 0] for i in range(dim))
             size = np.sqrt(np.sum(jacobian[:, :, 0] ** 2, axis=(0, 1)))
-            flat[some] = np.abs(determinant).min(axis=0) <= _FLAT_DETERMINANT * size**dim
-            turned[some] = determinant.min(axis=0) * determinant.max(axis=0) < 0
-            at_sides[..., some] = cofactor[:, :, : at_sides.shape[2]] * np.sign(determinant[0])
-        self._refuse(flat, "have no volume")
-        self._refuse(turned, "are turned inside out in a part of them")
+            is_flat[batch] = (
+                np.abs(determinant).min(axis=0) <= _MIN_RELATIVE_DETERMINANT * size**dim
+            )
+            is_inverted[batch] = determinant.min(axis=0) * determinant.max(axis=0) < 0
+            side_cofactors[..., batch] = cofactor[:, :, : side_cofactors.shape[2]] * np.sign(
+                determinant[0]
+            )
+        self._raise_for_cells(is_flat, "have no volume")
+        self._raise_for_cells(is_inverted, "are turned inside out in a part of them")
         if dim > 1:
-            self._check_facets(np.broadcast_to(at_sides, (dim, dim, len(sides), cells)))
+            self._check_facets(
+                np.broadcast_to(side_cofactors, (dim, dim, len(side_midpoints), n_cells))
+            )
 
     def _check_facets(self, cofactor: Array) -> None:
-        """Looks for folds and more than two cells at a facet, cells of other processes too."""
+        """Check for folds and for facets with more than two cells, across processes."""
         topology, dim = self.mesh.topology, self.dim
         topology.create_connectivity(dim, dim - 1)
-        sides = cofactor.shape[2]
-        self.facets = topology.connectivity(dim, dim - 1).array.reshape(-1, sides)
-        self.facets = self.facets[: len(self.middle)].T
-        kind = self.element.cell_type
-        normal, tangents = basix.cell.facet_outward_normals(kind), basix.cell.facet_jacobians(kind)
-        sizes = np.sqrt(np.linalg.det(np.swapaxes(tangents, 1, 2) @ tangents))
-        self.area = np.einsum("ijpc,pj->ipc", cofactor, normal * sizes[:, None])
+        n_sides = cofactor.shape[2]
+        self.facets = topology.connectivity(dim, dim - 1).array.reshape(-1, n_sides)
+        self.facets = self.facets[: len(self.centres)].T
+        cell_type = self.element.cell_type
+        normal, tangents = (
+            basix.cell.facet_outward_normals(cell_type),
+            basix.cell.facet_jacobians(cell_type),
+        )
+        reference_areas = np.sqrt(np.linalg.det(np.swapaxes(tangents, 1, 2) @ tangents))
+        self.area = np.einsum("ijpc,pj->ipc", cofactor, normal * reference_areas[:, None])
 
-        size = np.sqrt(sum(a**2 for a in self.area))
+        area = np.sqrt(sum(a**2 for a in self.area))
         index_map = topology.index_map(dim - 1)
-        sums = la.vector(index_map, dim + 2)
-        total = sums.array.reshape(-1, dim + 2)
-        for k, values in enumerate((*self.area, size, np.ones_like(size))):
-            total[:, k] = np.bincount(self.facets.ravel(), values.ravel(), len(total))
-        sums.scatter_reverse(la.InsertMode.add)
-        sums.scatter_forward()
-        cells = total[:, -1]
-        self.exterior = (cells == 1)[self.facets]
-        rest = np.sqrt(sum(total[:, k] ** 2 for k in range(dim)))
-        folded = ((cells == 2) & (rest > _CANCELS * total[:, dim]))[self.facets].any(axis=0)
-        self._refuse((cells > 2)[self.facets].any(axis=0), "share a facet with two others")
-        self._refuse(folded, "lie on the same side of a facet as their neighbour")
+        facet_vector = la.vector(index_map, dim + 2)
+        facet_sums = facet_vector.array.reshape(-1, dim + 2)
+        for column, values in enumerate((*self.area, area, np.ones_like(area))):
+            facet_sums[:, column] = np.bincount(
+                self.facets.ravel(), values.ravel(), len(facet_sums)
+            )
+        facet_vector.scatter_reverse(la.InsertMode.add)
+        facet_vector.scatter_forward()
+        n_cells = facet_sums[:, -1]
+        self.exterior = (n_cells == 1)[self.facets]
+        residual_area = np.sqrt(sum(facet_sums[:, column] ** 2 for column in range(dim)))
+        is_folded = ((n_cells == 2) & (residual_area > _CLOSURE_TOLERANCE * facet_sums[:, dim]))[
+            self.facets
+        ].any(axis=0)
+        self._raise_for_cells(
+            (n_cells > 2)[self.facets].any(axis=0), "share a facet with two others"
+        )
+        self._raise_for_cells(is_folded, "lie on the same side of a facet as their neighbour")
 
-    def _refuse(self, wrong: Mask, what: str) -> None:
-        places = np.concatenate(self.mesh.comm.allgather(self.middle[wrong]))
-        if len(places):
-            raise DegenerateMesh(f"cells around {format_points(np.unique(places, axis=0))} {what}")
+    def _raise_for_cells(self, is_bad: Mask, description: str) -> None:
+        centres = np.concatenate(self.mesh.comm.allgather(self.centres[is_bad]))
+        if len(centres):
+            raise DegenerateMesh(
+                f"cells around {format_points(np.unique(centres, axis=0))} {description}"
+            )
 
 
-class _Surface:
-    """Exterior facets (m of k corners) of this process, and all above, below and beside these.
+class _SurfaceChecks:
+    """Checks of the boundary: own exterior facets, and those near or above cells of this process.
 
-    Areas (m, dim) point outwards. Up is a direction in which hardly a facet stands.
+    "Up" is the last axis of a rotated frame, to which hardly any facet is parallel.
+
+    Attributes:
+        corner: coordinates (m, corners, dim) of the corners of the facets.
+        vertex: global numbers (m, corners) of the corners.
+        area: outward area vectors (m, dim).
     """
 
-    def __init__(self, cells: _Cells) -> None:
+    def __init__(self, cells: _CellChecks) -> None:
         self._cells, mesh = cells, cells.mesh
         self._comm: MPI.Comm = mesh.comm
         side, self._cell = np.nonzero(cells.exterior)
-        of_side = np.array(basix.topology(cells.element.cell_type)[cells.dim - 1])
-        local = np.take_along_axis(cells.vertices[self._cell], of_side[side], axis=1)
-        number = mesh.geometry.index_map().local_to_global(local.ravel().astype(np.int32))
-        corner = mesh.geometry.x[local, : cells.dim]
-        self._turn = np.linalg.qr(_TURN[: cells.dim, : cells.dim])[0]
-        self._centre = cells.middle[np.unique(self._cell)]
-        shadow = (corner @ self._turn)[:, :, :-1]
-        low, high = shadow.min(axis=1), shadow.max(axis=1)
-        centre = (self._centre @ self._turn)[:, :-1]
-        first = np.concatenate([low, centre]).min(axis=0, initial=np.inf)
-        last = np.concatenate([high, centre]).max(axis=0, initial=-np.inf)
-        slack = 2 * _NEAR * np.maximum(last - first, 0.0)
-        self._to = [
-            np.flatnonzero((high >= first).all(axis=1) & (low <= last).all(axis=1))
-            for first, last in self._comm.allgather((first - slack, last + slack))
+        corners_of_side = np.array(basix.topology(cells.element.cell_type)[cells.dim - 1])
+        vertices = np.take_along_axis(cells.vertices[self._cell], corners_of_side[side], axis=1)
+        global_vertices = mesh.geometry.index_map().local_to_global(
+            vertices.ravel().astype(np.int32)
+        )
+        corners = mesh.geometry.x[vertices, : cells.dim]
+        self._rotation = np.linalg.qr(_GENERIC_MATRIX[: cells.dim, : cells.dim])[0]
+        self._cell_centres = cells.centres[np.unique(self._cell)]
+        projected = (corners @ self._rotation)[:, :, :-1]
+        low, high = projected.min(axis=1), projected.max(axis=1)
+        projected_centres = (self._cell_centres @ self._rotation)[:, :-1]
+        lower = np.concatenate([low, projected_centres]).min(axis=0, initial=np.inf)
+        upper = np.concatenate([high, projected_centres]).max(axis=0, initial=-np.inf)
+        margin = 2 * _COINCIDENCE_TOLERANCE * np.maximum(upper - lower, 0.0)
+        self._facets_for_rank = [
+            np.flatnonzero((high >= lower).all(axis=1) & (low <= upper).all(axis=1))
+            for lower, upper in self._comm.allgather((lower - margin, upper + margin))
         ]
-        self.corner = self._exchanged(corner)
-        self.vertex = self._exchanged(number.reshape(local.shape))
-        self.area = self._exchanged(cells.area[:, side, self._cell].T)
-        self._owner = self._exchanged(np.full(len(corner), self._comm.rank))
-        self._middle = self.corner.mean(axis=1)
-        self._radius = np.linalg.norm(self.corner - self._middle[:, None], axis=2).max(axis=1)
+        self.corner = self._exchange(corners)
+        self.vertex = self._exchange(global_vertices.reshape(vertices.shape))
+        self.area = self._exchange(cells.area[:, side, self._cell].T)
+        self._owner = self._exchange(np.full(len(corners), self._comm.rank))
+        self._facet_centres = self.corner.mean(axis=1)
+        self._radius = np.linalg.norm(self.corner - self._facet_centres[:, None], axis=2).max(
+            axis=1
+        )
 
-    def _exchanged(self, values: npt.NDArray) -> npt.NDArray:
-        """Values (m, ...) of the facets, by process, of those (own facets, ...) of this one."""
-        return np.concatenate(self._comm.alltoall([values[some] for some in self._to]))
+    def _exchange(self, values: npt.NDArray) -> npt.NDArray:
+        """Send values (own facets, ...) to processes that need them; return values (m, ...)."""
+        return np.concatenate(
+            self._comm.alltoall([values[facets] for facets in self._facets_for_rank])
+        )
 
-    def _gathered(self, values: npt.NDArray) -> npt.NDArray:
+    def _gather(self, values: npt.NDArray) -> npt.NDArray:
         return np.concatenate(self._comm.allgather(values))
 
-    def check_hanging(self) -> None:
-        """Refuses smaller facets that lie on a larger one and share its vertices.
+    def check_hanging_nodes(self) -> None:
+        """Raise DegenerateMesh for smaller facets that lie on a larger one and share its vertices.
 
-        Non-matching bodies in contact have no common vertices. Curved facets are not looked at.
+        Non-matching bodies in contact have no common vertices. Curved facets are not checked.
         """
-        if len(places := self._gathered(self._middle[self._torn()])):
+        if len(centres := self._gather(self._facet_centres[self._find_torn_facets()])):
             raise DegenerateMesh(
-                f"facets around {format_points(places)} have hanging nodes: smaller facets of "
+                f"facets around {format_points(centres)} have hanging nodes: smaller facets of "
                 "their neighbours lie on them, and the mesh is torn apart there"
             )
 
-    def _torn(self) -> Indices:
-        """Facets of this process whose corners are corners of smaller ones that lie on them."""
-        vertex, first = np.unique(self.vertex, return_index=True)
-        x, own = self.corner.reshape(-1, self._cells.dim)[first], self._owner == self._comm.rank
-        facet, near = _near(cKDTree(x), self._middle[own], self._radius[own] * (1 + _NEAR))
-        facet = np.flatnonzero(own)[facet]
-        inside = self._contains(facet, x[near])
-        corner = (self.vertex[facet] == vertex[near][:, None]).any(axis=1)
-        suspects = np.unique(facet[inside & ~corner])
+    def _find_torn_facets(self) -> Indices:
+        """Return own facets whose corners are all corners of smaller facets that lie on them."""
+        vertex, first_row = np.unique(self.vertex, return_index=True)
+        x, is_owned = (
+            self.corner.reshape(-1, self._cells.dim)[first_row],
+            self._owner == self._comm.rank,
+        )
+        facet, vertex_index = _find_points_in_balls(
+            cKDTree(x),
+            self._facet_centres[is_owned],
+            self._radius[is_owned] * (1 + _COINCIDENCE_TOLERANCE),
+        )
+        facet = np.flatnonzero(is_owned)[facet]
+        is_inside = self._contains(facet, x[vertex_index])
+        is_own_corner = (self.vertex[facet] == vertex[vertex_index][:, None]).any(axis=1)
+        suspects = np.unique(facet[is_inside & ~is_own_corner])
         if not len(suspects):
             return suspects
         ones = np.ones(self.vertex.size, dtype=np.int32)
-        at = np.searchsorted(vertex, self.vertex.ravel())
-        facets = np.arange(0, self.vertex.size + 1, self.vertex.shape[1])
-        corners = sp.csr_matrix((ones, at, facets))  # of each facet
-        where = facet[inside], near[inside]
-        on = sp.csr_matrix((ones[:1].repeat(len(near[inside])), where), corners.shape)[suspects]
-        beside = (on @ corners.T == self.vertex.shape[1]).tolil()  # all of whose corners lie on it
-        beside[np.arange(len(suspects)), suspects] = False
-        shared = (beside.astype(np.int32) @ corners).multiply(corners[suspects]) > 0
-        return suspects[np.diff(shared.tocsr().indptr) == self.vertex.shape[1]]
+        corner_index = np.searchsorted(vertex, self.vertex.ravel())
+        row_starts = np.arange(0, self.vertex.size + 1, self.vertex.shape[1])
+        corners_of_facets = sp.csr_matrix((ones, corner_index, row_starts))
+        positions = facet[is_inside], vertex_index[is_inside]
+        vertices_on_facet = sp.csr_matrix(
+            (ones[:1].repeat(len(vertex_index[is_inside])), positions), corners_of_facets.shape
+        )[suspects]
+        lies_on = (vertices_on_facet @ corners_of_facets.T == self.vertex.shape[1]).tolil()
+        lies_on[np.arange(len(suspects)), suspects] = False
+        shared_corners = (lies_on.astype(np.int32) @ corners_of_facets).multiply(
+            corners_of_facets[suspects]
+        ) > 0
+        return suspects[np.diff(shared_corners.tocsr().indptr) == self.vertex.shape[1]]
 
     def _contains(self, facet: Indices, x: Array) -> Mask:
-        """Whether facets (n,) have points x (n, dim) on them, their rims included."""
-        middle, size = self._middle[facet], np.linalg.norm(self.area[facet], axis=1)
-        height = np.abs(np.sum((x - middle) * self.area[facet], axis=1))
-        around = self.corner[facet] - x[:, None]
-        if around.shape[1] == 4:
-            around, size = around[:, [0, 1, 3, 2]], 2 * size
-        # in space triangles between the point and each edge
-        spans = np.cross(around, np.roll(around, -1, axis=1)) if x.shape[1] == 3 else around
-        fan = np.linalg.norm(spans, axis=2).sum(axis=1)
-        return (height < _NEAR * self._radius[facet] * size) & (fan < (1 + _NEAR) * size)
+        """Return whether points x (n, dim) lie on facets (n,), including their edges."""
+        centres, double_area = self._facet_centres[facet], np.linalg.norm(self.area[facet], axis=1)
+        height = np.abs(np.sum((x - centres) * self.area[facet], axis=1))
+        to_corners = self.corner[facet] - x[:, None]
+        if to_corners.shape[1] == 4:
+            to_corners, double_area = to_corners[:, [0, 1, 3, 2]], 2 * double_area
+        # in space, areas of the triangles between the point and each edge
+        cross_products = (
+            np.cross(to_corners, np.roll(to_corners, -1, axis=1)) if x.shape[1] == 3 else to_corners
+        )
+        fan_area = np.linalg.norm(cross_products, axis=2).sum(axis=1)
+        return (height < _COINCIDENCE_TOLERANCE * self._radius[facet] * double_area) & (
+            fan_area < (1 + _COINCIDENCE_TOLERANCE) * double_area
+        )
 
     def check_overlap(self) -> None:
-        """Raises DegenerateMesh if centres of cells at the boundary lie in other cells, too.
+        """Raise DegenerateMesh if centres of cells at the boundary also lie in other cells.
 
-        A ray from each centre upwards leaves the body once oftener than it enters it.
+        A ray upwards from each centre leaves the body once more than it enters it; candidates with
+        more exits are checked by a search for the cells that contain them.
         """
-        cells, mesh, turn, centre = self._cells, self._cells.mesh, self._turn, self._centre
-        x, corner, up = centre @ turn, self.corner @ turn, (self.area @ turn)[:, -1]
-        if corner.shape[1] == 4:
-            corner, up = np.concatenate([corner[:, :3], corner[:, 1:]]), np.tile(up, 2)
-        shadow, under = corner[:, :, :-1], x[:, :-1]  # seen along the ray
-        middle = shadow.mean(axis=1)
-        radius = np.linalg.norm(shadow - middle[:, None], axis=2).max(axis=1)
-        facet, point = _near(cKDTree(under), middle, radius)
-        spans = np.linalg.inv(np.swapaxes(shadow[:, 1:] - shadow[:, :1], 1, 2))
-        share = np.einsum("nij,nj->ni", spans[facet], under[point] - shadow[facet, 0])
-        rise = (corner[:, 1:, -1] - corner[:, :1, -1])[facet]
-        height = corner[facet, 0, -1] + np.sum(share * rise, axis=1)
-        hit = (share >= 0).all(axis=1) & (share.sum(axis=1) < 1) & (height > x[point, -1])
-        times = np.bincount(point[hit], np.sign(up[facet[hit]]), len(x))
-        suspects = self._gathered(centre[times > 1.5])
+        cells, mesh, rotation, cell_centres = (
+            self._cells,
+            self._cells.mesh,
+            self._rotation,
+            self._cell_centres,
+        )
+        x, corners, upward_area = (
+            cell_centres @ rotation,
+            self.corner @ rotation,
+            (self.area @ rotation)[:, -1],
+        )
+        if corners.shape[1] == 4:
+            corners, upward_area = (
+                np.concatenate([corners[:, :3], corners[:, 1:]]),
+                np.tile(upward_area, 2),
+            )
+        projected, projected_points = corners[:, :, :-1], x[:, :-1]  # along the ray
+        projected_centres = projected.mean(axis=1)
+        radius = np.linalg.norm(projected - projected_centres[:, None], axis=2).max(axis=1)
+        facet, point = _find_points_in_balls(cKDTree(projected_points), projected_centres, radius)
+        inverse_edges = np.linalg.inv(np.swapaxes(projected[:, 1:] - projected[:, :1], 1, 2))
+        barycentric = np.einsum(
+            "nij,nj->ni", inverse_edges[facet], projected_points[point] - projected[facet, 0]
+        )
+        edge_heights = (corners[:, 1:, -1] - corners[:, :1, -1])[facet]
+        height = corners[facet, 0, -1] + np.sum(barycentric * edge_heights, axis=1)
+        is_above = (
+            (barycentric >= 0).all(axis=1) & (barycentric.sum(axis=1) < 1) & (height > x[point, -1])
+        )
+        n_exits = np.bincount(point[is_above], np.sign(upward_area[facet[is_above]]), len(x))
+        suspects = self._gather(cell_centres[n_exits > 1.5])
         if not len(suspects):
             return
         points = np.zeros((len(suspects), 3))
         points[:, : cells.dim] = suspects
-        own = np.arange(len(cells.middle), dtype=np.int32)
-        tree = geometry.bb_tree(mesh, cells.dim, entities=own)
-        found = geometry.compute_collisions_points(tree, points)
-        found = geometry.compute_colliding_cells(mesh, found, points)
-        number = np.diff(found.offsets)
-        mesh.comm.Allreduce(MPI.IN_PLACE, number, MPI.SUM)
-        if np.any(number > 1):
-            places = np.unique(suspects[number > 1], axis=0)
+        own_cells = np.arange(len(cells.centres), dtype=np.int32)
+        tree = geometry.bb_tree(mesh, cells.dim, entities=own_cells)
+        candidates = geometry.compute_collisions_points(tree, points)
+        candidates = geometry.compute_colliding_cells(mesh, candidates, points)
+        n_cells = np.diff(candidates.offsets)
+        mesh.comm.Allreduce(MPI.IN_PLACE, n_cells, MPI.SUM)
+        if np.any(n_cells > 1):
+            positions = np.unique(suspects[n_cells > 1], axis=0)
             raise DegenerateMesh(
-                f"cells around {format_points(places)} lie in other parts of the mesh"
+                f"cells around {format_points(positions)} lie in other parts of the mesh"
             )
 
-    def log_contacts(self) -> None:
-        least = self._comm.allreduce(self._radius.min(initial=np.inf), MPI.MIN)
-        pairs = cKDTree(self._middle).query_pairs(_NEAR * least, output_type="ndarray")
+    def log_coincident_facets(self) -> None:
+        """Log facets that coincide without common nodes: cracks, and bodies that touch."""
+        min_radius = self._comm.allreduce(self._radius.min(initial=np.inf), MPI.MIN)
+        pairs = cKDTree(self._facet_centres).query_pairs(
+            _COINCIDENCE_TOLERANCE * min_radius, output_type="ndarray"
+        )
         pairs = pairs[self._owner[pairs].min(axis=1) == self._comm.rank]
         if not self._comm.allreduce(len(pairs)):
             return
         cells, mesh = self._cells, self._cells.mesh
-        number, _ = connected_components(mesh.comm, mesh.geometry.index_map(), cells.vertices)
-        piece = self._exchanged(number[cells.vertices[self._cell, 0]])[pairs]
-        crack = self._gathered(piece[:, 0] == piece[:, 1])
-        middle = self._gathered(self._middle[pairs[:, 0]])
-        for which, level, what in (
-            (crack, logging.WARNING, "a crack in one piece of the mesh"),
-            (~crack, logging.INFO, "two pieces of the mesh that touch"),
+        component_of_node, _ = connected_components(
+            mesh.comm, mesh.geometry.index_map(), cells.vertices
+        )
+        components = self._exchange(component_of_node[cells.vertices[self._cell, 0]])[pairs]
+        is_crack = self._gather(components[:, 0] == components[:, 1])
+        centres = self._gather(self._facet_centres[pairs[:, 0]])
+        for selection, level, description in (
+            (is_crack, logging.WARNING, "a crack in one piece of the mesh"),
+            (~is_crack, logging.INFO, "two pieces of the mesh that touch"),
         ):
-            if which.any():
-                words = (
-                    f"facets coincide, but share no nodes: {what} at {format_points(middle[which])}"
-                )
-                log_on_root(mesh.comm, level, words)
+            if selection.any():
+                where = format_points(centres[selection])
+                message = f"facets coincide, but share no nodes: {description} at {where}"
+                log_on_root(mesh.comm, level, message)
 
 
 def _cofactors(jacobian: Array) -> Array:
+    """Return the cofactor matrices of Jacobians, both (dim, dim, ...)."""
     dim = len(jacobian)
     if dim == 1:
         return np.ones_like(jacobian)
@@ -329,28 +406,41 @@ def _cofactors(jacobian: Array) -> Array:
 def connected_components(
     comm: MPI.Comm, index_map: IndexMap, cells: npt.NDArray
 ) -> tuple[Indices, int]:
-    """Number of the connected piece that each node (ghosts too) of cells (n, k) belongs to."""
-    nodes = index_map.size_local + index_map.num_ghosts
-    others = cells[:, 1:]  # a cell's first node links them
-    part = _components(nodes, np.repeat(cells[:, 0], others.shape[1]), others.ravel())
-    part += sum(comm.allgather(int(part.max(initial=-1)) + 1)[: comm.rank])
-    # parts of two processes are one piece if they share a node: the owner's number tells which
-    owner = la.vector(index_map, 1)
-    owner.array[:] = part
-    owner.scatter_forward()
-    links = np.unique(np.stack([part, owner.array.astype(np.int64)]), axis=1)
-    own, other = np.concatenate(comm.allgather(links), axis=1)
-    piece = _components(int(max(own.max(), other.max())) + 1, own, other)
-    return piece[part], int(piece.max()) + 1
+    """Find the connected components of a mesh across processes.
+
+    Args:
+        comm: communicator of the mesh.
+        index_map: index map of the nodes.
+        cells: local nodes (n, k) of the cells of this process.
+
+    Returns:
+        Component of each local node (ghosts, too), and the number of components.
+    """
+    n_nodes = index_map.size_local + index_map.num_ghosts
+    other_nodes = cells[:, 1:]  # a cell links its first node with the others
+    local_component = _graph_components(
+        n_nodes, np.repeat(cells[:, 0], other_nodes.shape[1]), other_nodes.ravel()
+    )
+    local_component += sum(comm.allgather(int(local_component.max(initial=-1)) + 1)[: comm.rank])
+    # components of two processes are one if they share a node: link each with the owner's
+    owner_component = la.vector(index_map, 1)
+    owner_component.array[:] = local_component
+    owner_component.scatter_forward()
+    links = np.unique(np.stack([local_component, owner_component.array.astype(np.int64)]), axis=1)
+    component, owner_number = np.concatenate(comm.allgather(links), axis=1)
+    global_component = _graph_components(
+        int(max(component.max(), owner_number.max())) + 1, component, owner_number
+    )
+    return global_component[local_component], int(global_component.max()) + 1
 
 
-def _components(count: int, a: Indices, b: Indices) -> Indices:
-    graph = sp.coo_matrix((np.ones(len(a)), (a, b)), (count, count))
+def _graph_components(n_nodes: int, starts: Indices, ends: Indices) -> Indices:
+    graph = sp.coo_matrix((np.ones(len(starts)), (starts, ends)), (n_nodes, n_nodes))
     return sp.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
 
 
-def _near(tree: cKDTree, middle: Array, radius: Array) -> tuple[Indices, Indices]:
-    """Pairs of a ball (middle and radius) and a point of the tree in it."""
-    found = tree.query_ball_point(middle, radius)
-    ball = np.repeat(np.arange(len(middle)), [len(points) for points in found])
-    return ball, np.array([p for points in found for p in points], dtype=np.int64)
+def _find_points_in_balls(tree: cKDTree, centres: Array, radii: Array) -> tuple[Indices, Indices]:
+    """Return all pairs of a ball (n,) and a point of the tree in it, as two index arrays."""
+    points_in_ball = tree.query_ball_point(centres, radii)
+    ball_index = np.repeat(np.arange(len(centres)), [len(points) for points in points_in_ball])
+    return ball_index, np.array([p for points in points_in_ball for p in points], dtype=np.int64)

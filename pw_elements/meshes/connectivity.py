@@ -1,7 +1,7 @@
-"""Cells by the nodes that they share: whether they agree, and which facets they have.
+"""Check that cells agree in the nodes that they share, and find facets among their sides.
 
-DOLFINx takes the nodes of cells as they are: a node that is missing ends the process, and of two
-middle nodes of one edge one is lost without a word.
+DOLFINx does not check the nodes of cells: a missing node ends the process, and if two cells have
+different mid-side nodes on one edge, one of these nodes is dropped silently.
 """
 
 import basix
@@ -12,83 +12,95 @@ from pw_elements.arrays import Indices
 
 
 def encode_rows(rows: Indices) -> Indices:
-    """Return one number for each row (n, k) of nodes, equal for rows that have the same nodes."""
+    """Return an integer (n,) for each row (n, k) of nodes, equal for rows with the same nodes."""
     rows = np.sort(rows, axis=1)
-    code, width = rows[:, 0], int(rows.max(initial=0)) + 1
+    codes, width = rows[:, 0], int(rows.max(initial=0)) + 1
     for column in rows[:, 1:].T:
-        code = np.unique(code, return_inverse=True)[1] * width + column
-    return np.unique(code, return_inverse=True)[1].astype(np.int64)
+        codes = np.unique(codes, return_inverse=True)[1] * width + column
+    return np.unique(codes, return_inverse=True)[1].astype(np.int64)
 
 
 def check_nodes_of_cells(
     cells: Indices, cell: str, degree: int, elements: Indices, nodes: Indices
 ) -> None:
-    """Refuse cells that have a node twice, or whose neighbours have other nodes on their side.
+    """Raise ValueError for cells with a repeated node or with nodes that neighbours contradict.
 
     Args:
-        cells: rows of nodes (n, k), in DOLFINx' order.
-        cell: their type, such as "triangle".
-        degree: of the geometry, 1 or 2.
-        elements: numbers (n,) by which messages name the cells.
-        nodes: numbers by which messages name the nodes.
+        cells: indices of nodes (n, k) in DOLFINx' order.
+        cell: type of the cells, such as "triangle".
+        degree: degree of the geometry, 1 or 2.
+        elements: numbers (n,) of the cells in messages.
+        nodes: numbers of the nodes in messages.
 
     Raises:
-        ValueError: if that is so, with the numbers of an element and a node.
+        ValueError: names an element that has a node twice, or an element and a node that lies at
+            different places of an edge or face in two cells.
     """
-    ordered = np.sort(cells, axis=1)
-    repeated = (np.diff(ordered, axis=1) == 0).any(axis=1)
+    sorted_cells = np.sort(cells, axis=1)
+    repeated = (np.diff(sorted_cells, axis=1) == 0).any(axis=1)
     if repeated.any():
         raise ValueError(f"element {elements[repeated.argmax()]} has a node twice")
     if degree == 1:
         return
-    element = basix.ufl.element("Lagrange", cell, degree)
-    parts_of = basix.topology(basix.CellType[cell])
-    # every node has one place: a corner, or the middle of one edge, face or cell
-    place = np.full(len(nodes), -1)
-    place[cells[:, : len(parts_of[0])]] = 0
-    first = 1
-    for dim in range(1, len(parts_of)):
-        dofs = element.entity_dofs[dim]
-        corners = [part for part, inside in zip(parts_of[dim], dofs, strict=True) if inside]
-        if not corners:
+    basix_element = basix.ufl.element("Lagrange", cell, degree)
+    topology = basix.topology(basix.CellType[cell])
+    # every node belongs to one entity: 0 for a vertex, or the code of an edge, face or cell
+    entity_of_node = np.full(len(nodes), -1)
+    entity_of_node[cells[:, : len(topology[0])]] = 0
+    next_code = 1
+    for dim in range(1, len(topology)):
+        entity_dofs = basix_element.entity_dofs[dim]
+        entity_corners = [
+            vertices
+            for vertices, inner_nodes in zip(topology[dim], entity_dofs, strict=True)
+            if inner_nodes
+        ]
+        if not entity_corners:
             continue
-        middle = cells[:, [inside[0] for inside in dofs]]
-        code = first + encode_rows(cells[:, corners].reshape(-1, len(corners[0])))
-        code = code.reshape(middle.shape)
-        taken = place[middle] >= 0
-        place[middle] = np.where(taken, place[middle], code)
-        node_of = np.full(int(code.max()) + 1, -1)
-        node_of[code] = middle
-        wrong = (place[middle] != code) | (node_of[code] != middle)
-        if wrong.any():
-            which, side = np.argwhere(wrong)[0]
+        middle_nodes = cells[:, [inner_nodes[0] for inner_nodes in entity_dofs]]
+        entity_code = next_code + encode_rows(
+            cells[:, entity_corners].reshape(-1, len(entity_corners[0]))
+        )
+        entity_code = entity_code.reshape(middle_nodes.shape)
+        is_assigned = entity_of_node[middle_nodes] >= 0
+        entity_of_node[middle_nodes] = np.where(
+            is_assigned, entity_of_node[middle_nodes], entity_code
+        )
+        node_of_code = np.full(int(entity_code.max()) + 1, -1)
+        node_of_code[entity_code] = middle_nodes
+        is_wrong = (entity_of_node[middle_nodes] != entity_code) | (
+            node_of_code[entity_code] != middle_nodes
+        )
+        if is_wrong.any():
+            row, side = np.argwhere(is_wrong)[0]
             raise ValueError(
-                f"element {elements[which]} has the node {nodes[middle[which, side]]} in the "
+                f"element {elements[row]} has the node {nodes[middle_nodes[row, side]]} in the "
                 "middle of an edge or face where a neighbour has another one, or has it elsewhere"
             )
-        first = int(code.max()) + 1
+        next_code = int(entity_code.max()) + 1
 
 
 def find_facets(cells: Indices, cell: str, facets: Indices) -> tuple[Indices, Indices, Indices]:
-    """Find facets among the sides of cells.
+    """Find the sides of cells that are facets of a list.
 
     Args:
-        cells: rows of nodes (n, k), in DOLFINx' order.
-        cell: their type.
-        facets: corners (m, c) of facets, in any order.
+        cells: indices of nodes (n, k) in DOLFINx' order.
+        cell: type of the cells, such as "triangle".
+        facets: corners (m, c) of the facets, in any order.
 
     Returns:
-        Of each side that is one of the facets: cell, side, and facet, the first of equal ones.
+        For each side that is in the list: index of its cell, number of the side in the cell, and
+        index of the facet (of the first one if facets are repeated).
     """
     dim = basix.cell.geometry(basix.CellType[cell]).shape[1]
     corners = np.array(basix.topology(basix.CellType[cell])[dim - 1])
-    in_facet = np.zeros(max(int(cells.max()), int(facets.max(initial=0))) + 1, dtype=bool)
-    in_facet[facets] = True
-    of_cell, side = np.nonzero(in_facet[cells[:, corners]].all(axis=2))
-    rows = cells[of_cell[:, None], corners[side]]
-    code = encode_rows(np.concatenate([facets, rows]))
-    first_of = np.full(int(code.max(initial=-1)) + 1, len(facets))
-    np.minimum.at(first_of, code[: len(facets)], np.arange(len(facets)))
-    facet = first_of[code[len(facets) :]]
-    matched = facet < len(facets)
-    return of_cell[matched], side[matched], facet[matched]
+    is_corner = np.zeros(max(int(cells.max()), int(facets.max(initial=0))) + 1, dtype=bool)
+    is_corner[facets] = True
+    cell_index, side = np.nonzero(is_corner[cells[:, corners]].all(axis=2))
+    side_corners = cells[cell_index[:, None], corners[side]]
+    code = encode_rows(np.concatenate([facets, side_corners]))
+    facet_of_code = np.full(int(code.max(initial=-1)) + 1, len(facets))
+    np.minimum.at(facet_of_code, code[: len(facets)], np.arange(len(facets)))
+    facet_index = facet_of_code[code[len(facets) :]]
+    is_facet = facet_index < len(facets)
+    return cell_index[is_facet], side[is_facet], facet_index[is_facet]

@@ -1,4 +1,4 @@
-"""Meshes of Gmsh and Abaqus, with their sets."""
+"""Read meshes and sets from files of Gmsh and Abaqus, and from Gmsh's model."""
 
 import logging
 from collections.abc import Sequence
@@ -15,9 +15,9 @@ from pw_elements.checks import (
     check_same_arguments,
     collective_errors,
 )
-from pw_elements.meshes.groups import from_model
+from pw_elements.meshes.groups import read_model
 from pw_elements.meshes.msh import read_msh
-from pw_elements.meshes.tagged import MeshArrays, TaggedMesh, distribute
+from pw_elements.meshes.tagged import MeshArrays, TaggedMesh, create_tagged_mesh
 from pw_elements.progress import log_on_root
 
 
@@ -28,122 +28,135 @@ def from_file(
     *,
     cells: str | Sequence[str] | None = None,
 ) -> TaggedMesh:
-    """Mesh and sets from a file of Gmsh (`.msh`) or of Abaqus or CalculiX (`.inp`).
+    """Read mesh and sets from a file of Gmsh (`.msh`) or of Abaqus or CalculiX (`.inp`).
 
         part = from_file("seal.inp")
         K = assemble_matrix(Body(Spaces.petrov_galerkin(part.mesh), steel, "solid").stiffness())
         pressed = boundary_measure(part.mesh, part.facets("TOP"))
 
-    Of `.inp` files: C3D4, C3D8, C3D10, C3D20, and plane elements, shells and membranes with 3, 4, 6
-    or 8 nodes, such as CPS6, CPE8, CAX6, S8R; plane ones lie in a plane z = constant, shells may
-    lie in one x or y = constant, too. C3D20 and those of 8 nodes get nodes in the middle of faces
-    and cells, with the same shape. Elements of the highest dimension are cells, those of one less
-    are facets; the log names what is left out, as a warning.
+    Supported elements of `.inp` files are C3D4, C3D8, C3D10, C3D20, and plane elements, shells and
+    membranes with 3, 4, 6 or 8 nodes, such as CPS6, CPE8, CAX6 or S8R. Plane elements have to lie
+    in a plane z = constant; shells may also lie in a plane x = constant or y = constant. Elements
+    with 8 nodes in the plane and C3D20 are completed by nodes in the middle of faces and cells and
+    keep their shape. Elements of the highest dimension are cells, elements of one dimension less
+    are facets; the log lists other elements in a warning.
 
-    ELSETs are sets of cells or facets; SURFACEs are sets of facets, and so are NSETs: of the
-    boundary's facets with all nodes in them. If a SURFACE and a set have one name, the SURFACE's
-    facets count. Sets without any facet or cell, and those whose names begin with an underscore,
-    are left out. Sets of parts keep their names if there is one part that has no name in common
-    with the assembly; otherwise they are called "INSTANCE.SET". Names are in capitals, but those in
-    quotes are as they are.
+    ELSETs are sets of cells or facets, SURFACEs are sets of facets. An NSET is the set of the
+    boundary facets whose nodes are all in it. If a SURFACE and another set have the same name, the
+    facets of the SURFACE are taken. Sets without cells and facets, and sets whose names begin with
+    an underscore, are left out. Sets of a part keep their names if there is only one part and the
+    assembly does not use the name; otherwise they are called "INSTANCE.SET". Names are converted
+    to upper case unless they are in quotes.
 
     Args:
-        path: of the file.
-        comm: communicator.
-        cells: of an `.inp` file, names of ELSETs whose elements are the cells; all if None.
+        path: path of the file.
+        comm: communicator of the mesh.
+        cells: for an `.inp` file, names of the ELSETs whose elements are the cells; by default all
+            elements.
 
     Raises:
-        FileNotFoundError: if there is no such file, or it includes one that is not there.
-        ValueError: for a file of another kind, or one that states no such mesh; the message says
-            where and why, such as elements C3D15, which DOLFINx has no cells for.
+        FileNotFoundError: if the file, or a file that it includes, does not exist.
+        ValueError: for a file of another format, or one without a supported mesh; the message names
+            line and reason, such as elements C3D15, for which DOLFINx has no cells.
     """
     arguments.check_communicator(comm)
     arguments.check_type("path", path, (str, Path), "it has to be the path of a file")
-    one_or_more = (str, Sequence, type(None))
-    arguments.check_type("cells", cells, one_or_more, "give the name of an ELSET, or several")
+    allowed_types = (str, Sequence, type(None))
+    arguments.check_type("cells", cells, allowed_types, "give the name of an ELSET, or several")
     path = Path(path)
     if path.suffix.lower() == ".msh":
         if cells is not None:
-            raise ValueError(f"{path}: cells = {cells!r} names ELSETs, which .inp files alone have")
+            raise ValueError(f"{path}: cells = {cells!r} names ELSETs, which only .inp files have")
         return from_gmsh(comm, path)
     if path.suffix.lower() == ".inp":
-        names = (cells,) if isinstance(cells, str) else cells
-        if names is not None and not all(isinstance(name, str) for name in names):
+        cell_sets = (cells,) if isinstance(cells, str) else cells
+        if cell_sets is not None and not all(isinstance(name, str) for name in cell_sets):
             raise TypeError(f"cells = {cells!r}: give the name of an ELSET, or several")
-        return _from_abaqus(path, comm, names)
+        return _read_abaqus(path, comm, cell_sets)
     raise ValueError(f"{path}: files end with .msh (Gmsh) or .inp (Abaqus, CalculiX)")
 
 
 @check_same_arguments
 def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
-    """Mesh from a `.msh` file or from the model that Gmsh has just meshed, with physical groups.
+    """Read mesh and physical groups from a `.msh` file or from the model that Gmsh has meshed.
 
         mesh, cell_tags, facet_tags, names = from_gmsh(MPI.COMM_WORLD, gmsh.model)
 
-    Gmsh's own order is kept: after `gmsh.model.mesh.setOrder(2)` the mesh's sides are curved. The
-    mesh lies in a space of the cells' own dimension. Cells are those in physical groups, and the
-    log says how many are left out; if no cell is in a group, all of the highest dimension are.
+    The degree of the geometry is the order of Gmsh's mesh: after `gmsh.model.mesh.setOrder(2)` the
+    sides of the cells are curved. The mesh has as many coordinates as its cells have dimensions.
+    Only cells in physical groups are read, and the log reports the number of the others; if no
+    cell is in a group, all elements of the highest dimension are cells.
 
-    The tag of a cell or facet is the number of its group. Those in several groups have tags above
-    all groups' numbers, which `names` lists.
+    The tag of a cell or facet is the number of its group. Cells and facets in several groups have
+    tags above the numbers of all groups; `names` lists the tags of each group.
 
-    A file is data: formats 2 to 2.2, 4.0 and 4.1 are read here, as text and in binary. Gmsh, which
-    would run a script whatever its name is, is not asked, and need not be installed.
+    Files of the formats 2 to 2.2, 4.0 and 4.1, text or binary, are parsed by this library. Gmsh
+    itself, which runs scripts whatever their file names are, does not open them and need not be
+    installed.
 
     Args:
-        comm: communicator.
+        comm: communicator of the mesh.
         source: path of a file, or `gmsh.model`, which is read on process 0.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: for a file of another kind, such as a script, or one whose numbers do not agree
-            with each other; cells of several types, or of degree 3 and more; a model without a
-            mesh; a mesh of dimension 2 that does not lie in a plane z = constant; cells of a file
-            without volume or partly inside out; or groups that overlap and have no names.
+        ValueError: for a file of another format, such as a script; a file whose numbers contradict
+            each other; cells of several types, or of degree 3 or more; a model without a mesh; a
+            mesh of dimension 2 that does not lie in a plane z = constant; cells in a file that are
+            flat or partly inside out; or overlapping groups without names.
     """
     arguments.check_communicator(comm)
     path = Path(source) if isinstance(source, str | Path) else None
     arrays, notes = None, list[str]()
-    with collective_errors(comm) as same:
-        same["source"] = path  # a model is process 0's
+    with collective_errors(comm) as shared:
+        shared["source"] = path  # a model exists on process 0 alone
         if comm.rank == 0:
             arrays, notes = _read_gmsh(source, path)
     for note in notes:
         log_on_root(comm, logging.WARNING, note)
-    # of a model cells are checked where a body is made of them: until then they may be moved
-    return distribute(comm, arrays) if path is None else _make_checked(comm, arrays, str(path))
+    # the nodes of a model may still be moved: its cells are checked when a body is made of the mesh
+    return (
+        create_tagged_mesh(comm, arrays)
+        if path is None
+        else _distribute_and_check(comm, arrays, str(path))
+    )
 
 
 def _read_gmsh(model: Any, path: Path | None) -> tuple[MeshArrays, list[str]]:  # noqa: ANN401
+    """Return the arrays of a mesh in a file, or of Gmsh's model if `path` is None, and notes."""
     if path is None and not hasattr(model, "getPhysicalGroups"):
-        words = "it has to be a file's name, or gmsh.model"
-        raise TypeError(f"the source is {arguments.describe(model)}: {words}")
-    whose = "Gmsh's model" if path is None else str(path)
+        expected = "it has to be a file's name, or gmsh.model"
+        raise TypeError(f"the source is {arguments.describe(model)}: {expected}")
+    source = "Gmsh's model" if path is None else str(path)
     try:
-        mesh = from_model(model) if path is None else read_msh(path)
-        arrays, notes = mesh.arrays()
+        mesh = read_model(model) if path is None else read_msh(path)
+        arrays, notes = mesh.make_arrays()
     except ValueError as error:
-        raise ValueError(f"{whose} cannot be read: {error}") from error
-    return arrays, [f"{whose}: {note}" for note in notes]
+        raise ValueError(f"{source} cannot be read: {error}") from error
+    return arrays, [f"{source}: {note}" for note in notes]
 
 
-def _from_abaqus(path: Path, comm: MPI.Comm, chosen: Sequence[str] | None) -> TaggedMesh:
+def _read_abaqus(path: Path, comm: MPI.Comm, cell_sets: Sequence[str] | None) -> TaggedMesh:
+    """Read an input file on process 0, log its notes, and distribute the mesh."""
     arrays, notes = None, list[str]()
     with collective_errors(comm):
         if comm.rank == 0:
-            deck = read_deck(path, chosen)
-            kind = deck.cell, deck.degree
-            arrays, notes = MeshArrays(kind, deck.x, deck.cells, deck.tags, deck.names), deck.notes
+            deck = read_deck(path, cell_sets)
+            cell_and_degree = deck.cell, deck.degree
+            arrays, notes = (
+                MeshArrays(cell_and_degree, deck.x, deck.cells, deck.tags, deck.names),
+                deck.notes,
+            )
     if notes := comm.bcast(notes):
         log_on_root(comm, logging.WARNING, f"{path}: {'; '.join(notes)}")
-    return _make_checked(comm, arrays, str(path))
+    return _distribute_and_check(comm, arrays, str(path))
 
 
-def _make_checked(comm: MPI.Comm, arrays: MeshArrays | None, whose: str) -> TaggedMesh:
-    """Distribute a mesh, and refuse cells that are flat or inverted in the file's name."""
-    tagged = distribute(comm, arrays)
+def _distribute_and_check(comm: MPI.Comm, arrays: MeshArrays | None, source: str) -> TaggedMesh:
+    """Distribute a mesh; raise DegenerateMesh with the name of its file for bad cells."""
+    tagged = create_tagged_mesh(comm, arrays)
     try:
         check_cells(tagged.mesh)
     except DegenerateMesh as error:
-        raise DegenerateMesh(f"{whose}: {error}") from error
+        raise DegenerateMesh(f"{source}: {error}") from error
     return tagged

@@ -1,10 +1,10 @@
-"""Gmsh's mesh files (`.msh`), read as data: formats 2 to 4.1, as text and in binary.
+"""Parser of Gmsh's mesh files (`.msh`): formats 2 to 4.1, text and binary.
 
-Gmsh runs a file that is a script, whatever its name, reads options from the user's folders, and
-trusts the numbers of a mesh. So it is not asked: all numbers are read here, and checked.
+Gmsh runs a script whatever its file name is, reads options from the user's folders, and trusts the
+numbers of a mesh. This parser therefore does without Gmsh: it reads and checks all numbers itself.
 
-Formats: "Gmsh Reference Manual", version 4.13, chapter "Gmsh file formats". Sections other than
-those of nodes, elements, entities and names are passed over.
+Formats: "Gmsh Reference Manual", version 4.13, chapter "Gmsh file formats". Only sections of nodes,
+elements, entities and names are read.
 """
 
 import re
@@ -15,32 +15,47 @@ from pathlib import Path
 
 import numpy as np
 
-from pw_elements.meshes.elements import kind_of
+from pw_elements.meshes.elements import gmsh_element_type
 from pw_elements.meshes.groups import GroupedMesh
-from pw_elements.meshes.rows import BinaryRows, Rows, TextRows
+from pw_elements.meshes.rows import BinaryRows, SectionRows, TextRows
 
-_VERSIONS = {"2": 2.0, "2.0": 2.0, "2.1": 2.0, "2.2": 2.0, "4": 4.0, "4.0": 4.0, "4.1": 4.1}
-_HEADER = re.compile(rb"\s*\$([A-Za-z]\w*)[ \t]*\r?\n")
-_NAME = re.compile(r'\s*([0-3])\s+(\d{1,10})\s+"(.*)"\s*')
-# Sections that are read, and so have to be there once at most
-_READ = {"MeshFormat", "PhysicalNames", "Entities", "PartitionedEntities", "Nodes", "Elements"}
-_BYTES_TO_TELL = 4096  # of the file's beginning, by which it is told from others
+_VERSION_OF_FORMAT = {
+    "2": 2.0,
+    "2.0": 2.0,
+    "2.1": 2.0,
+    "2.2": 2.0,
+    "4": 4.0,
+    "4.0": 4.0,
+    "4.1": 4.1,
+}
+_SECTION_HEADER = re.compile(rb"\s*\$([A-Za-z]\w*)[ \t]*\r?\n")
+_PHYSICAL_NAME = re.compile(r'\s*([0-3])\s+(\d{1,10})\s+"(.*)"\s*')
+# Sections that are read; each may occur once
+_SECTIONS_READ = {
+    "MeshFormat",
+    "PhysicalNames",
+    "Entities",
+    "PartitionedEntities",
+    "Nodes",
+    "Elements",
+}
+_SNIFFED_BYTES = 4096  # from the start of a file, to recognise its format
 
 
 def read_msh(path: Path) -> GroupedMesh:
     """Read nodes, elements and physical groups of a mesh file of Gmsh.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Raises:
-        FileNotFoundError: if there is no such file.
-        ValueError: for a file of another kind, or one whose numbers do not agree with each other.
+        FileNotFoundError: if the file does not exist.
+        ValueError: for a file of another format, or a file whose numbers contradict each other.
     """
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
     with path.open("rb") as file:
-        data = file.read(_BYTES_TO_TELL)
+        data = file.read(_SNIFFED_BYTES)
         if not data.lstrip().startswith(b"$"):
             raise ValueError(
                 "it is no mesh file of Gmsh, which begins with $MeshFormat. Scripts (.geo) are not "
@@ -48,31 +63,32 @@ def read_msh(path: Path) -> GroupedMesh:
             )
         data += file.read()
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # NumPy's, of words among numbers
-        return _Reader(data).read()
+        warnings.simplefilter("error", DeprecationWarning)  # NumPy warns of words among numbers
+        return _MshReader(data).read()
 
 
 def _split_sections(data: bytes) -> dict[str, bytes]:
+    """Return the content of each section by its name, empty for sections that are not read."""
     sections: dict[str, bytes] = {}
     position = 0
-    while match := _HEADER.match(data, position):
+    while match := _SECTION_HEADER.match(data, position):
         name, start = match[1].decode(), match.end()
         end = data.find(b"$End" + match[1], start)
         if end < 0:
             raise ValueError(f"${name} has no $End{name}: the file is not complete")
-        if name in sections and name in _READ:
+        if name in sections and name in _SECTIONS_READ:
             raise ValueError(f"it has two sections ${name}")
         if not sections and name not in ("MeshFormat", "Comments"):
             raise ValueError(
                 f"it begins with ${name} in place of $MeshFormat; save it as format 4.1"
             )
-        sections[name] = data[start:end] if name in _READ else b""
+        sections[name] = data[start:end] if name in _SECTIONS_READ else b""
         position = end + len(b"$End" + match[1])
         if data[position : position + 1].strip():
             raise ValueError(f"${name} does not end with $End{name}")
-    if rest := data[position : position + 60].strip():
-        words = rest.decode("ascii", "replace").split("\n")[0]
-        raise ValueError(f"'{words}' stands between its sections")
+    if remainder := data[position : position + 60].strip():
+        first_line = remainder.decode("ascii", "replace").split("\n")[0]
+        raise ValueError(f"'{first_line}' stands between its sections")
     if "ParametricNodes" in sections:
         raise ValueError("$ParametricNodes is not read: save it with Mesh.SaveParametric = 0")
     for name in ("MeshFormat", "Nodes", "Elements"):
@@ -84,66 +100,68 @@ def _split_sections(data: bytes) -> dict[str, bytes]:
 def _decode(line: bytes) -> str:
     try:
         return line.decode()
-    except UnicodeDecodeError:  # of a program that writes in the encoding of its place
+    except UnicodeDecodeError:  # written in a local encoding
         return line.decode("latin-1")
 
 
-class _Reader:
+class _MshReader:
+    """Reader of the sections of one file into a `GroupedMesh`."""
+
     def __init__(self, data: bytes) -> None:
         self._sections = _split_sections(data)
-        head, _, rest = self._sections["MeshFormat"].partition(b"\n")
-        words = head.decode("ascii", "replace").split()
-        if len(words) != 3 or words[0] not in _VERSIONS or words[1] not in ("0", "1"):
+        format_line, _, after_format = self._sections["MeshFormat"].partition(b"\n")
+        words = format_line.decode("ascii", "replace").split()
+        if len(words) != 3 or words[0] not in _VERSION_OF_FORMAT or words[1] not in ("0", "1"):
             raise ValueError(
                 f"its format is '{' '.join(words)[:40]}', not 2 to 2.2, 4.0 or 4.1: save it as one "
                 "of these (Gmsh's option Mesh.MshFileVersion)"
             )
-        self._version, self._is_binary = _VERSIONS[words[0]], words[1] == "1"
-        self._order, self._count_letter = "<", "q"
+        self._version, self._is_binary = _VERSION_OF_FORMAT[words[0]], words[1] == "1"
+        self._byte_order, self._count_letter = "<", "q"
         if self._is_binary:
             if words[2] not in ("4", "8") or (words[2] == "4" and self._version < 4.1):
                 raise ValueError(f"its numbers have {words[2][:20]} bytes, not 8")
             self._count_letter = "i" if words[2] == "4" else "q"
-            orders = {b"\1\0\0\0": "<", b"\0\0\0\1": ">"}
-            if rest[:4] not in orders:
+            byte_order_of = {b"\1\0\0\0": "<", b"\0\0\0\1": ">"}
+            if after_format[:4] not in byte_order_of:
                 raise ValueError("$MeshFormat has no number 1 that tells the order of bytes")
-            self._order = orders[rest[:4]]
+            self._byte_order = byte_order_of[after_format[:4]]
         if "PartitionedEntities" in self._sections:
             raise ValueError("it is partitioned: save it as one (Gmsh's unpartition)")
         self._mesh = GroupedMesh()
-        self._combination: dict[tuple[int, int], int] = {}  # of groups, of each entity
+        self._combination_of_entity: dict[tuple[int, int], int] = {}  # by dimension and entity
 
     def read(self) -> GroupedMesh:
         if "PhysicalNames" in self._sections:
             self._read_names()
         if self._version < 4:
-            with self._section("Nodes") as rows:
-                numbers, x = rows.table(rows.count(), "i", 1, 3)
+            with self._open_section("Nodes") as rows:
+                numbers, x = rows.read_table(rows.read_count(), "i", 1, 3)
                 self._mesh.add_nodes(numbers[:, 0], x)
-            with self._section("Elements") as rows:
+            with self._open_section("Elements") as rows:
                 self._read_tagged_elements(rows)
             return self._mesh
         if "Entities" in self._sections:
-            with self._section("Entities") as rows:
+            with self._open_section("Entities") as rows:
                 self._read_entities(rows)
-        with self._section("Nodes") as rows:
+        with self._open_section("Nodes") as rows:
             self._read_node_blocks(rows)
-        with self._section("Elements") as rows:
+        with self._open_section("Elements") as rows:
             self._read_element_blocks(rows)
         return self._mesh
 
     @contextmanager
-    def _section(self, name: str) -> Iterator[Rows]:
-        """Give the rows of a section, all of which have to be read; errors say where they are."""
+    def _open_section(self, name: str) -> Iterator[SectionRows]:
+        """Yield the rows of a section and check that all are read; errors name the section."""
         try:
             section = self._sections[name]
-            rows: Rows
+            rows: SectionRows
             if self._is_binary:
-                rows = BinaryRows(section, self._order, self._count_letter)
+                rows = BinaryRows(section, self._byte_order, self._count_letter)
             else:
                 rows = TextRows(section)
             yield rows
-            rows.finish()
+            rows.check_end()
         except ValueError as error:
             raise ValueError(f"${name}: {error}") from error
 
@@ -152,67 +170,81 @@ class _Reader:
         if not lines or lines[0].strip() != b"%d" % (len(lines) - 1):
             raise ValueError("$PhysicalNames: the names are not as many as it states")
         for line in map(_decode, lines[1:]):
-            if not (match := _NAME.fullmatch(line)):
+            if not (name_match := _PHYSICAL_NAME.fullmatch(line)):
                 raise ValueError(
                     f"$PhysicalNames: '{line.strip()[:60]}' is no dimension, number and name"
                 )
-            self._mesh.add_name(int(match[1]), int(match[2]), match[3])
+            self._mesh.add_name(int(name_match[1]), int(name_match[2]), name_match[3])
 
-    def _read_tagged_elements(self, rows: Rows) -> None:
-        for kind, n_tags, integers in rows.tagged_elements(rows.count()):
-            group = np.abs(integers[:, 1]) if n_tags else np.zeros(len(integers), dtype=np.int64)
-            groups, member = np.unique(group, return_inverse=True)
+    def _read_tagged_elements(self, rows: SectionRows) -> None:
+        for type_number, n_tags, integers in rows.read_tagged_elements(rows.read_count()):
+            group_of_element = (
+                np.abs(integers[:, 1]) if n_tags else np.zeros(len(integers), dtype=np.int64)
+            )
+            groups, group_index = np.unique(group_of_element, return_inverse=True)
             combinations = [self._mesh.add_combination({int(g)} - {0}) for g in groups]
             self._mesh.add_elements(
-                kind, integers[:, 0], integers[:, 1 + n_tags :], np.array(combinations)[member]
+                type_number,
+                integers[:, 0],
+                integers[:, 1 + n_tags :],
+                np.array(combinations)[group_index],
             )
 
-    def _read_entities(self, rows: Rows) -> None:
-        for dim, count in enumerate(rows.integers("qqqq")):
+    def _read_entities(self, rows: SectionRows) -> None:
+        for dim, count in enumerate(rows.read_integers("qqqq")):
             for _ in range(count):
                 is_point = dim == 0 and self._version > 4
-                number, groups = rows.entity(3 if is_point else 6, bounded=dim > 0)
-                if (dim, number) in self._combination:
+                number, groups = rows.read_entity(3 if is_point else 6, bounded=dim > 0)
+                if (dim, number) in self._combination_of_entity:
                     raise ValueError(f"entity {number} of dimension {dim} is there twice")
-                # the number of a group is negative where the entity is turned round
-                members = {abs(group) for group in groups} - {0}
-                self._combination[dim, number] = self._mesh.add_combination(members)
+                # the number of a group is negative if the orientation of the entity is reversed
+                group_numbers = {abs(group) for group in groups} - {0}
+                self._combination_of_entity[dim, number] = self._mesh.add_combination(group_numbers)
 
-    def _read_node_blocks(self, rows: Rows) -> None:
-        for dim, _, parametric, count in self._blocks(rows):
-            if dim not in range(4) or parametric not in (0, 1):
-                raise ValueError(f"a block has dimension {dim}, and {parametric} for parametric")
-            n_floats = 3 + dim * parametric
+    def _read_node_blocks(self, rows: SectionRows) -> None:
+        for dim, _, is_parametric, count in self._read_block_headers(rows):
+            if dim not in range(4) or is_parametric not in (0, 1):
+                raise ValueError(f"a block has dimension {dim}, and {is_parametric} for parametric")
+            n_floats = 3 + dim * is_parametric
             if self._version > 4:
-                numbers, _ = rows.table(count, "q", 1, 0)
-                _, x = rows.table(count, "q", 0, n_floats)
+                numbers, _ = rows.read_table(count, "q", 1, 0)
+                _, x = rows.read_table(count, "q", 0, n_floats)
             else:
-                numbers, x = rows.table(count, "i", 1, n_floats)
+                numbers, x = rows.read_table(count, "i", 1, n_floats)
             self._mesh.add_nodes(numbers[:, 0], x[:, :3])
 
-    def _read_element_blocks(self, rows: Rows) -> None:
-        for dim, entity, number, count in self._blocks(rows):
-            kind = kind_of(number)
-            if dim != kind.dim:
-                raise ValueError(f"entity {entity} of dimension {dim} has {kind.describe()}")
-            if "Entities" in self._sections and (dim, entity) not in self._combination:
+    def _read_element_blocks(self, rows: SectionRows) -> None:
+        for dim, entity, type_number, count in self._read_block_headers(rows):
+            element_type = gmsh_element_type(type_number)
+            if dim != element_type.dim:
+                raise ValueError(
+                    f"entity {entity} of dimension {dim} has {element_type.describe()}"
+                )
+            if "Entities" in self._sections and (dim, entity) not in self._combination_of_entity:
                 raise ValueError(f"entity {entity} of dimension {dim} is not in $Entities")
             if count == 0:
                 continue
             letter = "q" if self._version > 4 else "i"
-            integers, _ = rows.table(count, letter, 1 + kind.n_nodes, 0)
-            combinations = np.full(count, self._combination.get((dim, entity), 0))
-            self._mesh.add_elements(number, integers[:, 0], integers[:, 1:], combinations)
+            integers, _ = rows.read_table(count, letter, 1 + element_type.n_nodes, 0)
+            combinations = np.full(count, self._combination_of_entity.get((dim, entity), 0))
+            self._mesh.add_elements(type_number, integers[:, 0], integers[:, 1:], combinations)
 
-    def _blocks(self, rows: Rows) -> Iterator[tuple[int, int, int, int]]:
-        """Give dimension, entity, sort and count of each block of format 4, which is read then."""
-        n_blocks, stated, *_ = rows.integers("qqqq" if self._version > 4 else "qq")
-        total = 0
+    def _read_block_headers(self, rows: SectionRows) -> Iterator[tuple[int, int, int, int]]:
+        """Yield the header of each block of format 4; the caller reads the block before the next.
+
+        Yields:
+            Dimension, entity, parametric flag (nodes) or element type (elements), and count.
+
+        Raises:
+            ValueError: if the counts of the blocks do not add up to the stated total.
+        """
+        n_blocks, n_stated, *_ = rows.read_integers("qqqq" if self._version > 4 else "qq")
+        n_read = 0
         for _ in range(n_blocks):
-            dim, entity, sort, count = rows.integers("iiiq")
+            dim, entity, block_type, count = rows.read_integers("iiiq")
             if self._version == 4:
                 dim, entity = entity, dim
-            yield dim, entity, sort, count
-            total += count
-        if total != stated:
-            raise ValueError(f"it states {stated} in all, its blocks have {total}")
+            yield dim, entity, block_type, count
+            n_read += count
+        if n_read != n_stated:
+            raise ValueError(f"it states {n_stated} in all, its blocks have {n_read}")

@@ -1,7 +1,7 @@
-"""Rows of numbers in a section of a Gmsh file, as text and in binary.
+"""Readers of the rows of numbers in a section of a Gmsh file, text or binary.
 
-A count is believed only as far as the section has bytes for it. Both classes have the same methods;
-letters for integers are "i" (4 bytes in binary) and "q" (as long as the file's counts).
+A count is accepted only if the section has enough bytes for it. Format letters of integers are "i"
+(4 bytes in binary) and "q" (as long as the counts of the file).
 """
 
 import re
@@ -13,39 +13,39 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.arrays import Array, Indices
-from pw_elements.meshes.elements import kind_of
+from pw_elements.meshes.elements import gmsh_element_type
 
-_INTEGER = re.compile(r"[+-]?\d{1,18}")
-# Integers up to this one are exact when a row is read in floating point, with its coordinates
-_MAX_EXACT = 2**53
+_INTEGER_PATTERN = re.compile(r"[+-]?\d{1,18}")
+# Largest integer that is exact in a row that is read as floating-point numbers
+_MAX_EXACT_INTEGER = 2**53
 
 
-class Rows(Protocol):
-    """Methods by which a section is read from its beginning to its end."""
+class SectionRows(Protocol):
+    """Sequential reader of the rows of a section."""
 
-    def count(self) -> int:
-        """Read a row with one number, which is text in binary files, too."""
+    def read_count(self) -> int:
+        """Read a row with one count, which is text in binary files, too."""
 
-    def integers(self, letters: str) -> list[int]:
-        """Read a row of integers, one for each letter."""
+    def read_integers(self, letters: str) -> list[int]:
+        """Read a row of integers, one for each format letter."""
 
-    def entity(self, n_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
-        """Read an entity's number and physical groups; its coordinates and bounds are left out."""
+    def read_entity(self, n_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
+        """Read an entity's number and physical groups; skip coordinates and bounding entities."""
 
-    def table(
+    def read_table(
         self, n_rows: int, letter: str, n_integers: int, n_floats: int
     ) -> tuple[Indices, Array]:
-        """Read rows of integers (n_rows, n_integers) that numbers (n_rows, n_floats) follow."""
+        """Read rows of integers followed by floats: (n_rows, n_integers), (n_rows, n_floats)."""
 
-    def tagged_elements(self, n_rows: int) -> Iterator[tuple[int, int, Indices]]:
-        """Read elements of format 2: type, number of tags, rows of number, tags and nodes."""
+    def read_tagged_elements(self, n_rows: int) -> Iterator[tuple[int, int, Indices]]:
+        """Yield elements of format 2: type, number of tags, and rows of number, tags and nodes."""
 
-    def finish(self) -> None:
-        """Raise ValueError if the section has not been read to its end."""
+    def check_end(self) -> None:
+        """Raise ValueError if rows of the section are left."""
 
 
 class TextRows:
-    """Rows that are lines of text, as `Rows` has them."""
+    """Reader of rows that are lines of text, with the methods of `SectionRows`."""
 
     def __init__(self, section: bytes) -> None:
         try:
@@ -53,181 +53,196 @@ class TextRows:
         except UnicodeDecodeError as error:
             raise ValueError(f"byte {section[error.start]} stands among the numbers") from error
         self._lines = [line for line in text.split("\n") if line and not line.isspace()]
-        self._next = 0
+        self._position = 0
 
-    def count(self) -> int:
-        return self.integers("q")[0]
+    def read_count(self) -> int:
+        return self.read_integers("q")[0]
 
-    def integers(self, letters: str) -> list[int]:
-        (line,) = self._take(1)
+    def read_integers(self, letters: str) -> list[int]:
+        (line,) = self._advance(1)
         words = line.split()
         if len(words) != len(letters):
-            raise ValueError(f"row '{_short(line)}' has to have {len(letters)} numbers")
-        return [_integer(word) for word in words]
+            raise ValueError(f"row '{_shorten(line)}' has to have {len(letters)} numbers")
+        return [_parse_integer(word) for word in words]
 
-    def entity(self, n_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
-        (line,) = self._take(1)
+    def read_entity(self, n_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
+        (line,) = self._advance(1)
         words = line.split()
-        groups, rest = _split_list(words[1 + n_coordinates :])
+        groups, remainder = _split_list(words[1 + n_coordinates :])
         if bounded:
-            _, rest = _split_list(rest)
-        if rest:
-            raise ValueError(f"entity '{_short(line)}' has more numbers than it states")
-        return _integer(words[0]), tuple(groups)
+            _, remainder = _split_list(remainder)
+        if remainder:
+            raise ValueError(f"entity '{_shorten(line)}' has more numbers than it states")
+        return _parse_integer(words[0]), tuple(groups)
 
-    def table(
+    def read_table(
         self,
         n_rows: int,
         letter: str,  # noqa: ARG002
         n_integers: int,
         n_floats: int,
     ) -> tuple[Indices, Array]:
-        return _parse(self._take(n_rows), n_integers, n_floats)
+        return _parse_rows(self._advance(n_rows), n_integers, n_floats)
 
-    def tagged_elements(self, n_rows: int) -> Iterator[tuple[int, int, Indices]]:
-        lines_of: dict[tuple[int, int], list[str]] = {}
-        for line in self._take(n_rows):
+    def read_tagged_elements(self, n_rows: int) -> Iterator[tuple[int, int, Indices]]:
+        lines_of_type: dict[tuple[int, int], list[str]] = {}
+        for line in self._advance(n_rows):
             words = line.split(None, 3)
             if len(words) < 4:
-                raise ValueError(f"element '{_short(line)}' has too few numbers")
-            lines_of.setdefault((_integer(words[1]), _integer(words[2])), []).append(line)
-        for (kind, n_tags), lines in lines_of.items():
+                raise ValueError(f"element '{_shorten(line)}' has too few numbers")
+            lines_of_type.setdefault(
+                (_parse_integer(words[1]), _parse_integer(words[2])), []
+            ).append(line)
+        for (type_number, n_tags), lines in lines_of_type.items():
             if n_tags < 0:
-                raise ValueError(f"element '{_short(lines[0])}' has {n_tags} tags")
-            rows, _ = _parse(lines, 3 + n_tags + kind_of(kind).n_nodes, 0)
-            yield kind, n_tags, np.delete(rows, [1, 2], axis=1)
+                raise ValueError(f"element '{_shorten(lines[0])}' has {n_tags} tags")
+            rows, _ = _parse_rows(lines, 3 + n_tags + gmsh_element_type(type_number).n_nodes, 0)
+            yield type_number, n_tags, np.delete(rows, [1, 2], axis=1)
 
-    def finish(self) -> None:
-        if self._next < len(self._lines):
-            raise ValueError(f"{len(self._lines) - self._next} more rows are there than it states")
+    def check_end(self) -> None:
+        if self._position < len(self._lines):
+            raise ValueError(
+                f"{len(self._lines) - self._position} more rows are there than it states"
+            )
 
-    def _take(self, n_rows: int) -> list[str]:
-        left = len(self._lines) - self._next
-        if not 0 <= n_rows <= left:
-            raise ValueError(f"it states {n_rows} more rows, but has {left}")
-        self._next += n_rows
-        return self._lines[self._next - n_rows : self._next]
+    def _advance(self, n_rows: int) -> list[str]:
+        n_left = len(self._lines) - self._position
+        if not 0 <= n_rows <= n_left:
+            raise ValueError(f"it states {n_rows} more rows, but has {n_left}")
+        self._position += n_rows
+        return self._lines[self._position - n_rows : self._position]
 
 
 class BinaryRows:
-    """Rows of numbers in binary, as `Rows` has them.
+    """Reader of binary rows, with the methods of `SectionRows`.
 
     Args:
-        section: its bytes.
-        order: of bytes, "<" or ">".
-        count_letter: letter of the file's counts, "i" or "q".
+        section: content of the section.
+        order: byte order, "<" or ">".
+        count_letter: format letter of the file's counts, "i" or "q".
     """
 
     def __init__(self, section: bytes, order: str, count_letter: str) -> None:
-        self._data, self._order, self._count_letter = section, order, count_letter
-        self._next = 0
+        self._data, self._byte_order, self._count_letter = section, order, count_letter
+        self._position = 0
 
-    def count(self) -> int:
-        end = self._data.find(b"\n", self._next, self._next + 30)
-        word = self._data[self._next : max(end, self._next)].decode("ascii", "replace")
-        self._next = end + 1
-        return _integer(word.strip())
+    def read_count(self) -> int:
+        end = self._data.find(b"\n", self._position, self._position + 30)
+        text = self._data[self._position : max(end, self._position)].decode("ascii", "replace")
+        self._position = end + 1
+        return _parse_integer(text.strip())
 
-    def integers(self, letters: str) -> list[int]:
-        layout = self._order + letters.replace("q", self._count_letter)
-        start = self._take(1, struct.calcsize(layout))
+    def read_integers(self, letters: str) -> list[int]:
+        layout = self._byte_order + letters.replace("q", self._count_letter)
+        start = self._advance(1, struct.calcsize(layout))
         return [*struct.unpack_from(layout, self._data, start)]
 
-    def entity(self, n_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
-        (number,) = self.integers("i")
-        self._take(n_coordinates, 8)
-        groups = self._list()
+    def read_entity(self, n_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
+        (number,) = self.read_integers("i")
+        self._advance(n_coordinates, 8)
+        groups = self._read_list()
         if bounded:
-            self._list()
+            self._read_list()
         return number, groups
 
-    def table(
+    def read_table(
         self, n_rows: int, letter: str, n_integers: int, n_floats: int
     ) -> tuple[Indices, Array]:
         size = 8 if letter.replace("q", self._count_letter) == "q" else 4
-        start = self._take(n_rows, n_integers * size + n_floats * 8)
-        integer, number = f"{self._order}i{size}", f"{self._order}f8"
-        row = np.dtype([("integers", integer, (n_integers,)), ("floats", number, (n_floats,))])
-        rows = np.frombuffer(self._data, row, n_rows, start)
+        start = self._advance(n_rows, n_integers * size + n_floats * 8)
+        integer_type, float_type = f"{self._byte_order}i{size}", f"{self._byte_order}f8"
+        row_type = np.dtype(
+            [("integers", integer_type, (n_integers,)), ("floats", float_type, (n_floats,))]
+        )
+        rows = np.frombuffer(self._data, row_type, n_rows, start)
         return rows["integers"].astype(np.int64), rows["floats"].astype(np.float64)
 
-    def tagged_elements(self, n_rows: int) -> Iterator[tuple[int, int, Indices]]:
+    def read_tagged_elements(self, n_rows: int) -> Iterator[tuple[int, int, Indices]]:
         while n_rows > 0:
-            kind, n_block, n_tags = self.integers("iii")
-            if not 0 < n_block <= n_rows or n_tags < 0:
-                raise ValueError(f"a block states {n_block} elements with {n_tags} tags each")
-            yield kind, n_tags, self.table(n_block, "i", 1 + n_tags + kind_of(kind).n_nodes, 0)[0]
-            n_rows -= n_block
+            type_number, n_in_block, n_tags = self.read_integers("iii")
+            if not 0 < n_in_block <= n_rows or n_tags < 0:
+                raise ValueError(f"a block states {n_in_block} elements with {n_tags} tags each")
+            yield (
+                type_number,
+                n_tags,
+                self.read_table(
+                    n_in_block, "i", 1 + n_tags + gmsh_element_type(type_number).n_nodes, 0
+                )[0],
+            )
+            n_rows -= n_in_block
 
-    def finish(self) -> None:
-        if rest := self._data[self._next :].strip():
-            raise ValueError(f"{len(rest)} more bytes are there than it states")
+    def check_end(self) -> None:
+        if remainder := self._data[self._position :].strip():
+            raise ValueError(f"{len(remainder)} more bytes are there than it states")
 
-    def _list(self) -> tuple[int, ...]:
-        (count,) = self.integers("q")
-        start = self._take(count, 4)
-        return struct.unpack_from(f"{self._order}{count}i", self._data, start)
+    def _read_list(self) -> tuple[int, ...]:
+        (count,) = self.read_integers("q")
+        start = self._advance(count, 4)
+        return struct.unpack_from(f"{self._byte_order}{count}i", self._data, start)
 
-    def _take(self, n_rows: int, size: int) -> int:
-        left = len(self._data) - self._next
-        if n_rows < 0 or n_rows * size > left:
-            raise ValueError(f"it states {n_rows} more rows of {size} bytes, but has {left} bytes")
-        self._next += n_rows * size
-        return self._next - n_rows * size
+    def _advance(self, n_rows: int, row_bytes: int) -> int:
+        n_left = len(self._data) - self._position
+        if n_rows < 0 or n_rows * row_bytes > n_left:
+            raise ValueError(
+                f"it states {n_rows} more rows of {row_bytes} bytes, but has {n_left} bytes"
+            )
+        self._position += n_rows * row_bytes
+        return self._position - n_rows * row_bytes
 
 
-def _integer(word: str) -> int:
-    if not _INTEGER.fullmatch(word):
-        raise ValueError(f"'{_short(word)}' is no integer of at most 18 digits")
+def _parse_integer(word: str) -> int:
+    if not _INTEGER_PATTERN.fullmatch(word):
+        raise ValueError(f"'{_shorten(word)}' is no integer of at most 18 digits")
     return int(word)
 
 
-def _short(line: str) -> str:
+def _shorten(line: str) -> str:
     line = " ".join(line.split())
     return line if len(line) <= 60 else line[:57] + "..."
 
 
 def _split_list(words: list[str]) -> tuple[list[int], list[str]]:
-    """Split a list, whose length stands before it, from the words that follow."""
-    count = _integer(words[0]) if words else -1
+    """Parse a list that begins with its length; return it and the words that follow it."""
+    count = _parse_integer(words[0]) if words else -1
     if not 0 <= count < len(words):
         raise ValueError("an entity has fewer numbers than it states")
-    return [_integer(word) for word in words[1 : 1 + count]], words[1 + count :]
+    return [_parse_integer(word) for word in words[1 : 1 + count]], words[1 + count :]
 
 
-def _parse(lines: list[str], n_integers: int, n_floats: int) -> tuple[Indices, Array]:
+def _parse_rows(lines: list[str], n_integers: int, n_floats: int) -> tuple[Indices, Array]:
+    """Parse lines of integers followed by floats: (n, n_integers) and (n, n_floats)."""
     n_columns = n_integers + n_floats
     if not lines:
         return np.empty((0, n_integers), dtype=np.int64), np.empty((0, n_floats))
     for line in lines:
         if len(line.split()) != n_columns:
-            raise ValueError(f"row '{_short(line)}' has to have {n_columns} numbers")
+            raise ValueError(f"row '{_shorten(line)}' has to have {n_columns} numbers")
     numbers: npt.NDArray[np.float64 | np.int64]
     try:
-        kind = np.float64 if n_floats else np.int64
-        numbers = np.fromstring(" ".join(lines), kind, sep=" ")
+        number_type = np.float64 if n_floats else np.int64
+        numbers = np.fromstring(" ".join(lines), number_type, sep=" ")
     except (ValueError, DeprecationWarning):
         numbers = np.empty(0)
     if numbers.size != len(lines) * n_columns:
-        raise ValueError(_wrong_word(lines, n_integers))
+        raise ValueError(_describe_wrong_word(lines, n_integers))
     numbers = numbers.reshape(-1, n_columns)
-    head = numbers[:, :n_integers]
+    integers = numbers[:, :n_integers]
     if n_floats:
-        wrong = ~(np.abs(head) < _MAX_EXACT) | (head % 1 != 0)
+        is_wrong = ~(np.abs(integers) < _MAX_EXACT_INTEGER) | (integers % 1 != 0)
     else:
-        wrong = np.abs(head) >= np.iinfo(np.int64).max
-    if wrong.any():
-        line = lines[int(np.flatnonzero(wrong.any(axis=1))[0])]
-        raise ValueError(f"row '{_short(line)}' has a number of a node that is no such number")
-    return head.astype(np.int64), numbers[:, n_integers:].astype(np.float64)
+        is_wrong = np.abs(integers) >= np.iinfo(np.int64).max
+    if is_wrong.any():
+        line = lines[int(np.flatnonzero(is_wrong.any(axis=1))[0])]
+        raise ValueError(f"row '{_shorten(line)}' has a number of a node that is no such number")
+    return integers.astype(np.int64), numbers[:, n_integers:].astype(np.float64)
 
 
-def _wrong_word(lines: list[str], n_integers: int) -> str:
-    """Return a message that names the first word which is no number, or no integer."""
+def _describe_wrong_word(lines: list[str], n_integers: int) -> str:
+    """Return an error message that names the first word that is no number, or no integer."""
     for line in lines:
         for column, word in enumerate(line.split()):
             pattern = r"[+-]?\d+" if column < n_integers else r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?"
             if not re.fullmatch(pattern, word, re.IGNORECASE):
-                sort = "integer" if column < n_integers else "number"
-                return f"'{_short(word)}' in row '{_short(line)}' is no {sort}"
+                expected = "integer" if column < n_integers else "number"
+                return f"'{_shorten(word)}' in row '{_shorten(line)}' is no {expected}"
     return "its rows are no numbers"

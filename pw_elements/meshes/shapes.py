@@ -1,4 +1,4 @@
-"""Structured rectangles, and meshes moved or curved by a map of points."""
+"""Structured meshes of rectangles, and maps of the nodes of a mesh."""
 
 from collections.abc import Callable
 from typing import Literal, get_args
@@ -21,7 +21,7 @@ from pw_elements.checks import (
 
 DiagonalPattern = Literal["right", "left", "right_left", "left_right", "crossed"]
 DIAGONAL_PATTERNS: tuple[DiagonalPattern, ...] = get_args(DiagonalPattern)
-PointMap = Callable[[Array], Array]  # of points as rows, (n, 3)
+PointMap = Callable[[Array], Array]  # from points (n, 3) to points (n, 3) or (n, dim)
 
 
 @check_same_arguments
@@ -32,14 +32,15 @@ def triangles(
     divisions: tuple[int, int],
     pattern: DiagonalPattern = "right",
 ) -> Mesh:
-    """Meshes a rectangle with triangles.
+    """Mesh a rectangle with triangles.
 
     Args:
         comm: communicator.
         lower: corner (x, y).
         upper: the opposite corner, above and to the right.
-        divisions: squares in each direction.
-        pattern: how a square is cut into triangles; "crossed" gives four, the others two.
+        divisions: numbers of squares in x and y.
+        pattern: direction of the diagonals that cut each square into two triangles, or "crossed"
+            for four triangles.
 
     Raises:
         ValueError: for an empty rectangle, no divisions, or an unknown pattern.
@@ -48,7 +49,7 @@ def triangles(
         raise ValueError(
             f"diagonal pattern {pattern!r}: the patterns are {', '.join(DIAGONAL_PATTERNS)}"
         )
-    return _rectangle(comm, lower, upper, divisions, diagonal=DiagonalType[pattern])
+    return _make_rectangle(comm, lower, upper, divisions, diagonal=DiagonalType[pattern])
 
 
 @check_same_arguments
@@ -58,47 +59,47 @@ def quadrilaterals(
     upper: tuple[float, float],
     divisions: tuple[int, int],
 ) -> Mesh:
-    """Meshes a rectangle with quadrilaterals.
+    """Mesh a rectangle with quadrilaterals.
 
     Args:
         comm: communicator.
         lower: corner (x, y).
         upper: the opposite corner, above and to the right.
-        divisions: quadrilaterals in each direction.
+        divisions: numbers of quadrilaterals in x and y.
 
     Raises:
         ValueError: for an empty rectangle or no divisions.
     """
-    return _rectangle(comm, lower, upper, divisions, cell_type=CellType.quadrilateral)
+    return _make_rectangle(comm, lower, upper, divisions, cell_type=CellType.quadrilateral)
 
 
 @check_same_arguments
 def move_nodes(mesh: Mesh, point_map: PointMap) -> Mesh:
-    """Moves the mesh's nodes in place; straight sides stay straight.
+    """Move the nodes of a mesh in place, and return it; straight sides stay straight.
 
     Args:
         mesh: the mesh.
-        point_map: function of points as rows, (n, 3) to (n, 3), or to (n, dim) in dim dimensions.
+        point_map: function from points (n, 3) to points (n, 3), or (n, dim) in dim dimensions.
 
     Raises:
-        ValueError: if the image fails, has the wrong shape, or is not finite; nothing is moved
-            then.
+        ValueError: if the function fails, or its result has the wrong shape or is not finite; the
+            mesh is unchanged then.
     """
     arguments.check_mesh_type(mesh)
-    mesh.geometry.x[:, : mesh.geometry.dim] = _placed(mesh, point_map, mesh.geometry.x)
+    mesh.geometry.x[:, : mesh.geometry.dim] = _image_points(mesh, point_map, mesh.geometry.x)
     return mesh
 
 
 @check_same_arguments
 def curved_mesh(mesh: Mesh, point_map: PointMap) -> Mesh:
-    """New mesh of degree-2 geometry whose nodes, including mid-side ones, are mapped.
+    """Return a new mesh of degree-2 geometry, with all nodes (mid-side nodes, too) moved by a map.
 
     Args:
-        mesh: of straight sides.
-        point_map: function of points as rows, (n, 3) to (n, 3), or to (n, dim) in dim dimensions.
+        mesh: mesh with straight sides.
+        point_map: function from points (n, 3) to points (n, 3), or (n, dim) in dim dimensions.
 
     Raises:
-        ValueError: if the image fails, has the wrong shape, or is not finite.
+        ValueError: if the function fails, or its result has the wrong shape or is not finite.
     """
     arguments.check_mesh_type(mesh)
     dimension = mesh.geometry.dim
@@ -106,43 +107,48 @@ def curved_mesh(mesh: Mesh, point_map: PointMap) -> Mesh:
     nodes = fem.functionspace(mesh, element)
     index_map = nodes.dofmap.index_map
     cells_owned = mesh.topology.index_map(mesh.topology.dim).size_local
-    # cells in the order of the old mesh's making, in which pairs of triangles follow each other
+    # cells in the order in which the mesh was created, with triangles of a square side by side
     order = np.argsort(mesh.topology.original_cell_index[:cells_owned])
     local = nodes.dofmap.list[order]
     cells = index_map.local_to_global(local.ravel().astype(np.int32)).reshape(local.shape)
-    x = _placed(mesh, point_map, nodes.tabulate_dof_coordinates()[: index_map.size_local])
+    x = _image_points(mesh, point_map, nodes.tabulate_dof_coordinates()[: index_map.size_local])
     return create_mesh(mesh.comm, cells=cells, x=np.ascontiguousarray(x), e=element)
 
 
-def _placed(mesh: Mesh, image: PointMap, x: Array) -> Array:
+def _image_points(mesh: Mesh, point_map: PointMap, x: Array) -> Array:
+    """Return the images (n, dim) of points x (n, 3); check them on all processes."""
     dim = mesh.geometry.dim
     with collective_errors(mesh.comm):
-        if callable(image) and not arguments.is_user_function(image):
-            raise TypeError(f"the image is {arguments.describe(image)}: give a function of points")
-        given = np.asarray(call_user_function(mesh.comm, "the image of the mesh", image, x.copy()))
-        shape = (len(x), dim if given.shape[1:] == (dim,) else 3)
-        placed = arguments.check_function_values(
-            "the image of the mesh", given, shape, f"rows (n, 3) to (n, 3) or (n, {dim})"
+        if callable(point_map) and not arguments.is_user_function(point_map):
+            raise TypeError(
+                f"the image is {arguments.describe(point_map)}: give a function of points"
+            )
+        returned = np.asarray(
+            call_user_function(mesh.comm, "the image of the mesh", point_map, x.copy())
         )
-        if not np.isfinite(placed).all():
+        shape = (len(x), dim if returned.shape[1:] == (dim,) else 3)
+        image_points = arguments.check_function_values(
+            "the image of the mesh", returned, shape, f"rows (n, 3) to (n, 3) or (n, {dim})"
+        )
+        if not np.isfinite(image_points).all():
             raise ValueError("the image of the mesh is not finite at a node")
-    check_same_function(mesh.comm, "the image of the mesh", image, x)
-    return placed[:, :dim]
+    check_same_function(mesh.comm, "the image of the mesh", point_map, x)
+    return image_points[:, :dim]
 
 
-def _rectangle(
+def _make_rectangle(
     comm: MPI.Comm,
     lower: tuple[float, float],
     upper: tuple[float, float],
     divisions: tuple[int, int],
-    **kind: CellType | DiagonalType,
+    **options: CellType | DiagonalType,
 ) -> Mesh:
     arguments.check_communicator(comm)
     if not np.all(
         arguments.check_vector("lower", lower, 2) < arguments.check_vector("upper", upper, 2)
     ):
         raise ValueError(f"a rectangle from {lower} to {upper} has no area")
-    numbers = arguments.check_vector("divisions", divisions, 2)
-    if numbers.min() < 1 or np.any(numbers % 1 != 0):
+    n_cells = arguments.check_vector("divisions", divisions, 2)
+    if n_cells.min() < 1 or np.any(n_cells % 1 != 0):
         raise ValueError(f"divisions {divisions}: at least one in each direction")
-    return create_rectangle(comm, [lower, upper], [int(n) for n in numbers], **kind)
+    return create_rectangle(comm, [lower, upper], [int(n) for n in n_cells], **options)

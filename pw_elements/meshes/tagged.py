@@ -1,4 +1,4 @@
-"""A mesh with tags of its cells and facets, and how it is made from arrays on process 0."""
+"""Mesh with tags of its cells and facets, and its creation from arrays on process 0."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -10,35 +10,37 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh, MeshTags, create_mesh, meshtags
 
-from pw_elements.abaqus import capitals
+from pw_elements.abaqus import to_upper_ascii
 from pw_elements.arrays import Array, Indices, LocalIndices
 
-Names = dict[str, dict[str, tuple[int, ...]]]  # of "cells" and "facets": the tags of each set
+SetTags = dict[
+    str, dict[str, tuple[int, ...]]
+]  # by "cells" and "facets", then by set name: the tags of the set
 
 
 class TaggedMesh(NamedTuple):
-    """A mesh, tags of its cells and facets, and which tags a named set has.
+    """Mesh with tags of its cells and facets, and the tags of each named set.
 
-    Sets of Abaqus' files may overlap: cells, or facets, that lie in the same sets share one tag.
+    Named sets may overlap: each combination of sets has its own tag, and a set has several tags.
 
     Args:
         mesh: the mesh.
-        cell_tags: `cell_tags.find(STEEL)` are the local cells of one tag.
-        facet_tags: `facet_tags.find(BASE)` are the local facets of one tag.
-        names: of sets of "cells" and of "facets", with the tags of each, such as
+        cell_tags: tags of cells; `cell_tags.find(1)` returns the local cells with tag 1.
+        facet_tags: tags of facets; `facet_tags.find(1)` returns the local facets with tag 1.
+        names: tags of each named set of "cells" and of "facets", such as
             {"cells": {"STEEL": (1,)}, "facets": {"BASE": (1, 3)}}.
     """
 
     mesh: Mesh
     cell_tags: MeshTags
     facet_tags: MeshTags
-    names: Names
+    names: SetTags
 
     def cells(self, name: str) -> LocalIndices:
-        """Local numbers of the cells in a named set.
+        """Return the local numbers of the cells in a named set.
 
         Args:
-            name: of the set; upper and lower case are alike for Abaqus' files.
+            name: name of the set; for Abaqus' files, upper and lower case are equivalent.
 
         Raises:
             ValueError: if there is no such set.
@@ -46,10 +48,10 @@ class TaggedMesh(NamedTuple):
         return self._find("cells", self.cell_tags, name)
 
     def facets(self, name: str) -> LocalIndices:
-        """Local numbers of the facets in a named set, as `boundary_measure` takes them.
+        """Return the local numbers of the facets in a named set, e.g. for `boundary_measure`.
 
         Args:
-            name: of the set; upper and lower case are alike for Abaqus' files.
+            name: name of the set; for Abaqus' files, upper and lower case are equivalent.
 
         Raises:
             ValueError: if there is no such set.
@@ -57,60 +59,67 @@ class TaggedMesh(NamedTuple):
         return self._find("facets", self.facet_tags, name)
 
     def _find(self, kind: str, tags: MeshTags, name: str) -> LocalIndices:
-        known = self.names[kind]
-        own = known.get(name, known.get(capitals(name), ()))
-        if not own:
+        tags_of_name = self.names[kind]
+        set_tags = tags_of_name.get(name, tags_of_name.get(to_upper_ascii(name), ()))
+        if not set_tags:
             raise ValueError(
-                f"no set of {kind} is called {name}; known are {', '.join(known) or 'none'}"
+                f"no set of {kind} is called {name}; known are {', '.join(tags_of_name) or 'none'}"
             )
-        return tags.indices[np.isin(tags.values, own)]
+        return tags.indices[np.isin(tags.values, set_tags)]
 
 
 class MeshArrays(NamedTuple):
-    """A mesh on one process, before DOLFINx has it.
+    """Arrays of a tagged mesh on one process, from which DOLFINx creates the mesh.
 
     Args:
-        kind: cell and degree of the geometry.
+        cell_and_degree: type of the cells, such as "triangle", and degree of the geometry.
         x: coordinates (k, dim) of the nodes.
-        cells: nodes (n, nodes of each) of the cells, in DOLFINx' order.
-        tags: of "cells" (n, 1) and of their "facets" (n, facets of each), 0 being none.
-        names: of sets of "cells" and "facets", with the tags of each.
+        cells: indices of nodes (n, nodes per cell) in DOLFINx' order.
+        tags: tags of "cells" (n, 1) and of their "facets" (n, facets per cell), 0 for untagged.
+        names: tags of each named set of "cells" and of "facets".
     """
 
-    kind: tuple[str, int]
+    cell_and_degree: tuple[str, int]
     x: Array
     cells: Indices
     tags: Mapping[str, npt.NDArray[np.integer]]
-    names: Names
+    names: SetTags
 
 
-def distribute(comm: MPI.Comm, arrays: MeshArrays | None) -> TaggedMesh:
-    """Make a mesh of all processes from the arrays of process 0; others need not have any."""
-    stated = arrays and (arrays.kind, arrays.x.shape[1], arrays.tags, arrays.names)
-    (cell, degree), dim, tags, names = comm.bcast(stated)
+def create_tagged_mesh(comm: MPI.Comm, arrays: MeshArrays | None) -> TaggedMesh:
+    """Create a distributed mesh from arrays that process 0 has (None on the others)."""
+    shared = arrays and (arrays.cell_and_degree, arrays.x.shape[1], arrays.tags, arrays.names)
+    (cell, degree), dim, tags, names = comm.bcast(shared)
     element = basix.ufl.element("Lagrange", cell, degree, shape=(dim,))
     if arrays is None or comm.rank:
-        x, cells = np.empty((0, dim)), np.empty((0, element.dim // dim), dtype=np.int64)
+        coordinates, cells = np.empty((0, dim)), np.empty((0, element.dim // dim), dtype=np.int64)
     else:
-        x, cells = arrays.x, arrays.cells
-    mesh = create_mesh(comm, cells=cells, x=x, e=element)
+        coordinates, cells = arrays.x, arrays.cells
+    mesh = create_mesh(comm, cells=cells, x=coordinates, e=element)
     mesh.topology.create_connectivity(dim, dim - 1)
-    mesh.topology.create_connectivity(dim - 1, dim)  # by which DOLFINx finds nodes of facets
-    original = mesh.topology.original_cell_index
-    entities = {
-        "cells": np.arange(len(original), dtype=np.int32),
+    mesh.topology.create_connectivity(dim - 1, dim)  # needed to locate dofs of facets
+    original_cells = mesh.topology.original_cell_index
+    entities_of_kind = {
+        "cells": np.arange(len(original_cells), dtype=np.int32),
         "facets": mesh.topology.connectivity(dim, dim - 1).array,
     }
-    made = []
-    for k, (what, entity) in enumerate(entities.items()):
-        tag = tags[what][original].ravel()
-        tagged, first = np.unique(entity[tag > 0], return_index=True)
-        made.append(meshtags(mesh, dim - k, tagged, tag[tag > 0][first].astype(np.int32)))
-    cell_tags, facet_tags = made
+    mesh_tags = []
+    for codimension, (entity_kind, entities) in enumerate(entities_of_kind.items()):
+        entity_tags = tags[entity_kind][original_cells].ravel()
+        tagged_entities, first_row = np.unique(entities[entity_tags > 0], return_index=True)
+        mesh_tags.append(
+            meshtags(
+                mesh,
+                dim - codimension,
+                tagged_entities,
+                entity_tags[entity_tags > 0][first_row].astype(np.int32),
+            )
+        )
+    cell_tags, facet_tags = mesh_tags
     return TaggedMesh(mesh, cell_tags, facet_tags, names)
 
 
-def check_plane(whose: str, x: Array) -> None:
-    """Refuse nodes (n, 3) of plane cells that do not lie in one plane z = constant."""
+def check_flatness(source: str, x: Array) -> None:
+    """Raise ValueError unless nodes x (n, 3) lie in one plane z = constant."""
     if np.ptp(x[:, 2]) > 1e-9 * np.ptp(x, axis=0).max():
-        raise ValueError(f"{whose} has plane cells that do not lie in one plane z = constant")
+        raise ValueError(f"{source} has plane cells that do not lie in one plane z = constant")

@@ -213,9 +213,7 @@ class WrongSlopeFriction(SaturatingFriction):
 
 
 class BumpyFriction(Coulomb):
-    """A law whose coefficient rises by a tenth between two forces within one decade, and falls
-    again.
-    """
+    """A law whose coefficient rises by a tenth between two forces, and falls again."""
 
     low, high = 3.0, 3.3
 

@@ -13,10 +13,10 @@ from pw_elements.contact.model import FrictionCone
 from pw_elements.contact.nodes import ActiveSet, ContactNodes
 
 SELF = MPI.COMM_SELF
-N_UNUSED = 4
 
 
 def make_active_set(*status, direction=0.0):
+    """Return an active set of the given statuses; slipping nodes have the given direction."""
     n = len(status)
     slipping = np.array(status) == SLIP
     return ActiveSet(

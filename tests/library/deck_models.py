@@ -1,4 +1,4 @@
-"""Decks of all types of elements that are read, each written in another way.
+"""Abaqus input files (decks) of all supported element types, each in another notation.
 
 `DECK_MODELS` maps element types such as "C3D20R" to the text of a deck up to *STEP. The meshes are
 images of a lattice, so that edges of second-order elements are curved.
@@ -8,16 +8,16 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-# Corners of cells on a lattice of steps of two, the middles of their edges being between
-QUAD = [[(0, 0), (2, 0), (2, 2), (0, 2)]]
-TRIANGLES = [[(0, 0), (2, 0), (2, 2)], [(0, 0), (2, 2), (0, 2)]]
-BRICK = [[(*at, z) for z in (0, 2) for at in QUAD[0]]]
-# along its edges from one corner of a brick to the other, corners in the order of positive volume
-TETRAHEDRA = []
+# Corners of the cells on a lattice with steps of two; mid-side nodes have odd coordinates
+QUAD_CORNERS = [[(0, 0), (2, 0), (2, 2), (0, 2)]]
+TRIANGLE_CORNERS = [[(0, 0), (2, 0), (2, 2)], [(0, 0), (2, 2), (0, 2)]]
+BRICK_CORNERS = [[(*at, z) for z in (0, 2) for at in QUAD_CORNERS[0]]]
+# tetrahedra along paths of edges between opposite corners of a brick, with positive volume
+TETRAHEDRON_CORNERS = []
 for axes in permutations(range(3)):
     path = [tuple(2 * (axis in axes[:k]) for axis in range(3)) for k in range(4)]
     odd = sum(a > b for a, b in combinations(axes, 2)) % 2
-    TETRAHEDRA.append([path[k] for k in ((0, 1, 3, 2) if odd else (0, 1, 2, 3))])
+    TETRAHEDRON_CORNERS.append([path[k] for k in ((0, 1, 3, 2) if odd else (0, 1, 2, 3))])
 EDGES = {
     3: [(0, 1), (1, 2), (2, 0)],
     4: [(0, 1), (1, 2), (2, 3), (3, 0)],
@@ -26,22 +26,33 @@ EDGES = {
 EDGES[8] += [(a + 4, b + 4) for a, b in EDGES[8]] + [(k, k + 4) for k in range(4)]
 TETRAHEDRON_EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
 
-FLAT = ("CPS", "CPE", "CAX", "S", "M3D")
-TYPES = [f"{family}{nodes}" for family in FLAT for nodes in (3, 4, 6, 8)]
-TYPES += ["CPS4R", "CPE4R", "CAX8R", "CPS8R", "CPE8R", "S8R", "S4R", "M3D8R", "C3D4", "C3D8"]
-TYPES += ["C3D8R", "C3D8I", "C3D10", "C3D10T", "C3D20", "C3D20R"]
+PLANE_FAMILIES = ("CPS", "CPE", "CAX", "S", "M3D")
+ELEMENT_TYPES = [f"{family}{nodes}" for family in PLANE_FAMILIES for nodes in (3, 4, 6, 8)]
+ELEMENT_TYPES += [
+    "CPS4R",
+    "CPE4R",
+    "CAX8R",
+    "CPS8R",
+    "CPE8R",
+    "S8R",
+    "S4R",
+    "M3D8R",
+    "C3D4",
+    "C3D8",
+]
+ELEMENT_TYPES += ["C3D8R", "C3D8I", "C3D10", "C3D10T", "C3D20", "C3D20R"]
 
 
-def nodes_of(kind):
-    """Return the number of nodes of a type."""
+def count_nodes(kind):
+    """Return the number of nodes of an element type."""
     digits = kind.removeprefix("C3D").removeprefix("M3D").strip("CPSEAXRIT")
     return int(digits)
 
 
-def image(at, kind):
-    """Place of a lattice's point (steps of one), distinct in all directions, with few digits."""
-    x = np.array([*at, 0.0])[:3] / 2
-    bend = 0.12 if nodes_of(kind) not in (3, 4) or kind == "C3D4" else 0.2
+def distort(point, kind):
+    """Return the image (3,) of a lattice point under a smooth map, rounded to six digits."""
+    x = np.array([*point, 0.0])[:3] / 2
+    bend = 0.12 if count_nodes(kind) not in (3, 4) or kind == "C3D4" else 0.2
     y = x + bend * np.sin(1 + np.array([x[1] + 0.3 * x[2], 0.7 * x[0] + x[2], x[0] - x[1]]))
     y[0] += 1.5
     if not kind.startswith("C3D"):
@@ -49,35 +60,35 @@ def image(at, kind):
     return y.round(6)
 
 
-def mesh(kind):
-    """Points (n, 3) and cells, as lists of their numbers from 0, and the lattice's points."""
-    count, solid = nodes_of(kind), kind.startswith("C3D")
-    if solid:
-        pattern = BRICK if count in (8, 20) else TETRAHEDRA
-        corner_edges = EDGES[8] if count in (8, 20) else TETRAHEDRON_EDGES
+def make_mesh(kind):
+    """Return points (n, 3), cells as lists of indices of points, and lattice points."""
+    n_nodes, is_solid = count_nodes(kind), kind.startswith("C3D")
+    if is_solid:
+        pattern = BRICK_CORNERS if n_nodes in (8, 20) else TETRAHEDRON_CORNERS
+        corner_edges = EDGES[8] if n_nodes in (8, 20) else TETRAHEDRON_EDGES
         blocks = product(range(2), range(2), range(2))
     else:
-        pattern = TRIANGLES if count in (3, 6) else QUAD
-        corner_edges = EDGES[3] if count in (3, 6) else EDGES[4]
+        pattern = TRIANGLE_CORNERS if n_nodes in (3, 6) else QUAD_CORNERS
+        corner_edges = EDGES[3] if n_nodes in (3, 6) else EDGES[4]
         blocks = product(range(3), range(2))
     lattice: dict[tuple, int] = {}
     cells = []
     for block in blocks:
         for corners in pattern:
-            at = [
+            points = [
                 tuple(2 * b + c for b, c in zip(block, corner, strict=True)) for corner in corners
             ]
-            if count > len(at):
-                at += [
-                    tuple((p + q) // 2 for p, q in zip(at[a], at[b], strict=True))
+            if n_nodes > len(points):
+                points += [
+                    tuple((p + q) // 2 for p, q in zip(points[a], points[b], strict=True))
                     for a, b in corner_edges
                 ]
-            cells.append([lattice.setdefault(point, len(lattice)) for point in at])
-    return [image(point, kind) for point in lattice], cells, list(lattice)
+            cells.append([lattice.setdefault(point, len(lattice)) for point in points])
+    return [distort(point, kind) for point in lattice], cells, list(lattice)
 
 
-def written(value, rng):
-    """Return a coordinate in one of the ways in which Fortran's numbers are written."""
+def format_coordinate(value, rng):
+    """Return a coordinate in a random notation of Fortran."""
     text = f"{value:.6f}"
     if value == 0:
         return str(rng.choice(["", "0.", " 0.0 ", "0.D0", "-0"]))
@@ -92,52 +103,59 @@ def written(value, rng):
     return str(rng.choice(ways))
 
 
-def model(kind):
-    """Return the text of a deck: nodes, elements, sets and surfaces, without materials."""
+def write_deck(kind):
+    """Return the text of a deck with nodes, elements, sets and surfaces, without materials."""
     rng = np.random.default_rng(sum(map(ord, kind)) * 131 + len(kind))
-    points, cells, lattice = mesh(kind)
-    first, step = int(rng.integers(1, 90)), int(rng.integers(1, 4))
-    node = rng.permutation(first + step * np.arange(len(points)))
-    element = rng.permutation(int(rng.integers(1, 40)) + np.arange(len(cells)))
-    word = rng.choice([str.upper, str.lower, str.capitalize])
+    points, cells, lattice = make_mesh(kind)
+    first_number, step = int(rng.integers(1, 90)), int(rng.integers(1, 4))
+    node_numbers = rng.permutation(first_number + step * np.arange(len(points)))
+    element_numbers = rng.permutation(int(rng.integers(1, 40)) + np.arange(len(cells)))
+    case = rng.choice([str.upper, str.lower, str.capitalize])
     lines = [
-        "*" + word("heading"),
+        "*" + case("heading"),
         " one of many decks",
         "** a comment",
-        f"*{word('node')}, NSET=All",
+        f"*{case('node')}, NSET=All",
     ]
-    for number, point in zip(node, points, strict=True):
-        row = ",".join([str(number), *(written(c, rng) for c in point)])
+    for number, point in zip(node_numbers, points, strict=True):
+        row = ",".join([str(number), *(format_coordinate(c, rng) for c in point)])
         lines.append(row.rstrip(",") + str(rng.choice(["", ","])))
 
     # cells in two sets
-    left = [k for k, cell in enumerate(cells) if lattice[cell[0]][0] == 0]
+    left_cells = [k for k, cell in enumerate(cells) if lattice[cell[0]][0] == 0]
     for name, members in (
-        ("left", left),
-        ("Right", [k for k in range(len(cells)) if k not in left]),
+        ("left", left_cells),
+        ("Right", [k for k in range(len(cells)) if k not in left_cells]),
     ):
-        lines.append(f"*{word('element')} , {word('type')}={kind.lower()}, ELSET = {name}")
+        lines.append(f"*{case('element')} , {case('type')}={kind.lower()}, ELSET = {name}")
         for k in members:
-            row = [str(element[k]), *(str(node[n]) for n in cells[k])]
-            cut = 11 if len(row) > 16 else len(row)
-            lines.append(", ".join(row[:cut]) + ("," if len(row) > cut else ""))
-            lines += [" , ".join(row[cut:])] if len(row) > cut else []
+            row = [str(element_numbers[k]), *(str(node_numbers[n]) for n in cells[k])]
+            line_length = 11 if len(row) > 16 else len(row)
+            lines.append(", ".join(row[:line_length]) + ("," if len(row) > line_length else ""))
+            lines += [" , ".join(row[line_length:])] if len(row) > line_length else []
 
     # edges of shells are S3, S4 ... in CalculiX
-    side = "S3" if kind.startswith(("S", "M3D")) else "S2"
-    lines += [f"*SURFACE, NAME=front, {word('type=element')}", f"BOTH , {side}"]
-    lines += [f"{element[0]}, {'S5' if side == 'S3' else 'S3'}"]
-    bottom = [int(n) for n, at in zip(node, lattice, strict=True) if at[1] == 0]
+    face = "S3" if kind.startswith(("S", "M3D")) else "S2"
+    lines += [f"*SURFACE, NAME=front, {case('type=element')}", f"BOTH , {face}"]
+    lines += [f"{element_numbers[0]}, {'S5' if face == 'S3' else 'S3'}"]
+    bottom = [int(n) for n, point in zip(node_numbers, lattice, strict=True) if point[1] == 0]
     lines += ["*NSET,NSET=bottom"]
     lines += [" ,".join(map(str, bottom[k : k + 7])) for k in range(0, len(bottom), 7)]
-    lines += ["*nset, nset = Everything, generate", f"{node.min()}, {node.max()}, {step}"]
-    lines += ["*NSET,NSET=BOTTOM", "bottom", f"{int(node[0])},"]
-    low, high = int(element.min()), int(element.max())
-    lines += ["*ELSET,ELSET=some,GENERATE", f"{low},{(low + high) // 2}", f"{high},{high},1"]
-    lines += ["*ELSET,ELSET=Both", "some, LEFT", str(element[-1])]
+    lines += [
+        "*nset, nset = Everything, generate",
+        f"{node_numbers.min()}, {node_numbers.max()}, {step}",
+    ]
+    lines += ["*NSET,NSET=BOTTOM", "bottom", f"{int(node_numbers[0])},"]
+    smallest, largest = int(element_numbers.min()), int(element_numbers.max())
+    lines += [
+        "*ELSET,ELSET=some,GENERATE",
+        f"{smallest},{(smallest + largest) // 2}",
+        f"{largest},{largest},1",
+    ]
+    lines += ["*ELSET,ELSET=Both", "some, LEFT", str(element_numbers[-1])]
     lines += ["*SURFACE,NAME=base,TYPE=NODE", "bottom"]
-    end = str(rng.choice(["\n", "\r\n"]))
-    return end.join(lines) + end
+    line_end = str(rng.choice(["\n", "\r\n"]))
+    return line_end.join(lines) + line_end
 
 
-DECK_MODELS = {kind: model(kind) for kind in TYPES}
+DECK_MODELS = {kind: write_deck(kind) for kind in ELEMENT_TYPES}

@@ -1,8 +1,7 @@
-"""A second reading of Abaqus' decks, which shares no code with the library's.
+"""Independent reader of Abaqus' decks, which shares no code with the library.
 
-It takes flat decks (no parts), in the plain way: the whole text at once, sets as Python's.
-Cells and facets are given as frozen sets of their corners' coordinates; the numbers are compared
-digit by digit.
+It reads decks without parts. Cells and facets are frozen sets of the coordinates of their corners,
+which are compared digit by digit.
 """
 
 import re
@@ -13,7 +12,7 @@ import numpy as np
 
 QUAD_EDGES = ((1, 2), (2, 3), (3, 4), (4, 1))
 TRIANGLE_EDGES = ((1, 2), (2, 3), (3, 1))
-# faces by their nodes from 1, corners first: CalculiX' manual, 6.2
+# Nodes (from 1) of the faces of (kind, number of nodes), corners first: CalculiX' manual, 6.2
 FACES = {
     ("plane", 3): TRIANGLE_EDGES,
     ("plane", 4): QUAD_EDGES,
@@ -47,23 +46,23 @@ CORNERS = {("plane", 3): 3, ("plane", 6): 3, ("plane", 4): 4, ("plane", 8): 4}
 CORNERS |= {("solid", 4): 4, ("solid", 10): 4, ("solid", 8): 8, ("solid", 20): 8}
 
 
-def family(kind):
-    """Return "plane" or "solid", the number of nodes, and whether edges are S3, S4 ..."""
-    match = re.fullmatch(r"D?(C3D|CPS|CPE|CAX|S|M3D)(\d+)[A-Z]*\d?", kind)
-    if not match:
+def element_kind_of(kind):
+    """Return "plane" or "solid", the number of nodes, and whether edges are called S3, S4 ..."""
+    type_match = re.fullmatch(r"D?(C3D|CPS|CPE|CAX|S|M3D)(\d+)[A-Z]*\d?", kind)
+    if not type_match:
         return None
-    what = "solid" if match[1] == "C3D" else "plane"
-    return what, int(match[2]), match[1] in ("S", "M3D")
+    dimension_kind = "solid" if type_match[1] == "C3D" else "plane"
+    return dimension_kind, int(type_match[2]), type_match[1] in ("S", "M3D")
 
 
-class Reading:
+class DeckReading:
     """Nodes, elements, sets of numbers, and surfaces (element, face from 1) of a deck."""
 
     def __init__(self, path):
         self.nodes, self.elements = {}, {}
         self.sets = {"NSET": {}, "ELSET": {}}
         self.surfaces = {}
-        blocks = list(self._blocks(self._text(path)))
+        blocks = list(self._blocks(self._read_text(path)))
         for keyword, options, rows in blocks:
             if keyword == "NODE":
                 self._add_nodes(options, rows)
@@ -77,7 +76,7 @@ class Reading:
             if keyword == "SURFACE":
                 self._add_surface(options, rows)
 
-    def _text(self, path):
+    def _read_text(self, path):
         data = path.read_bytes()
         try:
             wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
@@ -87,7 +86,7 @@ class Reading:
         lines = []
         for line in re.split("\r\n|\n|\r", text):
             match = re.match(r'(?i)\s*\*include\s*,\s*input\s*=\s*"?([^",]+)', line)
-            lines += [self._text(path.parent / match[1])] if match else [line]
+            lines += [self._read_text(path.parent / match[1])] if match else [line]
         return "\n".join(lines)
 
     def _blocks(self, text):
@@ -102,15 +101,15 @@ class Reading:
                 rows.append(fields)
                 continue
             yield keyword, options, rows
-            keyword, rows = self._name(fields[0][1:]), []
+            keyword, rows = self._normalize(fields[0][1:]), []
             if keyword == "STEP":
                 return
             pairs = (field.partition("=") for field in fields[1:])
-            options = {self._name(key): self._name(value) for key, _, value in pairs}
+            options = {self._normalize(key): self._normalize(value) for key, _, value in pairs}
         yield keyword, options, rows
 
     @staticmethod
-    def _name(text):
+    def _normalize(text):
         text = text.strip(" \t")
         if text.startswith('"'):
             return text.strip('"')
@@ -126,127 +125,147 @@ class Reading:
     def _add_elements(self, options, rows):
         numbers = iter([])
         rows = iter(rows)
-        known = family(options["TYPE"])
+        element_kind = element_kind_of(options["TYPE"])
         for row in rows:
             numbers = [int(n) for n in row if n]
-            while known and len(numbers) <= known[1]:
+            while element_kind and len(numbers) <= element_kind[1]:
                 numbers += [int(n) for n in next(rows) if n]
             self.elements[numbers[0]] = (
                 options["TYPE"],
-                numbers[1 : known[1] + 1 if known else None],
+                numbers[1 : element_kind[1] + 1 if element_kind else None],
             )
             if "ELSET" in options:
                 self.sets["ELSET"].setdefault(options["ELSET"], set()).add(numbers[0])
 
     def _add_set(self, sort, options, rows):
-        own = self.sets[sort].setdefault(options[sort], set())
-        known = self.nodes if sort == "NSET" else self.elements
+        members = self.sets[sort].setdefault(options[sort], set())
+        numbers = self.nodes if sort == "NSET" else self.elements
         for row in rows:
             if "GENERATE" in options:
-                first, last, step = [*map(int, row), 1][:3]
-                own |= {n for n in known if first <= n <= last and (n - first) % step == 0}
+                start, stop, step = [*map(int, row), 1][:3]
+                members |= {n for n in numbers if start <= n <= stop and (n - start) % step == 0}
                 continue
             for entry in filter(None, row):
-                own |= {int(entry)} if entry.isdigit() else self.sets[sort][self._name(entry)]
+                members |= (
+                    {int(entry)} if entry.isdigit() else self.sets[sort][self._normalize(entry)]
+                )
 
     def _add_surface(self, options, rows):
-        own = self.surfaces.setdefault(options["NAME"], [])
+        surface_rows = self.surfaces.setdefault(options["NAME"], [])
         for member, *face in rows:
             if options.get("TYPE") == "NODE":
-                own.append(({int(member)} if member.isdigit() else self._nodes(member), None))
+                surface_rows.append(
+                    ({int(member)} if member.isdigit() else self._node_set(member), None)
+                )
             else:
-                name = self._name(member)
-                chosen = {int(name)} if name.isdigit() else self.sets["ELSET"][name]
-                own.append((chosen, self._name(face[0])))
+                name = self._normalize(member)
+                members = {int(name)} if name.isdigit() else self.sets["ELSET"][name]
+                surface_rows.append((members, self._normalize(face[0])))
 
-    def _nodes(self, member):
-        return self.sets["NSET"][self._name(member)]
+    def _node_set(self, member):
+        return self.sets["NSET"][self._normalize(member)]
 
     def cells(self):
-        """Elements of the highest dimension: number, what they are, nodes."""
-        solid = any(kind.startswith("C3D") for kind, _ in self.elements.values())
+        """Yield number, kind and nodes of the elements of the highest dimension."""
+        has_solids = any(kind.startswith("C3D") for kind, _ in self.elements.values())
         for number, (kind, nodes) in self.elements.items():
-            what = family(kind)
-            if what and (what[0] == "solid") == solid:
-                yield number, what, nodes
+            element_kind = element_kind_of(kind)
+            if element_kind and (element_kind[0] == "solid") == has_solids:
+                yield number, element_kind, nodes
 
-    def _places(self, nodes):
+    def _coordinates(self, nodes):
         return frozenset(self.nodes[n] for n in nodes)
 
     def cell_sets(self):
-        """Corners of the cells in each ELSET that has any."""
-        corners = {n: self._places(nodes[: CORNERS[what[:2]]]) for n, what, nodes in self.cells()}
-        sets = {
-            name: {corners[n] for n in own if n in corners}
-            for name, own in self.sets["ELSET"].items()
+        """Return the corners of the cells in each ELSET with cells."""
+        corners = {
+            n: self._coordinates(nodes[: CORNERS[element_kind[:2]]])
+            for n, element_kind, nodes in self.cells()
         }
-        return {name: own for name, own in sets.items() if own}
+        sets = {
+            name: {corners[n] for n in members if n in corners}
+            for name, members in self.sets["ELSET"].items()
+        }
+        return {name: members for name, members in sets.items() if members}
 
     def facet_sets(self):
-        """Corners of the facets in each NSET and SURFACE that has any."""
-        faces, times = {}, Counter()
-        for number, what, nodes in self.cells():
-            for k, face in enumerate(FACES[what[:2]], 1):
-                own = [nodes[i - 1] for i in face]
-                size = 2 if what[0] == "plane" else 3 if what[1] in (4, 10) else 4
-                faces[number, f"S{k + 2 * what[2]}"] = frozenset(own[:size]), own
-                times[frozenset(own[:size])] += 1
-        outer = [(corners, own) for corners, own in faces.values() if times[corners] == 1]
+        """Return the corners of the facets in each NSET and SURFACE with facets."""
+        faces, n_cells = {}, Counter()
+        for number, element_kind, nodes in self.cells():
+            for k, face in enumerate(FACES[element_kind[:2]], 1):
+                face_nodes = [nodes[i - 1] for i in face]
+                n_corners = (
+                    2 if element_kind[0] == "plane" else 3 if element_kind[1] in (4, 10) else 4
+                )
+                faces[number, f"S{k + 2 * element_kind[2]}"] = (
+                    frozenset(face_nodes[:n_corners]),
+                    face_nodes,
+                )
+                n_cells[frozenset(face_nodes[:n_corners])] += 1
+        outer_faces = [
+            (corners, face_nodes) for corners, face_nodes in faces.values() if n_cells[corners] == 1
+        ]
 
-        def inside(chosen):
-            return {self._places(corners) for corners, own in outer if chosen >= set(own)}
+        def facets_within(members):
+            return {
+                self._coordinates(corners)
+                for corners, face_nodes in outer_faces
+                if members >= set(face_nodes)
+            }
 
-        sets = {name: inside(own) for name, own in self.sets["NSET"].items()}
+        sets = {name: facets_within(nodes) for name, nodes in self.sets["NSET"].items()}
         for name, rows in self.surfaces.items():
             sets[name] = set()
-            for chosen, face in rows:
+            for members, face in rows:
                 if face is None:
-                    sets[name] |= inside(chosen)
+                    sets[name] |= facets_within(members)
                 else:
-                    own = [faces[n, face][0] for n in chosen if (n, face) in faces]
-                    sets[name] |= {self._places(corners) for corners in own}
-        return {name: own for name, own in sets.items() if own}
+                    named_faces = [faces[n, face][0] for n in members if (n, face) in faces]
+                    sets[name] |= {self._coordinates(corners) for corners in named_faces}
+        return {name: facets for name, facets in sets.items() if facets}
 
     def volumes(self):
-        """Volume of each cell, by number."""
+        """Return the volume of each cell by its number."""
         return {
-            number: volume(np.array([self.nodes[n] for n in nodes]), what)
-            for number, what, nodes in self.cells()
+            number: integrate_volume(np.array([self.nodes[n] for n in nodes]), element_kind)
+            for number, element_kind, nodes in self.cells()
         }
 
 
-def volume(x, what):
-    """Gauss' integral over an element of nodes (n, 3), whose functions are found by their zeros."""
-    kind, count, _ = what
-    dim = 2 if kind == "plane" else 3
-    simplex = (kind, count) in {("plane", 3), ("plane", 6), ("solid", 4), ("solid", 10)}
+def integrate_volume(x, element_kind):
+    """Return the volume of an element with nodes (n, 3), by Gauss quadrature of det J."""
+    dimension_kind, n_nodes, _ = element_kind
+    dim = 2 if dimension_kind == "plane" else 3
+    simplex = (dimension_kind, n_nodes) in {("plane", 3), ("plane", 6), ("solid", 4), ("solid", 10)}
     if simplex:
         corners = np.vstack([np.zeros(dim), np.eye(dim)])
     else:
         ring = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
-        corners = np.array(ring if dim == 2 else [(*at, z) for z in (-1, 1) for at in ring], float)
-    order = {3: TRIANGLE_EDGES, 4: QUAD_EDGES}.get(len(corners), ())
+        corners = np.array(
+            ring if dim == 2 else [(*nodes, z) for z in (-1, 1) for nodes in ring], float
+        )
+    edges = {3: TRIANGLE_EDGES, 4: QUAD_EDGES}.get(len(corners), ())
     if dim == 3:
-        order = (*TRIANGLE_EDGES, (1, 4), (2, 4), (3, 4))
+        edges = (*TRIANGLE_EDGES, (1, 4), (2, 4), (3, 4))
         if not simplex:
             upper = [(a + 4, b + 4) for a, b in QUAD_EDGES]
-            order = (*QUAD_EDGES, *upper, *((k, k + 4) for k in range(1, 5)))
-    middles = [(corners[a - 1] + corners[b - 1]) / 2 for a, b in order]
-    at = np.vstack([corners, *middles])[:count]
-    degree = 1 if count == len(corners) else 2
+            edges = (*QUAD_EDGES, *upper, *((k, k + 4) for k in range(1, 5)))
+    edge_middles = [(corners[a - 1] + corners[b - 1]) / 2 for a, b in edges]
+    nodes = np.vstack([corners, *edge_middles])[:n_nodes]
+    degree = 1 if n_nodes == len(corners) else 2
     powers = [
         p
         for p in product(range(degree + 1), repeat=dim)
         if (sum(p) <= degree if simplex else sum(k == 2 for k in p) <= 1)
     ]
     coefficients = np.linalg.inv(
-        np.array([[np.prod(a ** np.array(p)) for p in powers] for a in at])
+        np.array([[np.prod(a ** np.array(p)) for p in powers] for a in nodes])
     )
     points, weights = np.polynomial.legendre.leggauss(5)
-    total = 0.0
+    integral = 0.0
     for index in product(range(5), repeat=dim):
         xi, w = points[list(index)], weights[list(index)].prod()
-        if simplex:  # the cube's image that collapses onto the simplex
+        if simplex:  # map the cube to the simplex
             t = (xi + 1) / 2
             w /= 2**dim
             if dim == 2:
@@ -255,7 +274,7 @@ def volume(x, what):
                 y = t[1] * (1 - t[0])
                 z = t[2] * (1 - t[0] - y)
                 xi, w = np.array([t[0], y, z]), w * (1 - t[0]) * (1 - t[0] - y)
-        slopes = [
+        gradients = [
             [
                 p[j] * np.prod([xi[i] ** (p[i] - (i == j)) for i in range(dim) if p[i] or i != j])
                 if p[j]
@@ -264,6 +283,6 @@ def volume(x, what):
             ]
             for j in range(dim)
         ]
-        jacobian = np.array(slopes) @ coefficients @ x[:, :dim]
-        total += w * abs(np.linalg.det(jacobian))
-    return total
+        jacobian = np.array(gradients) @ coefficients @ x[:, :dim]
+        integral += w * abs(np.linalg.det(jacobian))
+    return integral

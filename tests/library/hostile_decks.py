@@ -1,4 +1,4 @@
-"""Decks that want to be read as another mesh, or to exhaust memory or time: 150 and more.
+"""More than 150 hostile decks: wrong meshes if read carelessly, excessive memory or time.
 
 `HOSTILE_DECKS` maps the name of each case to its files ("deck.inp" is read) and whether the deck
 has to be refused (True), has to be read (False), or may be either (None). A mesh that is read has
@@ -9,7 +9,7 @@ import random
 
 from tests.library.deck_models import DECK_MODELS
 
-SIZE = 900_000  # characters of the long ones
+LONG_DECK_SIZE = 900_000  # characters of the long ones
 
 GOOD_DECK = """*NODE
 1, 0., 0.
@@ -22,7 +22,7 @@ GOOD_DECK = """*NODE
 1, 1, 2, 5, 4
 2, 2, 3, 6, 5
 """
-SIX = """*NODE
+SIX_NODE_DECK = """*NODE
 1, 0., 0.
 2, 1., 0.
 3, 0., 1.
@@ -32,7 +32,7 @@ SIX = """*NODE
 *ELEMENT, TYPE=CPS6
 1, 1, 2, 3, 4, 5, 6
 """
-TETRAHEDRON = """*NODE
+TEN_NODE_DECK = """*NODE
 1, 0., 0., 0.
 2, 1., 0., 0.
 3, 0., 1., 0.
@@ -48,28 +48,30 @@ TETRAHEDRON = """*NODE
 """
 
 
-def repeated(line, size=SIZE):
-    """Lines `line(k)` for k = 0, 1, ... up to a size."""
+def repeat_line(make_line, min_size=LONG_DECK_SIZE):
+    """Return lines `make_line(k)` for k = 0, 1, ... until they have a minimum size."""
     lines, length = [], 0
-    while length < size:
-        lines.append(line(len(lines)))
+    while length < min_size:
+        lines.append(make_line(len(lines)))
         length += len(lines[-1]) + 1
     return "\n".join(lines) + "\n"
 
 
-def grid(count):
-    """A deck of count x count quadrilaterals."""
-    n = count + 1
-    lines = ["*NODE,NSET=N"] + [f"{k + 1},{k % n},{k // n}" for k in range(n * n)]
+def grid_deck(count):
+    """Return a deck of count x count quadrilaterals."""
+    n_columns = count + 1
+    lines = ["*NODE,NSET=N"] + [
+        f"{k + 1},{k % n_columns},{k // n_columns}" for k in range(n_columns * n_columns)
+    ]
     lines.append("*ELEMENT,TYPE=CPS4,ELSET=E")
     for k in range(count * count):
-        a = k // count * n + k % count + 1
-        lines.append(f"{k + 1},{a},{a + 1},{a + n + 1},{a + n}")
+        a = k // count * n_columns + k % count + 1
+        lines.append(f"{k + 1},{a},{a + 1},{a + n_columns + 1},{a + n_columns}")
     return "\n".join(lines) + "\n"
 
 
-def _numbers():
-    """Coordinates and numbers that are none, or are read as others."""
+def _number_cases():
+    """Yield decks with invalid numbers, and with numbers in unusual notation."""
     for text in ("nan", "inf", "-Infinity", "1e999", "-1D400", "1e300", "1_0", "0x1p3", "1,5.5.5"):
         yield f"coordinate {text}", GOOD_DECK.replace("3, 2., 0.", f"3, {text}, 0."), True
     for text in ("1.5+3", "1 2", "١", "--1", "1.0F", "1d", "<h>", "'1'", "1e1e1", "\x0b1", "\xa01"):
@@ -111,8 +113,8 @@ def _numbers():
     yield "eight entries", GOOD_DECK.replace("3, 2., 0.", "3, 2., 0., 0., 0., 0., 1., 4."), True
 
 
-def _twice():
-    """Nodes, elements and cells that are there twice, or not at all."""
+def _duplicate_cases():
+    """Yield decks with repeated, missing or degenerate nodes, elements and cells."""
     yield "an element twice", GOOD_DECK + "1, 2, 3, 6, 5\n", True
     yield "an element twice, the same", GOOD_DECK + "1, 1, 2, 5, 4\n", True
     yield "an element twice, a spring", GOOD_DECK + "*ELEMENT, TYPE=SPRINGA\n1, 1, 2\n", True
@@ -140,31 +142,35 @@ def _twice():
         True,
     )
     yield "no plane", GOOD_DECK.replace("6, 2., 1.", "6, 2., 1., .5"), True
+    six_nodes = SIX_NODE_DECK.replace("{middle}", ".5,0.")
     for middle in ("0., 0.", "1., 0.", ".5, .6", "3., 0.", "-1., 0.", ".1, 0."):
-        yield f"a middle at {middle}", SIX.replace("{middle}", middle), True
-        yield f"a middle at {middle}, solid", TETRAHEDRON.replace("{middle}", f"{middle}, 0."), True
+        yield f"a middle at {middle}", SIX_NODE_DECK.replace("{middle}", middle), True
+        yield (
+            f"a middle at {middle}, solid",
+            TEN_NODE_DECK.replace("{middle}", f"{middle}, 0."),
+            True,
+        )
     yield (
         "middles that differ",
-        SIX.replace("{middle}", ".5,0.")
-        + ("2, 3, 2, 7, 11, 8, 9\n*NODE\n7, 1., 1.\n8, 1., .5\n9, .5, 1.\n11, .5, .5\n"),
+        six_nodes + ("2, 3, 2, 7, 11, 8, 9\n*NODE\n7, 1., 1.\n8, 1., .5\n9, .5, 1.\n11, .5, .5\n"),
         True,
     )
     yield (
         "a middle in two edges",
-        SIX.replace("{middle}", ".5,0.").replace("4, 5, 6\n", "4, 5, 5\n"),
+        six_nodes.replace("4, 5, 6\n", "4, 5, 5\n"),
         True,
     )
     yield (
         "a corner that is a middle",
-        SIX.replace("{middle}", ".5,0.")
+        six_nodes
         + ("2, 3, 5, 7, 8, 9, 10\n*NODE\n7, 1., 1.\n8, .25, .75\n9, .7, .7\n10, .5, 1.\n"),
         True,
     )
 
 
-def _names():
-    """Names that merge or are cut, sets that are not there."""
-    two = "*NSET,NSET={a}\n1,2\n*NSET,NSET={b}\n2,3\n"
+def _name_cases():
+    """Yield decks with similar or invalid names, and with missing members of sets."""
+    two_sets = "*NSET,NSET={a}\n1,2\n*NSET,NSET={b}\n2,3\n"
     for a, b in (
         ('"A=B, C"', "AB"),
         ('"A, B"', '"A, C"'),
@@ -180,10 +186,10 @@ def _names():
         ("1A", "A1"),
         ("A" * 90, "A" * 89),
     ):
-        yield f"names {a[:9]} and {b[:9]}", GOOD_DECK + two.format(a=a, b=b), False
+        yield f"names {a[:9]} and {b[:9]}", GOOD_DECK + two_sets.format(a=a, b=b), False
         yield (
             f"names {a[:9]} and {b[:9]} in Latin-1",
-            (GOOD_DECK + two.format(a=a, b=b)).encode("latin-1", errors="replace"),
+            (GOOD_DECK + two_sets.format(a=a, b=b)).encode("latin-1", errors="replace"),
             None,
         )
     yield "spaces in a name", GOOD_DECK + "*NSET,NSET=A B\n1,2\n*NSET,NSET=C\nAB\n", False
@@ -191,9 +197,9 @@ def _names():
     yield "no quotation mark", GOOD_DECK + '*NSET,NSET="A\n1,2\n', True
     yield "two names", GOOD_DECK + "*NSET,NSET=A,NSET=B\n1,2\n", True
     yield "a parameter that is not known", GOOD_DECK + "*NSET,NSET=A,REMOVE\n1,2\n", True
-    for sort, row in (("NSET", "77"), ("ELSET", "77"), ("NSET", "OTHER"), ("ELSET", "OTHER")):
-        yield f"{sort} of {row}", f"{GOOD_DECK}*{sort},{sort}=A\n1,{row}\n", True
-        yield f"{sort} of negative", f"{GOOD_DECK}*{sort},{sort}=A\n1,-2\n", True
+    for set_kind, row in (("NSET", "77"), ("ELSET", "77"), ("NSET", "OTHER"), ("ELSET", "OTHER")):
+        yield f"{set_kind} of {row}", f"{GOOD_DECK}*{set_kind},{set_kind}=A\n1,{row}\n", True
+        yield f"{set_kind} of negative", f"{GOOD_DECK}*{set_kind},{set_kind}=A\n1,-2\n", True
     yield "members twice", GOOD_DECK + "*NSET,NSET=A\n1,1\n*ELSET,ELSET=B\n2,2,E\n", False
     yield "a set of itself", GOOD_DECK + "*NSET,NSET=A\nA,1,2\n", False
     yield "sets of each other", GOOD_DECK + "*NSET,NSET=A\nB\n*NSET,NSET=B\nA\n", True
@@ -206,8 +212,8 @@ def _names():
     yield "GENERATE over much", GOOD_DECK + "*NSET,NSET=A,GENERATE\n1,2147483647,1\n", False
 
 
-def _files():
-    """Includes, and what is no text."""
+def _include_cases():
+    """Yield decks with INCLUDEs, unusual encodings, binary data and unsupported keywords."""
     yield "INCLUDE without INPUT", GOOD_DECK + "*INCLUDE\n", True
     yield "INCLUDE of nothing", GOOD_DECK + "*INCLUDE,INPUT=\n", True
     yield "INCLUDE that is not there", GOOD_DECK + "*INCLUDE,INPUT=none.inp\n", True
@@ -256,94 +262,111 @@ def _files():
         yield f"elements {kind}", f"{GOOD_DECK}*ELEMENT, TYPE={kind}\n9, 1, 2, 3, 4\n", True
 
 
-def _long():
-    """Decks below 1 MB that want much memory or time."""
-    ranges = repeated(lambda k: f"1,{2**31 - 1 - k},{1 + k % 5000}", 400_000)
-    mesh = grid(70)
-    yield "one long line", "*NODE\n" + "1," * (SIZE // 2), True
+def _long_cases():
+    """Yield decks below 1 MB that could take excessive memory or time."""
+    ranges = repeat_line(lambda k: f"1,{2**31 - 1 - k},{1 + k % 5000}", 400_000)
+    mesh = grid_deck(70)
+    yield "one long line", "*NODE\n" + "1," * (LONG_DECK_SIZE // 2), True
     yield "a long keyword", "*NODE" + ",\n" + ",\n".join(f"A{k}=1" for k in range(90_000)), True
-    yield "blank lines", GOOD_DECK + "\n" * SIZE, False
-    yield "comments", GOOD_DECK + "** \n" * (SIZE // 4), False
-    yield "keywords", GOOD_DECK + "*A\n" * (SIZE // 3), False
-    yield "quotation marks", GOOD_DECK + "*NSET,NSET=A\n" + '"",' * (SIZE // 3), None
-    yield "commas", GOOD_DECK + "*NSET,NSET=A\n1" + "," * SIZE, False
+    yield "blank lines", GOOD_DECK + "\n" * LONG_DECK_SIZE, False
+    yield "comments", GOOD_DECK + "** \n" * (LONG_DECK_SIZE // 4), False
+    yield "keywords", GOOD_DECK + "*A\n" * (LONG_DECK_SIZE // 3), False
+    yield "quotation marks", GOOD_DECK + "*NSET,NSET=A\n" + '"",' * (LONG_DECK_SIZE // 3), None
+    yield "commas", GOOD_DECK + "*NSET,NSET=A\n1" + "," * LONG_DECK_SIZE, False
     yield "ranges", mesh + "*NSET,NSET=A,GENERATE\n" + ranges, None
     yield "ranges of few numbers", GOOD_DECK + "*NSET,NSET=A,GENERATE\n" + ranges, None
     yield (
         "sets of ranges",
-        mesh + repeated(lambda k: f"*NSET,NSET=A{k},GENERATE\n1,5000", 500_000),
+        mesh + repeat_line(lambda k: f"*NSET,NSET=A{k},GENERATE\n1,5000", 500_000),
         None,
     )
-    yield "sets of all", mesh + repeated(lambda k: f"*NSET,NSET=A{k}\nN", 500_000), None
+    yield "sets of all", mesh + repeat_line(lambda k: f"*NSET,NSET=A{k}\nN", 500_000), None
     yield "a set of all, often", mesh + "*NSET,NSET=A\n" + "N\n" * 200_000, None
     yield (
         "sets of sets",
         mesh
         + "*NSET,NSET=A0\nN\n"
-        + repeated(lambda k: f"*NSET,NSET=A{k + 1}\nA{k},{k + 1}" if k < 5000 else "**", 300_000),
+        + repeat_line(
+            lambda k: f"*NSET,NSET=A{k + 1}\nA{k},{k + 1}" if k < 5000 else "**", 300_000
+        ),
         None,
     )
     yield (
         "doubled sets",
         mesh
         + "*NSET,NSET=A0\nN\n"
-        + repeated(lambda k: f"*NSET,NSET=A{k + 1}\nA{k},A{k},A{k},A{k}", 400_000),
+        + repeat_line(lambda k: f"*NSET,NSET=A{k + 1}\nA{k},A{k},A{k},A{k}", 400_000),
         None,
     )
-    yield "sets of elements", mesh + repeated(lambda k: f"*ELSET,ELSET=A{k}\nE", 500_000), None
-    yield "nodes of elements", mesh + repeated(lambda k: f"*NSET,NSET=A{k},ELSET=E", 500_000), None
+    yield "sets of elements", mesh + repeat_line(lambda k: f"*ELSET,ELSET=A{k}\nE", 500_000), None
+    yield (
+        "nodes of elements",
+        mesh + repeat_line(lambda k: f"*NSET,NSET=A{k},ELSET=E", 500_000),
+        None,
+    )
     yield (
         "surfaces",
-        mesh + repeated(lambda k: f"*SURFACE,NAME=A{k}\nE,S{1 + k % 4}", 500_000),
+        mesh + repeat_line(lambda k: f"*SURFACE,NAME=A{k}\nE,S{1 + k % 4}", 500_000),
         None,
     )
     yield "a surface of all, often", mesh + "*SURFACE,NAME=A\n" + "E,S1\n" * 90_000, None
     yield (
         "small sets",
-        mesh + repeated(lambda k: f"*NSET,NSET=A{k}\n{1 + k % 5000}", 500_000),
+        mesh + repeat_line(lambda k: f"*NSET,NSET=A{k}\n{1 + k % 5000}", 500_000),
         False,
     )
     yield (
         "small sets of elements",
-        mesh + repeated(lambda k: f"*ELSET,ELSET=A{k}\n{1 + k % 4900}", 500_000),
+        mesh + repeat_line(lambda k: f"*ELSET,ELSET=A{k}\n{1 + k % 4900}", 500_000),
         False,
     )
-    yield "nodes", GOOD_DECK + "*NODE\n" + repeated(lambda k: f"{k + 10},1,1"), False
-    yield "types", GOOD_DECK + repeated(lambda k: f"*ELEMENT,TYPE=U{k}\n{k + 9}"), None
-    yield "parts", GOOD_DECK + repeated(lambda k: f"*PART,NAME=P{k}\n*END PART"), None
+    yield "nodes", GOOD_DECK + "*NODE\n" + repeat_line(lambda k: f"{k + 10},1,1"), False
+    yield "types", GOOD_DECK + repeat_line(lambda k: f"*ELEMENT,TYPE=U{k}\n{k + 9}"), None
+    yield "parts", GOOD_DECK + repeat_line(lambda k: f"*PART,NAME=P{k}\n*END PART"), None
     yield (
         "instances",
-        repeated(lambda k: f"*PART,NAME=P{k}\n*END PART\n*INSTANCE,NAME=I{k},PART=P{k}"),
+        repeat_line(lambda k: f"*PART,NAME=P{k}\n*END PART\n*INSTANCE,NAME=I{k},PART=P{k}"),
         None,
     )
     yield "INCLUDEs of a file", {
-        "deck.inp": GOOD_DECK + "*INCLUDE,INPUT=e\n" * (SIZE // 17), "e": ""
+        "deck.inp": GOOD_DECK + "*INCLUDE,INPUT=e\n" * (LONG_DECK_SIZE // 17), "e": ""
     }, None  # fmt: skip
 
 
-def _changed():
-    """Models of whose text one character or line is another, by chance."""
-    chance = random.Random(41)
+def _mutated_cases():
+    """Yield valid decks in which a random line or character is changed."""
+    rng = random.Random(41)
     kinds = ("CPS3", "CPS8", "C3D4", "C3D8", "C3D10", "C3D20", "S6", "CAX4")
     for k in range(48):
         text = DECK_MODELS[kinds[k % len(kinds)]]
         lines = text.splitlines()
-        at = chance.randrange(3, len(lines))
+        line_number = rng.randrange(3, len(lines))
         if k % 3 == 0:
-            del lines[at]
+            del lines[line_number]
         elif k % 3 == 1:
-            lines.insert(at, lines[chance.randrange(3, len(lines))])
+            lines.insert(line_number, lines[rng.randrange(3, len(lines))])
         else:
-            column = chance.randrange(len(lines[at]) + 1)
-            lines[at] = lines[at][:column] + chance.choice("0123456789,.*-e") + lines[at][column:]
+            column = rng.randrange(len(lines[line_number]) + 1)
+            lines[line_number] = (
+                lines[line_number][:column]
+                + rng.choice("0123456789,.*-e")
+                + lines[line_number][column:]
+            )
         yield f"change {k} of {kinds[k % len(kinds)]}", "\n".join(lines) + "\n", None
 
 
-def _all():
-    for decks in (_numbers, _twice, _names, _files, _long, _changed):
-        for name, content, refused in decks():
+def _all_cases():
+    for make_cases in (
+        _number_cases,
+        _duplicate_cases,
+        _name_cases,
+        _include_cases,
+        _long_cases,
+        _mutated_cases,
+    ):
+        for name, content, is_refused in make_cases():
             files = content if isinstance(content, dict) else {"deck.inp": content}
-            yield name, (files, refused)
+            yield name, (files, is_refused)
 
 
-HOSTILE_DECKS = dict(_all())
+HOSTILE_DECKS = dict(_all_cases())

@@ -1,65 +1,57 @@
-"""Mesh files that lie, are broken, or are none: more than 200, always the same ones.
+"""More than 200 hostile mesh files: scripts, contradictory, damaged and exhausting files.
 
-`python -m tests.library.hostile_meshes FOLDER` reads each file of a folder under limits of CPU time
-and memory, and writes a line of JSON about it: what a process that dies has said tells which file
-killed it.
+`describe_differences` compares a mesh that the library has read with its file.
 """
 
-import json
-import logging
 import random
 import re
-import resource
-import signal
-import subprocess
-import sys
-import time
 from copy import deepcopy
-from pathlib import Path
 
+import basix
+from dolfinx.mesh import entities_to_geometry
+
+from pw_elements._compat import cell_nodes
 from tests.library.msh_files import (
     EDGES,
     FORMATS,
     N_CORNERS,
     Block,
-    lattice,
-    read,
-    write,
+    lattice_mesh,
+    read_msh,
+    write_msh,
 )
 
-CPU_SECONDS, MEGABYTES = 2.0, 500
-PROJECT = Path(__file__).parents[2]
 HEAD = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
 
 
 def hostile_files():
-    """Return files by names, with the words in which each is refused, or None if it may be read."""
-    return {**_scripts(), **_false_meshes(), **_damaged_files(), **_greedy_files()}
+    """Return for each name a file and a pattern of its error message, or None if it may be read."""
+    return {**_script_files(), **_contradictory_files(), **_damaged_files(), **_exhausting_files()}
 
 
-def _scripts():
-    """Give scripts of Gmsh, each of which makes a file `ran` beside it if it is run."""
-    call = 'SystemCall "touch {ran}";\n'
-    valid = write(lattice("triangle", 1), "4.1").decode()
+def _script_files():
+    """Return scripts, each of which creates the file `ran` if it is run, and other files."""
+    system_call = 'SystemCall "touch {ran}";\n'
+    valid_mesh = write_msh(lattice_mesh("triangle", 1), "4.1").decode()
     scripts = {
-        "plain": call,
-        "comment": "// a mesh\n" + call,
-        "geometry": "SetFactory('OpenCASCADE');\nBox(1) = {0, 0, 0, 1, 1, 1};\n" + call,
-        "header in a comment": "// $MeshFormat\n/* 2.2 0 8\n$EndMeshFormat */\n" + call,
-        "in front of a mesh": call + valid,
-        "behind a mesh": valid + call,
-        "between sections": valid.replace("$Nodes", call + "$Nodes"),
-        "view": 'View "a" { ST(0,0,0,1,0,0,0,1,0){1,2,3}; };\n' + call,
-        "options": "General.Terminal = 1;\n" + call,
+        "plain": system_call,
+        "comment": "// a mesh\n" + system_call,
+        "geometry": "SetFactory('OpenCASCADE');\nBox(1) = {0, 0, 0, 1, 1, 1};\n" + system_call,
+        "header in a comment": "// $MeshFormat\n/* 2.2 0 8\n$EndMeshFormat */\n" + system_call,
+        "in front of a mesh": system_call + valid_mesh,
+        "behind a mesh": valid_mesh + system_call,
+        "between sections": valid_mesh.replace("$Nodes", system_call + "$Nodes"),
+        "view": 'View "a" { ST(0,0,0,1,0,0,0,1,0){1,2,3}; };\n' + system_call,
+        "options": "General.Terminal = 1;\n" + system_call,
         "merge": 'Merge "other.geo";\n',
         "include": 'Include "other.geo";\n',
-        "function": "Macro A\n" + call + "Return\nCall A;\n",
-        "loop": "For i In {1:1}\n" + call + "EndFor\n",
-        "one line": 'Printf("a"); ' + call,
-        "marked order of bytes": "\ufeff" + call,
-        "marked order of bytes before a header": "\ufeff" + valid + call,
-        "blank lines": "\n\n\n  " + call,
-        "no line end": call.strip(),
+        "function": "Macro A\n" + system_call + "Return\nCall A;\n",
+        "loop": "For i In {1:1}\n" + system_call + "EndFor\n",
+        "one line": 'Printf("a"); ' + system_call,
+        "marked order of bytes": "\ufeff" + system_call,
+        "marked order of bytes before a header": "\ufeff" + valid_mesh + system_call,
+        "blank lines": "\n\n\n  " + system_call,
+        "no line end": system_call.strip(),
         "python": "import os; os.system('touch {ran}')\n",
         "shell": "#!/bin/sh\ntouch {ran}\n",
         "stl": "solid a\nendsolid a\n",
@@ -72,198 +64,256 @@ def _scripts():
         "deck": "*NODE\n1, 0, 0\n",
         "large file pointer": "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n",
     }
-    words = dict.fromkeys(scripts, "no mesh file of Gmsh")
-    words |= dict.fromkeys(("behind a mesh", "between sections", "dollar"), "between its sections")
-    words |= {"old format": "no \\$EndNOD", "post-processing": "begins with", "parameters": "no "}
-    # in a section that is passed over it is text like any other
-    scripts["in a comment section"] = "$Comments\n" + call + "$EndComments\n" + valid
-    return {f"script {name}": (text.encode(), words.get(name)) for name, text in scripts.items()}
+    messages = dict.fromkeys(scripts, "no mesh file of Gmsh")
+    messages |= dict.fromkeys(
+        ("behind a mesh", "between sections", "dollar"), "between its sections"
+    )
+    messages |= {
+        "old format": "no \\$EndNOD",
+        "post-processing": "begins with",
+        "parameters": "no ",
+    }
+    # sections of comments may contain any text
+    scripts["in a comment section"] = "$Comments\n" + system_call + "$EndComments\n" + valid_mesh
+    return {f"script {name}": (text.encode(), messages.get(name)) for name, text in scripts.items()}
 
 
-def _false_meshes():
-    """Give files of each format whose numbers contradict each other, or are no numbers."""
-    nan, cell = float("nan"), lattice("triangle", 2)
+def _contradictory_files():
+    """Return files of each format whose numbers contradict each other or are not finite."""
+    nan, mesh = float("nan"), lattice_mesh("triangle", 2)
 
-    def change(function, stated=cell):
-        changed = deepcopy(stated)
-        function(changed)
-        return changed
+    def change_mesh(function, mesh_data=mesh):
+        copy = deepcopy(mesh_data)
+        function(copy)
+        return copy
 
-    def node(k, value):
+    def set_node(k, value):
         return lambda m: m.nodes[3].__setitem__(k, value)
 
-    def element(k, value):
+    def set_element(k, value):
         return lambda m: m.blocks[0].elements[1].__setitem__(k, value)
 
-    def exchange(m):
+    def swap_middle_nodes(m):
         row = m.blocks[0].elements[0]
         row[4], row[5] = row[5], row[4]
 
-    first = cell.blocks[0].elements
-    corner = next(n for row in first for n in row[1:4] if n not in first[1])
-    no_node, states = "has the node {}, which is not there", "states|than it"
-    false = {
-        "missing node": (change(element(2, 9999)), {}, no_node.format(9999)),
-        "missing middle node": (change(element(6, 9999)), {}, no_node.format(9999)),
-        "negative node": (change(element(2, -5)), {}, no_node.format(-5)),
-        "node zero": (change(element(2, 0)), {}, no_node.format(0)),
-        "largest node": (change(element(2, 2**31 - 1)), {}, no_node.format(2**31 - 1)),
-        "node twice in a cell": (change(element(2, first[1][1])), {}, "has a node twice"),
-        "middle node on a corner": (change(element(4, corner)), {}, "middle of an edge"),
-        "middle nodes exchanged": (change(exchange), {}, "middle of an edge"),
-        "two nodes with one number": (change(node(0, cell.nodes[5][0])), {}, "has node .* twice"),
-        "two elements with one number": (change(element(0, 11)), {}, "has element 11 twice"),
+    first_elements = mesh.blocks[0].elements
+    corner = next(n for row in first_elements for n in row[1:4] if n not in first_elements[1])
+    no_node, count_message = "has the node {}, which is not there", "states|than it"
+    false_meshes = {
+        "missing node": (change_mesh(set_element(2, 9999)), {}, no_node.format(9999)),
+        "missing middle node": (change_mesh(set_element(6, 9999)), {}, no_node.format(9999)),
+        "negative node": (change_mesh(set_element(2, -5)), {}, no_node.format(-5)),
+        "node zero": (change_mesh(set_element(2, 0)), {}, no_node.format(0)),
+        "largest node": (change_mesh(set_element(2, 2**31 - 1)), {}, no_node.format(2**31 - 1)),
+        "node twice in a cell": (
+            change_mesh(set_element(2, first_elements[1][1])),
+            {},
+            "has a node twice",
+        ),
+        "middle node on a corner": (change_mesh(set_element(4, corner)), {}, "middle of an edge"),
+        "middle nodes exchanged": (change_mesh(swap_middle_nodes), {}, "middle of an edge"),
+        "two nodes with one number": (
+            change_mesh(set_node(0, mesh.nodes[5][0])),
+            {},
+            "has node .* twice",
+        ),
+        "two elements with one number": (
+            change_mesh(set_element(0, 11)),
+            {},
+            "has element 11 twice",
+        ),
         "two equal cells": (
-            change(lambda m: m.blocks[0].elements.append([999, *first[0][1:]])),
+            change_mesh(lambda m: m.blocks[0].elements.append([999, *first_elements[0][1:]])),
             {},
             "elements 11 and 999 have the same nodes",
         ),
-        "negative number": (change(node(0, -7)), {}, "has node -7"),
-        "no nodes stated": (change(lambda m: m.nodes.clear()), {}, "has no nodes"),
-        "nan": (change(node(1, nan)), {}, "lies at"),
-        "infinity": (change(node(2, float("inf"))), {}, "lies at"),
-        "overflow": (change(node(2, 1e300)), {}, "lies at"),
-        "bent plane": (change(node(3, 0.75)), {}, "not lie in one plane"),
-        "unknown type": (deepcopy(cell), {"kind": 99}, "type 99 are not known"),
-        "more nodes": (cell, {"counts": {"nodes": len(cell.nodes) + 1}}, states),
-        "fewer nodes": (cell, {"counts": {"nodes": len(cell.nodes) - 1}}, states),
-        "more elements": (cell, {"counts": {"elements": 21}}, states),
-        "fewer elements": (cell, {"counts": {"elements": 9}}, states),
-        "no nodes": (cell, {"counts": {"nodes": 0, "node block": 0}}, r"\$Nodes: "),
-        "1e9 nodes": (cell, {"counts": {"nodes": 10**9, "node block": 10**9}}, states),
-        "1e9 elements": (cell, {"counts": {"elements": 10**9, "element block": 10**9}}, states),
-        "minus one nodes": (cell, {"counts": {"nodes": -1, "node block": -1}}, states),
-        "minus one elements": (cell, {"counts": {"elements": -1, "element block": -1}}, states),
-        "names": (cell, {"counts": {"names": 10**12}}, "not as many"),
+        "negative number": (change_mesh(set_node(0, -7)), {}, "has node -7"),
+        "no nodes stated": (change_mesh(lambda m: m.nodes.clear()), {}, "has no nodes"),
+        "nan": (change_mesh(set_node(1, nan)), {}, "lies at"),
+        "infinity": (change_mesh(set_node(2, float("inf"))), {}, "lies at"),
+        "overflow": (change_mesh(set_node(2, 1e300)), {}, "lies at"),
+        "bent plane": (change_mesh(set_node(3, 0.75)), {}, "not lie in one plane"),
+        "unknown type": (deepcopy(mesh), {"kind": 99}, "type 99 are not known"),
+        "more nodes": (mesh, {"counts": {"nodes": len(mesh.nodes) + 1}}, count_message),
+        "fewer nodes": (mesh, {"counts": {"nodes": len(mesh.nodes) - 1}}, count_message),
+        "more elements": (mesh, {"counts": {"elements": 21}}, count_message),
+        "fewer elements": (mesh, {"counts": {"elements": 9}}, count_message),
+        "no nodes": (mesh, {"counts": {"nodes": 0, "node block": 0}}, r"\$Nodes: "),
+        "1e9 nodes": (mesh, {"counts": {"nodes": 10**9, "node block": 10**9}}, count_message),
+        "1e9 elements": (
+            mesh,
+            {"counts": {"elements": 10**9, "element block": 10**9}},
+            count_message,
+        ),
+        "minus one nodes": (mesh, {"counts": {"nodes": -1, "node block": -1}}, count_message),
+        "minus one elements": (
+            mesh,
+            {"counts": {"elements": -1, "element block": -1}},
+            count_message,
+        ),
+        "names": (mesh, {"counts": {"names": 10**12}}, "not as many"),
     }
     files = {}
-    for k, (name, (stated, how, words)) in enumerate(false.items()):
-        stated.blocks[0].kind = how.pop("kind", stated.blocks[0].kind)
-        for form in FORMATS[k % 2 :: 2]:
-            files[f"{name} {form}"] = write(stated, form, **how), words
-    far = {"nodes": 10**12, "elements": 10**12}
+    for k, (name, (mesh_data, options, message)) in enumerate(false_meshes.items()):
+        mesh_data.blocks[0].kind = options.pop("kind", mesh_data.blocks[0].kind)
+        for file_format in FORMATS[k % 2 :: 2]:
+            files[f"{name} {file_format}"] = write_msh(mesh_data, file_format, **options), message
+    huge_counts = {"nodes": 10**12, "elements": 10**12}
     unlisted = {(2, 1): (3,)}
     overlap = {(2, 1): (2**31 - 1, 3), (2, 2): (3,), (1, 5): (3,)}
-    for form in FORMATS[2:]:
-        files[f"1e12 {form}"] = write(cell, form, far), states
-        files[f"entity {form}"] = write(cell, form, entities=unlisted), r"is not in \$Entities"
-        files[f"group {form}"] = write(cell, form, entities=overlap), "give all of these names"
-    mixed = deepcopy(lattice("quadrilateral", 1))
+    for file_format in FORMATS[2:]:
+        files[f"1e12 {file_format}"] = write_msh(mesh, file_format, huge_counts), count_message
+        files[f"entity {file_format}"] = (
+            write_msh(mesh, file_format, entities=unlisted),
+            r"is not in \$Entities",
+        )
+        files[f"group {file_format}"] = (
+            write_msh(mesh, file_format, entities=overlap),
+            "give all of these names",
+        )
+    mixed = deepcopy(lattice_mesh("quadrilateral", 1))
     a, b, c, d = mixed.blocks[0].elements[0][1:]
     mixed.blocks[0].elements[0][0] = 90
     mixed.blocks.append(Block(2, 1, (3,), [[91, a, b, c], [92, a, c, d]]))
     mixed.blocks[0].elements.pop(0)
-    cubic = deepcopy(lattice("triangle", 1))
+    cubic = deepcopy(lattice_mesh("triangle", 1))
     cubic.nodes += [[1000 + k, 0.1 * k, 0.3, 0.25] for k in range(7)]
     for block in cubic.blocks[:2]:
         block.kind = 21
         block.elements = [[*row, *range(1000, 1007)] for row in block.elements]
-    serendipity = lattice("quadrilateral", 2)
+    serendipity = lattice_mesh("quadrilateral", 2)
     for block in serendipity.blocks[:2]:
         block.kind = 16
         block.elements = [row[:-1] for row in block.elements]
-    shells = lattice("hexahedron", 1)
+    shells = lattice_mesh("hexahedron", 1)
     shells.blocks[2].kind = 2
     shells.blocks[2].elements = [row[:4] for row in shells.blocks[2].elements]
-    for form in FORMATS:
-        files[f"triangles on bricks {form}"] = write(shells, form), None
-    lines = lattice("triangle", 1)
+    for file_format in FORMATS:
+        files[f"triangles on bricks {file_format}"] = write_msh(shells, file_format), None
+    lines = lattice_mesh("triangle", 1)
     lines.blocks = lines.blocks[2:]
-    for name, stated in (
+    for name, mesh_data in (
         ("cells are 3 quadrilaterals of degree 1 (4 nodes) and 2 triangles", mixed),
         ("cells are 8 triangles of degree 3 (10 nodes)", cubic),
         ("cells are 4 quadrilaterals of degree 2 (8 nodes)", serendipity),
         ("has no mesh of plane or solid cells", lines),
     ):
-        for form in ("2.2", "4.1 binary"):
-            files[f"{name} {form}"] = write(stated, form), re.escape(name)
+        for file_format in ("2.2", "4.1 binary"):
+            files[f"{name} {file_format}"] = write_msh(mesh_data, file_format), re.escape(name)
     return files
 
 
 def _damaged_files():
-    """Give files with a part cut off or changed at random; by chance some are still meshes."""
+    """Return files that are cut off or changed at random; some may still be valid."""
     files, rng = {}, random.Random(48)
-    for form in FORMATS:
+    for file_format in FORMATS:
         for cell, degree in (("triangle", 2), ("hexahedron", 1)):
-            data = write(lattice(cell, degree, 1), form)
+            data = write_msh(lattice_mesh(cell, degree, 1), file_format)
             for k in range(2):
-                cut = rng.randrange(40, len(data) - 20)
-                files[f"cut {k} {cell} {form}"] = data[:cut], "not complete|between its sections"
-                spoilt = bytearray(data)
+                cut_position = rng.randrange(40, len(data) - 20)
+                files[f"cut {k} {cell} {file_format}"] = (
+                    data[:cut_position],
+                    "not complete|between its sections",
+                )
+                damaged = bytearray(data)
                 for _ in range(3):
-                    spoilt[rng.randrange(40, len(data))] = rng.randrange(256)
-                files[f"spoilt {k} {cell} {form}"] = bytes(spoilt), None
-            if "binary" not in form:
+                    damaged[rng.randrange(40, len(data))] = rng.randrange(256)
+                files[f"spoilt {k} {cell} {file_format}"] = bytes(damaged), None
+            if "binary" not in file_format:
                 lines = data.split(b"\n")
                 start = lines.index(b"$Nodes") + 2
                 numbers = [k for k, line in enumerate(lines) if line[:1].isdigit() and k >= start]
                 k = rng.choice(numbers)
-                lost, twice = lines[:k] + lines[k + 1 :], lines[: k + 1] + lines[k:]
-                rows = "states|more rows|has to have"
-                files[f"line lost {cell} {form}"] = b"\n".join(lost), rows
-                files[f"line twice {cell} {form}"] = b"\n".join(twice), rows
+                without_line, with_line_twice = (
+                    lines[:k] + lines[k + 1 :],
+                    lines[: k + 1] + lines[k:],
+                )
+                message = "states|more rows|has to have"
+                files[f"line lost {cell} {file_format}"] = b"\n".join(without_line), message
+                files[f"line twice {cell} {file_format}"] = b"\n".join(with_line_twice), message
                 words = lines[k].split()
-                changed = rng.choice([b"1_0", b"1e", b"0x1", b"1.5.2", b"1d0", b"-", b"1,5"])
-                words[rng.randrange(len(words))] = changed
+                wrong_word = rng.choice([b"1_0", b"1e", b"0x1", b"1.5.2", b"1d0", b"-", b"1,5"])
+                words[rng.randrange(len(words))] = wrong_word
                 lines[k] = b" ".join(words)
-                files[f"word {cell} {form}"] = b"\n".join(lines), "is no (number|integer)"
+                files[f"word {cell} {file_format}"] = b"\n".join(lines), "is no (number|integer)"
     return files
 
 
-def _greedy_files():
-    """Give files of at most 1 MB that could take time or memory out of all proportion."""
+def _exhausting_files():
+    """Return files of at most 1 MB that could take excessive time or memory."""
     nodes = b"$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n$EndNodes\n"
     cells = b"1 2 2 1 1 1 2 3\n2 2 2 1 1 1 3 4\n"
 
-    def of_elements(rows):
+    def file_with_elements(rows):
         count = b"$Elements\n%d\n" % (len(rows) + 2)
         return HEAD + nodes + count + cells + b"".join(rows) + b"$EndElements\n"
 
-    new = b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
+    header_4_1 = b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
     node_4 = b"$Nodes\n1 4 1 4\n2 1 0 4\n1\n2\n3\n4\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n$EndNodes\n"
     groups = b" ".join(b"%d" % k for k in range(1, 100_001))
     entities = b"$Entities\n0 0 1 0\n1 0 0 0 1 1 0 %d %s 0\n$EndEntities\n" % (100_000, groups)
-    few = b"$Entities\n0 0 1 0\n1 0 0 0 1 1 0 1 3 0\n$EndEntities\n"
+    one_entity = b"$Entities\n0 0 1 0\n1 0 0 0 1 1 0 1 3 0\n$EndEntities\n"
     cells_4 = b"$Elements\n1 2 1 2\n2 1 2 2\n1 1 2 3\n2 1 3 4\n$EndElements\n"
     empty_blocks = b"$Elements\n90001 2 1 2\n2 1 2 2\n1 1 2 3\n2 1 3 4\n" + b"2 1 2 0\n" * 90_000
-    many = range(30_000)
+    numbers = range(30_000)
     mesh = nodes + b"$Elements\n2\n" + cells + b"$EndElements\n"
-    names = b"".join(b'2 %d "a%d"\n' % (k + 1, k) for k in many)
+    names = b"".join(b'2 %d "a%d"\n' % (k + 1, k) for k in numbers)
     alternating = [b"%d 15 2 0 1 1\n", b"%d 1 2 0 1 1 2\n"]
     endless = b"$Elements\n999999999999 2 1 2\n2 1 2 2\n1 1 2 3\n2 1 3 4\n$EndElements\n"
-    far = cells.replace(b"3 4", b"3 2000000000")
+    far_cells = cells.replace(b"3 4", b"3 2000000000")
     return {
-        "types that alternate": (of_elements([alternating[k % 2] % (k + 3) for k in many]), None),
+        "types that alternate": (
+            file_with_elements([alternating[k % 2] % (k + 3) for k in numbers]),
+            None,
+        ),
         "tags in all numbers": (
-            of_elements([b"%d 15 %d%s 1\n" % (k + 3, k + 2, b" 0" * (k + 2)) for k in range(900)]),
+            file_with_elements(
+                [b"%d 15 %d%s 1\n" % (k + 3, k + 2, b" 0" * (k + 2)) for k in range(900)]
+            ),
             None,
         ),
         "facet in all groups": (
-            of_elements([b"%d 1 2 %d 1 1 2\n" % (k + 3, k + 5) for k in many]),
+            file_with_elements([b"%d 1 2 %d 1 1 2\n" % (k + 3, k + 5) for k in numbers]),
             "more than 100 physical groups",
         ),
         "points in all groups": (
-            of_elements([b"%d 15 2 %d 1 1\n" % (k + 3, k + 5) for k in many]),
+            file_with_elements([b"%d 15 2 %d 1 1\n" % (k + 3, k + 5) for k in numbers]),
             None,
         ),
         "cell in all groups": (
-            of_elements([b"%d 2 2 %d 1 1 2 3\n" % (k + 3, k + 5) for k in many]),
+            file_with_elements([b"%d 2 2 %d 1 1 2 3\n" % (k + 3, k + 5) for k in numbers]),
             "more than 100 physical groups",
         ),
         "cell again and again": (
-            of_elements([b"%d 2 2 1 1 1 2 3\n" % (k + 3) for k in many]),
+            file_with_elements([b"%d 2 2 1 1 1 2 3\n" % (k + 3) for k in numbers]),
             "have the same nodes",
         ),
-        "facet again and again": (of_elements([b"%d 1 2 7 1 1 2\n" % (k + 3) for k in many]), None),
-        "tags without end": (of_elements([b"3 2 999999999 1 1 1 2 3\n"]), "has to have 1000000005"),
+        "facet again and again": (
+            file_with_elements([b"%d 1 2 7 1 1 2\n" % (k + 3) for k in numbers]),
+            None,
+        ),
+        "tags without end": (
+            file_with_elements([b"3 2 999999999 1 1 1 2 3\n"]),
+            "has to have 1000000005",
+        ),
         "entity in all groups": (
-            new + entities + node_4 + cells_4,
+            header_4_1 + entities + node_4 + cells_4,
             "more than 100 physical groups",
         ),
-        "blocks without elements": (new + few + node_4 + empty_blocks + b"$EndElements\n", None),
-        "blocks without end": (new + few + node_4 + endless, "states 1 more rows, but has 0"),
-        "sections without end": (new + few + node_4 + cells_4 + b"$A\n$EndA\n" * 100_000, None),
-        "sections that do not end": (new + b"$A\n" * 300_000, "not complete"),
+        "blocks without elements": (
+            header_4_1 + one_entity + node_4 + empty_blocks + b"$EndElements\n",
+            None,
+        ),
+        "blocks without end": (
+            header_4_1 + one_entity + node_4 + endless,
+            "states 1 more rows, but has 0",
+        ),
+        "sections without end": (
+            header_4_1 + one_entity + node_4 + cells_4 + b"$A\n$EndA\n" * 100_000,
+            None,
+        ),
+        "sections that do not end": (header_4_1 + b"$A\n" * 300_000, "not complete"),
         "blank lines": (HEAD + b"\n" * 900_000 + mesh, None),
         "dollars": (b"$" * 900_000, "between its sections"),
         "spaces": (b" " * 900_000, "no mesh file of Gmsh"),
@@ -273,7 +323,7 @@ def _greedy_files():
             HEAD
             + nodes.replace(b"\n4 0 1", b"\n2000000000 0 1")
             + b"$Elements\n2\n"
-            + far
+            + far_cells
             + b"$EndElements\n",
             None,
         ),
@@ -288,23 +338,23 @@ def _greedy_files():
     }
 
 
-def summary(stated):
-    """Return cells and facets of a mesh as it is stated: nodes' places, and names or groups.
+def summarise_mesh(mesh_data):
+    """Return the groups of the cells and facets of a mesh, by the coordinates of their nodes.
 
-    Each is {(corners, (ends and middle of each edge)): groups}, by coordinates of the nodes.
+    Keys of cells are (corners, edges with ends and middle), keys of facets their corners.
     """
-    dim = max(block.dim for block in stated.blocks if block.elements)
-    x = {int(node[0]): tuple(node[1 : 1 + dim]) for node in stated.nodes}
-    assert len(x) == len(stated.nodes)
-    grouped = any(b.groups for b in stated.blocks if b.dim == dim)
+    dim = max(block.dim for block in mesh_data.blocks if block.elements)
+    x = {int(node[0]): tuple(node[1 : 1 + dim]) for node in mesh_data.nodes}
+    assert len(x) == len(mesh_data.nodes)
+    has_groups = any(b.groups for b in mesh_data.blocks if b.dim == dim)
     cells, facets = {}, {}
-    for block in stated.blocks:
+    for block in mesh_data.blocks:
         for _, *nodes in block.elements if block.dim >= dim - 1 else ():
             corners = frozenset(x[node] for node in nodes[: N_CORNERS.get(block.kind, 1)])
             if block.dim == dim - 1 and block.groups:
                 facets.setdefault(corners, set()).update(block.groups)
-            elif block.dim == dim and (block.groups or not grouped):
-                edges = _edges(block.kind, [x[node] for node in nodes])
+            elif block.dim == dim and (block.groups or not has_groups):
+                edges = _edges_with_middles(block.kind, [x[node] for node in nodes])
                 cells.setdefault((corners, edges), set()).update(block.groups)
     sides = {corners for corners, _ in cells}
     n_corners = {(2, 3): 2, (2, 4): 2, (3, 4): 3, (3, 8): 4}[dim, len(next(iter(sides)))]
@@ -316,23 +366,19 @@ def summary(stated):
     return {"cells": cells, "facets": facets}
 
 
-def _edges(kind, places):
-    pairs = {6: "triangle", 9: "quadrilateral", 10: "tetrahedron", 27: "hexahedron"}
-    pairs = EDGES[pairs[len(places)]] if len(places) in pairs else []
-    n_corners = N_CORNERS[kind]
+def _edges_with_middles(type_number, positions):
+    edge_corners = {6: "triangle", 9: "quadrilateral", 10: "tetrahedron", 27: "hexahedron"}
+    edge_corners = EDGES[edge_corners[len(positions)]] if len(positions) in edge_corners else []
+    n_corners = N_CORNERS[type_number]
     return frozenset(
-        (frozenset((places[a], places[b])), places[n_corners + k]) for k, (a, b) in enumerate(pairs)
+        (frozenset((positions[a], positions[b])), positions[n_corners + k])
+        for k, (a, b) in enumerate(edge_corners)
     )
 
 
-def differences(part, stated):
-    """Return what a mesh that was read has otherwise than the file states, or ""."""
-    import basix
-    from dolfinx.mesh import entities_to_geometry
-
-    from pw_elements._compat import cell_nodes
-
-    mesh, expected = part.mesh, summary(stated)
+def describe_differences(part, mesh_data):
+    """Return a description of the differences between a mesh and the content of its file, or ""."""
+    mesh, expected = part.mesh, summarise_mesh(mesh_data)
     dim = mesh.topology.dim
     x = mesh.geometry.x[:, :dim].tolist()
     element = mesh.ufl_domain().ufl_coordinate_element().basix_element
@@ -340,110 +386,48 @@ def differences(part, stated):
     edges = basix.topology(element.cell_type)[1] if element.degree == 2 else []
     cells = []
     for nodes in cell_nodes(mesh):
-        places = [tuple(x[node]) for node in nodes]
-        middles = [places[inside[0]] for inside in element.entity_dofs[1] if inside]
-        ends = [frozenset(places[k] for k in edge) for edge in edges]
-        cells.append((frozenset(places[:n_corners]), frozenset(zip(ends, middles, strict=True))))
+        positions = [tuple(x[node]) for node in nodes]
+        middles = [positions[inside[0]] for inside in element.entity_dofs[1] if inside]
+        ends = [frozenset(positions[k] for k in edge) for edge in edges]
+        cells.append((frozenset(positions[:n_corners]), frozenset(zip(ends, middles, strict=True))))
     if sorted(map(hash, cells)) != sorted(map(hash, expected["cells"])):
         return f"{len(cells)} cells, stated are {len(expected['cells'])}, or others"
     mesh.topology.create_connectivity(dim - 1, dim)
     tagged = part.facet_tags.indices
     facets = entities_to_geometry(mesh, dim - 1, tagged) if len(tagged) else []
     n_corners = len(basix.topology(element.cell_type)[dim - 1][0])
-    found = {
+    read_entities = {
         "cells": (cells, part.cell_tags),
         "facets": ([frozenset(tuple(x[k]) for k in row[:n_corners]) for row in facets],
                    part.facet_tags),
     }  # fmt: skip
-    for what, (places, tags) in found.items():
+    for entity_kind, (positions, tags) in read_entities.items():
         tag = dict(zip(tags.indices.tolist(), tags.values.tolist(), strict=True))
-        if what == "facets":
+        if entity_kind == "facets":
             tag = dict(enumerate(tags.values.tolist()))
-        d = dim if what == "cells" else dim - 1
-        groups = {place: {tag.get(k, 0)} - {0} for k, place in enumerate(places)}
+        entity_dim = dim if entity_kind == "cells" else dim - 1
+        groups = {position: {tag.get(k, 0)} - {0} for k, position in enumerate(positions)}
         names = {}
-        for (of_dim, group), name in stated.names.items():
-            if of_dim == d and name:
+        for (of_dim, group), name in mesh_data.names.items():
+            if of_dim == entity_dim and name:
                 names.setdefault(name, set()).add(group)
-        for place, stated_groups in expected[what].items():
-            stated_groups = {g for g in stated_groups if g}
-            if len(stated_groups) < 2 and groups.get(place, set()) != stated_groups:
-                return f"{what}: tags {groups.get(place)} where groups are {stated_groups}"
+        for position, expected_groups in expected[entity_kind].items():
+            expected_groups = {g for g in expected_groups if g}
+            if len(expected_groups) < 2 and groups.get(position, set()) != expected_groups:
+                return (
+                    f"{entity_kind}: tags {groups.get(position)} where groups are {expected_groups}"
+                )
             for name, members in names.items():
-                is_in = bool(groups.get(place, set()) & {*part.names[what].get(name, ())})
-                if is_in != bool(members & stated_groups):
-                    return f"{what}: {name} at {place}"
-        if not {p for p, g in groups.items() if g} <= expected[what].keys():
-            return f"{what} have tags that are in no group"
+                is_member = bool(
+                    groups.get(position, set()) & {*part.names[entity_kind].get(name, ())}
+                )
+                if is_member != bool(members & expected_groups):
+                    return f"{entity_kind}: {name} at {position}"
+        if not {p for p, g in groups.items() if g} <= expected[entity_kind].keys():
+            return f"{entity_kind} have tags that are in no group"
     return ""
 
 
-def read_all(folder):
-    """Read the files of a folder in processes of their own; return what is known of each by name.
-
-    A file that ends the process with a signal has "died" with that signal.
-    """
-    results = {}
-    left = sorted(path.name for path in folder.glob("*.msh"))
-    while left:
-        command = [sys.executable, "-m", "tests.library.hostile_meshes", str(folder), *left]
-        run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True)
-        lines = [json.loads(line) for line in run.stdout.splitlines() if line.startswith("{")]
-        results |= {line["file"]: line for line in lines}
-        if run.returncode == 0:
-            assert len(lines) == len(left)
-            break
-        assert len(lines) < len(left), run.stderr
-        died = left[len(lines)]
-        results[died] = {
-            "file": died,
-            "outcome": f"died with {run.returncode}: {run.stderr[-300:]}",
-        }
-        left = left[len(lines) + 1 :]
-    return results
-
-
-def main(folder, names):
-    from mpi4py import MPI
-
-    from pw_elements.meshes import from_file
-
-    logging.disable()
-    for name in names:
-        path = folder / name
-        result = {"file": name}
-        part = None
-        Path("/proc/self/clear_refs").write_text("5")  # the peak of memory begins anew
-        before, start = _memory("VmRSS"), time.process_time()
-        signal.setitimer(signal.ITIMER_PROF, CPU_SECONDS)  # which ends the process
-        try:
-            part = from_file(path, MPI.COMM_SELF)
-            result["outcome"] = "read"
-        except (ValueError, FileNotFoundError) as error:
-            result["outcome"] = "refused"
-            result["message"] = str(error)
-        except BaseException as error:
-            result["outcome"] = f"raw {type(error).__name__}: {error}"
-        signal.setitimer(signal.ITIMER_PROF, 0)
-        result["seconds"] = round(time.process_time() - start, 3)
-        result["megabytes"] = _memory("VmHWM") - before
-        if part is not None:
-            try:
-                result["differences"] = differences(part, read(path.read_bytes()))
-            except Exception as error:
-                result["differences"] = f"it cannot be read otherwise: {error!r}"
-        print(json.dumps(result), flush=True)
-
-
-def _memory(what):
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith(what):
-            return int(line.split()[1]) // 1000
-    raise KeyError(what)
-
-
-if __name__ == "__main__":
-    # beyond what the libraries reserve, but do not use
-    limit = 8_000_000_000
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    main(Path(sys.argv[1]), sys.argv[2:])
+def compare_with_file(part, path):
+    """Return the differences between a mesh and an independent reading of its file, or ""."""
+    return describe_differences(part, read_msh(path.read_bytes()))

@@ -1,7 +1,7 @@
-"""Gmsh's mesh files by hand: meshes stated in Python, files written from them, and read again.
+"""Independent writer and reader of Gmsh's mesh files, and small meshes to write.
 
-Writer and reader follow the "Gmsh Reference Manual", version 4.13, number by number, and share no
-code with the library. The reader takes what it is given: files that lie are for the library.
+Both follow the "Gmsh Reference Manual", version 4.13, and share no code with the library. The
+reader does not check its input.
 """
 
 import re
@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-# Corners of each edge and face, in the order in which their middle nodes follow the corners
+# Corners of each edge and face, in the order of their middle nodes
 EDGES = {
     "triangle": [(0, 1), (1, 2), (2, 0)],
     "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0)],
@@ -28,13 +28,28 @@ FACES = {
         *((1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7)),
     ],
 }
-# Types by Gmsh's numbers: of each cell those of degree 1 and 2, nodes, dimension, and corners
-CELLS = {"triangle": (2, 9), "quadrilateral": (3, 10), "tetrahedron": (4, 11)}
-CELLS["hexahedron"] = (5, 12)
+# Gmsh's type numbers of each cell for degrees 1 and 2; nodes, dimension and corners of types
+CELL_TYPE_NUMBERS = {"triangle": (2, 9), "quadrilateral": (3, 10), "tetrahedron": (4, 11)}
+CELL_TYPE_NUMBERS["hexahedron"] = (5, 12)
 N_NODES = {15: 1, 1: 2, 8: 3, 2: 3, 9: 6, 3: 4, 10: 9, 4: 4, 11: 10, 5: 8, 12: 27, 21: 10, 6: 6}
 N_NODES |= {16: 8, 26: 4}
-DIM = {15: 0, 1: 1, 8: 1, 26: 1, 2: 2, 9: 2, 3: 2, 10: 2, 21: 2, 16: 2, 4: 3, 11: 3, 5: 3, 12: 3}
-DIM |= {6: 3}
+TYPE_DIMENSION = {
+    15: 0,
+    1: 1,
+    8: 1,
+    26: 1,
+    2: 2,
+    9: 2,
+    3: 2,
+    10: 2,
+    21: 2,
+    16: 2,
+    4: 3,
+    11: 3,
+    5: 3,
+    12: 3,
+}
+TYPE_DIMENSION |= {6: 3}
 N_CORNERS = {1: 2, 8: 2, 2: 3, 9: 3, 3: 4, 10: 4, 4: 4, 11: 4, 5: 8, 12: 8}
 FORMATS = ("2.2", "2.2 binary", "4.0", "4.0 binary", "4.1", "4.1 binary")
 RARE_FORMATS = ("2", "2.2 binary >", "4.1 binary >", "4.1 binary 4")
@@ -42,7 +57,7 @@ RARE_FORMATS = ("2", "2.2 binary >", "4.1 binary >", "4.1 binary 4")
 
 @dataclass
 class Block:
-    """Elements [number, node, node, ...] of one type on an entity, which is in groups."""
+    """Elements [number, node, node, ...] of one type on one entity, and the entity's groups."""
 
     kind: int
     entity: int
@@ -51,22 +66,22 @@ class Block:
     dim: int = -1
 
     def __post_init__(self):
-        self.dim = DIM[self.kind]
+        self.dim = TYPE_DIMENSION[self.kind]
 
 
 @dataclass
-class Stated:
-    """Nodes [number, x, y, z], blocks of elements, and names of (dimension, group)."""
+class MeshData:
+    """Content of a mesh file: nodes [number, x, y, z], blocks, and names of (dimension, group)."""
 
     nodes: list[list[float]]
     blocks: list[Block]
     names: dict[tuple[int, int], str] = field(default_factory=dict)
 
 
-def lattice(cell, degree, divisions=2, seed=0):
-    """Return a square or cube of cells: two groups of cells, one of facets, all with odd numbers.
+def lattice_mesh(cell, degree, divisions=2, seed=0):
+    """Return a square or cube of cells, in two groups, and one group of facets at x = 0.
 
-    Nodes are moved at random, so that no two places are alike.
+    Nodes have random numbers, and random displacements that make all coordinates distinct.
     """
     rng = np.random.default_rng(seed)
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
@@ -77,34 +92,45 @@ def lattice(cell, degree, divisions=2, seed=0):
     moves = 0.02 * rng.random((len(points), 3))
     x = dict(zip(points, (np.array(points) / (2 * divisions) + moves).tolist(), strict=True))
     if dim == 2:
-        for place in x.values():
-            place[2] = 0.25
+        for position in x.values():
+            position[2] = 0.25
     blocks = []
-    kind = CELLS[cell][degree - 1]
-    cells = [row for square in product(range(divisions), repeat=dim) for row in _cut(cell, square)]
+    type_number = CELL_TYPE_NUMBERS[cell][degree - 1]
+    cells = [
+        row
+        for square in product(range(divisions), repeat=dim)
+        for row in _cells_of_square(cell, square)
+    ]
     half = len(cells) // 2
-    for entity, (groups, some) in enumerate([((3,), cells[:half]), ((7,), cells[half:])], 1):
-        rows = [[0, *(number[p] for p in _with_middles(cell, degree, row))] for row in some]
-        blocks.append(Block(kind, entity, groups, rows))
+    for entity, (groups, cells_of_group) in enumerate(
+        [((3,), cells[:half]), ((7,), cells[half:])], 1
+    ):
+        element_rows = [
+            [0, *(number[p] for p in _add_middle_nodes(cell, degree, row))]
+            for row in cells_of_group
+        ]
+        blocks.append(Block(type_number, entity, groups, element_rows))
     sides = {2: EDGES, 3: FACES}[dim][cell]
     facets = [[row[k] for k in side] for row in cells for side in sides]
     facets = [facet for facet in facets if all(p[0] == 0 for p in facet)]
     face = {2: "line", 3: "triangle" if cell == "tetrahedron" else "quadrilateral"}[dim]
-    kind = ({"line": (1, 8)} | CELLS)[face][degree - 1]
-    rows = [[0, *(number[p] for p in _with_middles(face, degree, row))] for row in facets]
-    blocks.append(Block(kind, 5, (3,), rows))
-    for label, row in enumerate((row for block in blocks for row in block.elements), 11):
-        row[0] = label
+    type_number = ({"line": (1, 8)} | CELL_TYPE_NUMBERS)[face][degree - 1]
+    element_rows = [
+        [0, *(number[p] for p in _add_middle_nodes(face, degree, row))] for row in facets
+    ]
+    blocks.append(Block(type_number, 5, (3,), element_rows))
+    for element_number, row in enumerate((row for block in blocks for row in block.elements), 11):
+        row[0] = element_number
     used = {node for block in blocks for row in block.elements for node in row[1:]}
     nodes = [[number[p], *x[p]] for p in rng.permutation(points).tolist() for p in [tuple(p)]]
     nodes = [node for node in nodes if node[0] in used]
-    return Stated(nodes, blocks, {(dim, 3): "Körper", (dim - 1, 3): "left side"})
+    return MeshData(nodes, blocks, {(dim, 3): "Körper", (dim - 1, 3): "left side"})
 
 
-def _cut(cell, square):
-    """Give the cells of a square or cube of the lattice, by their corners."""
-    at = np.array([*square, 0][:3]) * 2
-    quad = [tuple(at + 2 * np.array(c)) for c in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))]
+def _cells_of_square(cell, square):
+    """Yield the cells of a square or cube of the lattice, as lists of their corners."""
+    origin = np.array([*square, 0][:3]) * 2
+    quad = [tuple(origin + 2 * np.array(c)) for c in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))]
     quad = [tuple(map(int, p)) for p in quad]
     brick = quad + [(p[0], p[1], p[2] + 2) for p in quad]
     a, b, c, d, *_, g, _ = brick
@@ -114,143 +140,145 @@ def _cut(cell, square):
         yield from ([a, b, c], [a, c, d])
     elif cell == "hexahedron":
         yield brick
-    else:  # round the diagonal from the first corner to the opposite one
+    else:  # six tetrahedra around a diagonal of the cube
         ring = [brick[k] for k in (1, 2, 3, 7, 4, 5)]
         for p, q in zip(ring, ring[1:] + ring[:1], strict=True):
             yield [a, p, q, g]
 
 
-def _with_middles(cell, degree, corners):
+def _add_middle_nodes(cell, degree, corners):
     if degree == 1:
         return corners
     edges = ({"line": [(0, 1)]} | EDGES)[cell]
-    parts = [*edges, *(FACES[cell] if cell == "hexahedron" else [])]
-    parts += [tuple(range(len(corners)))] if cell in ("quadrilateral", "hexahedron") else []
-    middles = [np.mean([corners[k] for k in part], axis=0) for part in parts]
+    entities = [*edges, *(FACES[cell] if cell == "hexahedron" else [])]
+    entities += [tuple(range(len(corners)))] if cell in ("quadrilateral", "hexahedron") else []
+    middles = [np.mean([corners[k] for k in entity], axis=0) for entity in entities]
     return [*corners, *(tuple(map(int, middle)) for middle in middles)]
 
 
-def write(stated, form, counts=(), entities=None):
-    """Return the file of a mesh; `counts` states other numbers than are there.
+def write_msh(mesh_data, file_format, counts=(), entities=None):
+    """Return the content of a mesh file, optionally with false counts.
 
     Args:
-        stated: the mesh.
-        form: version, " binary" or not, " >" for the other order of bytes, " 4" for short counts.
-        counts: of "nodes", "elements" (in all), "node block", "element block", "names".
-        entities: groups of (dimension, entity), in place of those of the blocks.
+        mesh_data: the mesh.
+        file_format: version, then optionally " binary", " >" (big-endian) and " 4" (short counts).
+        counts: false counts of "nodes", "elements" (all), "node block", "element block", "names".
+        entities: groups by (dimension, entity), instead of those of the blocks.
     """
-    version, *words = form.split()
+    version, *words = file_format.split()
     counts, binary = dict(counts), "binary" in words
-    order, size = (">" if ">" in words else "<"), ("i" if "4" in words else "q")
+    order, count_letter = (">" if ">" in words else "<"), ("i" if "4" in words else "q")
 
     def row(letters, *values):
         if not binary:
-            return " ".join(map(_word, values)) + "\n"
-        return struct.pack(order + letters.replace("q", size), *values).decode("latin-1")
+            return " ".join(map(_format_number, values)) + "\n"
+        return struct.pack(order + letters.replace("q", count_letter), *values).decode("latin-1")
 
-    text = f"$MeshFormat\n{version} {int(binary)} {'4' if size == 'i' else '8'}\n"
+    text = f"$MeshFormat\n{version} {int(binary)} {'4' if count_letter == 'i' else '8'}\n"
     text += row("i", 1) + "\n" if binary else ""
     text += "$EndMeshFormat\n"
-    if stated.names:
-        text += f"$PhysicalNames\n{counts.get('names', len(stated.names))}\n"
-        for (dim, group), name in stated.names.items():
+    if mesh_data.names:
+        text += f"$PhysicalNames\n{counts.get('names', len(mesh_data.names))}\n"
+        for (dim, group), name in mesh_data.names.items():
             text += f'{dim} {group} "{name.encode().decode("latin-1")}"\n'
         text += "$EndPhysicalNames\n"
-    n_nodes, n_blocks = len(stated.nodes), len(stated.blocks)
-    rows = [(block, element) for block in stated.blocks for element in block.elements]
+    n_nodes, n_blocks = len(mesh_data.nodes), len(mesh_data.blocks)
+    rows = [(block, element) for block in mesh_data.blocks for element in block.elements]
     if version[0] == "2":
         text += f"$Nodes\n{counts.get('nodes', n_nodes)}\n"
-        text += "".join(row("iddd", *node) for node in stated.nodes)
-        rows = [(block, *r) for block, r in rows for block in _once_per_group(block)]
+        text += "".join(row("iddd", *node) for node in mesh_data.nodes)
+        rows = [(block, *r) for block, r in rows for block in _split_by_group(block)]
         text += f"\n$EndNodes\n$Elements\n{counts.get('elements', len(rows))}\n"
-        several = any(len(block.groups) > 1 for block in stated.blocks)
-        for k, (block, label, *nodes) in enumerate(rows):
+        is_repeated = any(len(block.groups) > 1 for block in mesh_data.blocks)
+        for k, (block, element_number, *nodes) in enumerate(rows):
             tags = (block.groups or (0,))[0], block.entity
-            head = (block.kind, 1, 2) if binary else ()
-            label = k + 1 if several else label
-            between = () if binary else (block.kind, 2)
-            values = (*head, label, *between, *tags, *nodes)
+            block_header = (block.kind, 1, 2) if binary else ()
+            element_number = k + 1 if is_repeated else element_number
+            type_and_tag_count = () if binary else (block.kind, 2)
+            values = (*block_header, element_number, *type_and_tag_count, *tags, *nodes)
             text += row("i" * len(values), *values)
         return (text + "\n$EndElements\n").encode("latin-1")
-    new = version == "4.1"
+    is_4_1 = version == "4.1"
     if entities is None:
-        entities = {(block.dim, block.entity): block.groups for block in stated.blocks}
-    of_dim = [[key for key in entities if key[0] == dim] for dim in range(4)]
-    text += "$Entities\n" + row("qqqq", *map(len, of_dim))
-    for dim, entity in [key for keys in of_dim for key in keys]:
-        groups, box = entities[dim, entity], [0.0] * (3 if dim == 0 and new else 6)
-        bounds = (0,) if dim else ()
-        letters = "i" + "d" * len(box) + "q" + "i" * len(groups) + "q" * len(bounds)
-        text += row(letters, entity, *box, len(groups), *groups, *bounds)
+        entities = {(block.dim, block.entity): block.groups for block in mesh_data.blocks}
+    entities_by_dim = [[key for key in entities if key[0] == dim] for dim in range(4)]
+    text += "$Entities\n" + row("qqqq", *map(len, entities_by_dim))
+    for dim, entity in [key for keys in entities_by_dim for key in keys]:
+        groups, box = entities[dim, entity], [0.0] * (3 if dim == 0 and is_4_1 else 6)
+        bounding_entities = (0,) if dim else ()
+        letters = "i" + "d" * len(box) + "q" + "i" * len(groups) + "q" * len(bounding_entities)
+        text += row(letters, entity, *box, len(groups), *groups, *bounding_entities)
     text += "\n$EndEntities\n$Nodes\n"
-    n_nodes, half = counts.get("nodes", n_nodes), n_nodes // 2
-    extremes = (1, max((int(abs(node[0])) for node in stated.nodes), default=0) + 1) if new else ()
+    n_nodes, n_half = counts.get("nodes", n_nodes), n_nodes // 2
+    extremes = (
+        (1, max((int(abs(node[0])) for node in mesh_data.nodes), default=0) + 1) if is_4_1 else ()
+    )
     text += row("qq" + "q" * len(extremes), 2, n_nodes, *extremes)
-    for some in (stated.nodes[:half], stated.nodes[half:]):
-        count = counts.get("node block", len(some))
-        entity = (stated.blocks[0].dim, stated.blocks[0].entity)
-        text += row("iiiq", *(entity if new else entity[::-1]), 0, count)
-        if new:
-            text += "".join(row("q", node[0]) for node in some)
-            text += "".join(row("ddd", *node[1:]) for node in some)
+    for node_block in (mesh_data.nodes[:n_half], mesh_data.nodes[n_half:]):
+        count = counts.get("node block", len(node_block))
+        entity = (mesh_data.blocks[0].dim, mesh_data.blocks[0].entity)
+        text += row("iiiq", *(entity if is_4_1 else entity[::-1]), 0, count)
+        if is_4_1:
+            text += "".join(row("q", node[0]) for node in node_block)
+            text += "".join(row("ddd", *node[1:]) for node in node_block)
         else:
-            text += "".join(row("iddd", *node) for node in some)
+            text += "".join(row("iddd", *node) for node in node_block)
     text += "\n$EndNodes\n$Elements\n"
     text += row("qq" + "q" * len(extremes), n_blocks, counts.get("elements", len(rows)), *extremes)
-    for block in stated.blocks:
+    for block in mesh_data.blocks:
         entity = (block.dim, block.entity)
         count = counts.get("element block", len(block.elements))
-        text += row("iiiq", *(entity if new else entity[::-1]), block.kind, count)
-        letter = "q" if new else "i"
+        text += row("iiiq", *(entity if is_4_1 else entity[::-1]), block.kind, count)
+        letter = "q" if is_4_1 else "i"
         text += "".join(row(letter * len(element), *element) for element in block.elements)
     return (text + "\n$EndElements\n").encode("latin-1")
 
 
-def _once_per_group(block):
+def _split_by_group(block):
     if len(block.groups) < 2:
         return [block]
     return [Block(block.kind, block.entity, (group,), []) for group in block.groups]
 
 
-def _word(value):
+def _format_number(value):
     return repr(float(value)) if isinstance(value, float) else str(value)
 
 
-class _Source:
-    """Numbers of a section one after the other, as text or in binary."""
+class _NumberSource:
+    """Sequential reader of the numbers of a section, text or binary."""
 
     def __init__(self, data, binary, order, size):
-        self.data, self.binary, self.order, self.size, self.at = data, binary, order, size, 0
+        self.data, self.binary, self.order, self.size, self.position = data, binary, order, size, 0
         self.words = iter(() if binary else data.split())
 
-    def take(self, letters):
+    def read_numbers(self, letters):
         if not self.binary:
             return [float(next(self.words)) if c == "d" else int(next(self.words)) for c in letters]
         layout = self.order + letters.replace("q", self.size)
-        values = struct.unpack_from(layout, self.data, self.at)
-        self.at += struct.calcsize(layout)
+        values = struct.unpack_from(layout, self.data, self.position)
+        self.position += struct.calcsize(layout)
         return list(values)
 
-    def line(self):
+    def read_count(self):
         if not self.binary:
             return int(next(self.words))
-        end = self.data.index(b"\n", self.at)
-        value, self.at = int(self.data[self.at : end]), end + 1
+        end = self.data.index(b"\n", self.position)
+        value, self.position = int(self.data[self.position : end]), end + 1
         return value
 
 
-def read(data):
-    """Return a mesh as it stands in a file."""
+def read_msh(data):
+    """Return the content of a mesh file."""
     sections = {}
     for match in re.finditer(rb"\$(\w+)[ \t]*\r?\n(.*?)\$End\1", data, re.DOTALL):
         sections.setdefault(match[1].decode(), match[2])
-    head, _, rest = sections["MeshFormat"].partition(b"\n")
-    version, binary, size = head.decode().split()
-    order = "<" if binary == "0" or rest[:4] == b"\1\0\0\0" else ">"
+    format_line, _, byte_order_mark = sections["MeshFormat"].partition(b"\n")
+    version, binary, size = format_line.decode().split()
+    order = "<" if binary == "0" or byte_order_mark[:4] == b"\1\0\0\0" else ">"
 
     def source(name):
         letter = "i" if size == "4" else "q"
-        return _Source(sections[name], binary == "1", order, letter)
+        return _NumberSource(sections[name], binary == "1", order, letter)
 
     names = {}
     for line in sections.get("PhysicalNames", b"").split(b"\n")[1:]:
@@ -263,47 +291,52 @@ def read(data):
             names[int(dim), int(group)] = name.strip()[1:-1]
     nodes, blocks = [], []
     if version[0] == "2":
-        of_nodes, of_elements = source("Nodes"), source("Elements")
-        nodes = [of_nodes.take("iddd") for _ in range(of_nodes.line())]
-        left = of_elements.line()
-        while left > 0:
+        node_source, element_source = source("Nodes"), source("Elements")
+        nodes = [node_source.read_numbers("iddd") for _ in range(node_source.read_count())]
+        n_left = element_source.read_count()
+        while n_left > 0:
             if binary == "1":
-                kind, count, n_tags = of_elements.take("iii")
+                type_number, count, n_tags = element_source.read_numbers("iii")
             else:
-                label, kind, n_tags = of_elements.take("iii")
+                number, type_number, n_tags = element_source.read_numbers("iii")
                 count = 1
             for _ in range(count):
-                label = of_elements.take("i")[0] if binary == "1" else label
-                tags = of_elements.take("i" * n_tags)
+                number = element_source.read_numbers("i")[0] if binary == "1" else number
+                tags = element_source.read_numbers("i" * n_tags)
                 group = abs(tags[0]) if tags else 0
-                row = [label, *of_elements.take("i" * N_NODES[kind])]
-                blocks.append(Block(kind, 0, (group,) if group else (), [row]))
-            left -= count
-        return Stated(nodes, blocks, names)
-    new, groups_of = version == "4.1", {}
+                row = [number, *element_source.read_numbers("i" * N_NODES[type_number])]
+                blocks.append(Block(type_number, 0, (group,) if group else (), [row]))
+            n_left -= count
+        return MeshData(nodes, blocks, names)
+    is_4_1, groups_of = version == "4.1", {}
     if "Entities" in sections:
-        of_entities = source("Entities")
-        for dim, count in enumerate(of_entities.take("qqqq")):
+        entity_source = source("Entities")
+        for dim, count in enumerate(entity_source.read_numbers("qqqq")):
             for _ in range(count):
-                (entity,) = of_entities.take("i")
-                of_entities.take("d" * (3 if new and dim == 0 else 6))
-                groups = of_entities.take("i" * of_entities.take("q")[0])
+                (entity,) = entity_source.read_numbers("i")
+                entity_source.read_numbers("d" * (3 if is_4_1 and dim == 0 else 6))
+                groups = entity_source.read_numbers("i" * entity_source.read_numbers("q")[0])
                 if dim:
-                    of_entities.take("i" * of_entities.take("q")[0])
+                    entity_source.read_numbers("i" * entity_source.read_numbers("q")[0])
                 groups_of[dim, entity] = tuple({abs(group) for group in groups})
-    of_nodes, of_elements = source("Nodes"), source("Elements")
-    for _ in range(of_nodes.take("qqqq" if new else "qq")[0]):
-        a, b, parametric, count = of_nodes.take("iiiq")
-        more = "d" * ((a if new else b) * parametric)
-        if new:
-            labels = [of_nodes.take("q")[0] for _ in range(count)]
-            nodes += [[label, *of_nodes.take("ddd" + more)[:3]] for label in labels]
+    node_source, element_source = source("Nodes"), source("Elements")
+    for _ in range(node_source.read_numbers("qqqq" if is_4_1 else "qq")[0]):
+        a, b, parametric, count = node_source.read_numbers("iiiq")
+        parametric_letters = "d" * ((a if is_4_1 else b) * parametric)
+        if is_4_1:
+            numbers = [node_source.read_numbers("q")[0] for _ in range(count)]
+            nodes += [
+                [number, *node_source.read_numbers("ddd" + parametric_letters)[:3]]
+                for number in numbers
+            ]
         else:
-            nodes += [of_nodes.take("iddd" + more)[:4] for _ in range(count)]
-    for _ in range(of_elements.take("qqqq" if new else "qq")[0]):
-        a, b, kind, count = of_elements.take("iiiq")
-        entity = (a, b) if new else (b, a)
-        letters = ("q" if new else "i") * (1 + N_NODES[kind])
-        rows = [of_elements.take(letters) for _ in range(count)]
-        blocks.append(Block(kind, entity[1], groups_of.get(entity, ()), rows))
-    return Stated(nodes, blocks, names)
+            nodes += [
+                node_source.read_numbers("iddd" + parametric_letters)[:4] for _ in range(count)
+            ]
+    for _ in range(element_source.read_numbers("qqqq" if is_4_1 else "qq")[0]):
+        a, b, type_number, count = element_source.read_numbers("iiiq")
+        entity = (a, b) if is_4_1 else (b, a)
+        letters = ("q" if is_4_1 else "i") * (1 + N_NODES[type_number])
+        rows = [element_source.read_numbers(letters) for _ in range(count)]
+        blocks.append(Block(type_number, entity[1], groups_of.get(entity, ()), rows))
+    return MeshData(nodes, blocks, names)

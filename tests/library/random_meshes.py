@@ -1,7 +1,7 @@
-"""Random meshes of all cells, and what may be done to one without changing the problem on it.
+"""Random meshes of all cell types, and transformations that leave a problem on them unchanged.
 
-Strategies draw few numbers, one of them the seed of everything else: arrays drawn by hypothesis
-would cost more than the finite elements.
+Strategies draw only a few numbers, among them a seed for NumPy's random generator: arrays drawn by
+hypothesis would take more time than the finite elements.
 """
 
 from dataclasses import dataclass, replace
@@ -29,14 +29,14 @@ BODY_CELLS = CELLS[1:]  # cells of elastic bodies
 SIMPLICES = ("interval", "triangle", "tetrahedron")
 MACHINE_EPSILON = float(np.finfo(float).eps)
 
-# How far a vertex is moved in a structured mesh, over half the distance to the next one: cells
-# stay convex below 1/2
-_MOVED = 0.4
+# Largest shift of a vertex in a structured mesh, relative to half the distance of its neighbour;
+# below 1/2, cells stay convex
+_MAX_SHIFT = 0.4
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Vertices (n, dim) and cells (m, k) with their vertices in Basix's order."""
+    """Vertices (n, dim), and vertices (m, k) of the cells in Basix' order."""
 
     cell: str
     x: np.ndarray
@@ -58,36 +58,35 @@ class Grid:
         return replace(self, x=point_map(self.x))
 
     def altitude(self):
-        """A length no cell is thinner than; of simplices, their least altitude.
+        """Return a lower bound of the thickness of all cells; for simplices, the least altitude.
 
-        Half the inverse of the largest norm of the inverse Jacobian at the cells' corners, for
-        simplices the inverse of the largest gradient of a hat function.
+        It is the inverse of the largest gradient of a linear shape function at the cells' corners.
         """
         element = basix.create_element(basix.ElementFamily.P, basix.CellType[self.cell], 1)
         gradients = element.tabulate(1, element.points)[1:, :, :, 0]
         jacobian = np.einsum("jpn,cni->cpij", gradients, self.x[self.cells])
-        slopes = np.einsum("jpn,cpji->cpni", gradients, np.linalg.inv(jacobian))
-        return 1 / np.linalg.norm(slopes, axis=-1).max()
+        physical_gradients = np.einsum("jpn,cpji->cpni", gradients, np.linalg.inv(jacobian))
+        return 1 / np.linalg.norm(physical_gradients, axis=-1).max()
 
     def slope_round_off(self):
-        """Relative error of slopes of shape functions: vertices are rounded, heights are small."""
+        """Return the relative round-off in gradients of shape functions due to rounded vertices."""
         return MACHINE_EPSILON * np.abs(self.x).max() / self.altitude()
 
     def renumber(self, seed):
-        """The same cells: vertices and cells in another order, and the vertices within cells.
+        """Return the same grid with vertices, cells and corners of cells in random order.
 
-        Within quadrilaterals and hexahedra the cube's symmetries may change it.
+        The corners of quadrilaterals and hexahedra are permuted by symmetries of the cube.
         """
         rng = np.random.default_rng(seed)
-        new = rng.permutation(len(self.x))
+        new_numbers = rng.permutation(len(self.x))
         x = np.empty_like(self.x)
-        x[new] = self.x
-        cells = new[self.cells[rng.permutation(len(self.cells))]]
-        cells = np.array([c[_turned(self.cell, rng)] for c in cells])
+        x[new_numbers] = self.x
+        cells = new_numbers[self.cells[rng.permutation(len(self.cells))]]
+        cells = np.array([c[_random_symmetry(self.cell, rng)] for c in cells])
         return replace(self, x=x, cells=cells)
 
 
-def _turned(cell, rng):
+def _random_symmetry(cell, rng):
     dim = CELL_DIMENSION[cell]
     if cell in SIMPLICES:
         return rng.permutation(dim + 1)
@@ -97,7 +96,7 @@ def _turned(cell, rng):
 
 @dataclass(frozen=True)
 class Placement:
-    """x -> unit A (x + offset): another unit of length, a rigid motion or a skewed body."""
+    """Affine map x -> unit A (x + offset): change of units, rigid motion or skew."""
 
     unit: float = 1.0
     matrix: np.ndarray | float = 1.0
@@ -107,7 +106,7 @@ class Placement:
         return self.unit * self.place_vectors(np.asarray(x) + self.offset)
 
     def place_vectors(self, v):
-        """Directions (..., dim), without the unit."""
+        """Map directions (..., dim) by A, without the unit."""
         v = np.asarray(v, dtype=float)
         return v @ self.matrix.T if np.ndim(self.matrix) else v
 
@@ -116,14 +115,14 @@ class Placement:
         return Placement(1.0, inverse).place_vectors(x / self.unit) - self.offset
 
     def side_marker(self, axis, value):
-        """Marker of a plane x[axis] = value of the body before it was placed."""
+        """Return a marker of the placed image of the plane x[axis] = value."""
 
-        def there(x):
+        def is_on_side(x):
             dim = len(self.matrix) if np.ndim(self.matrix) else np.size(self.offset)
             # far from the origin coordinates keep 1e-10; neighbours are 1e-3 apart or more
             return np.abs(self.undo(x.T[:, : max(dim, axis + 1)])[:, axis] - value) < 1e-6
 
-        return there
+        return is_on_side
 
 
 def random_rotation(dim, seed):
@@ -134,73 +133,84 @@ def random_rotation(dim, seed):
 
 
 def match_nodes(x, y, placement=None):
-    """For each node of y its number in x, where y are the nodes x, placed elsewhere."""
+    """Return for each node of y its index in x, whose placed image is a permutation of y."""
     if placement is not None:
         x = placement.place_points(x)
-    distance, at = cKDTree(x).query(y)
+    distance, node_index = cKDTree(x).query(y)
     # mid-side nodes are computed from vertices that were rounded
     assert distance.max() <= 8 * MACHINE_EPSILON * np.abs(x).max() * x.shape[1]
-    assert len(np.unique(at)) == len(x) == len(y)
-    return at
+    assert len(np.unique(node_index)) == len(x) == len(y)
+    return node_index
 
 
-def random_cell_points(cell, count, seed):
-    """Some `count` points of a reference cell; as many in each sub-cell of a tetrahedron."""
+def random_cell_points(cell, n_points, seed):
+    """Return random points of a reference cell; equally many in each sub-cell of a tetrahedron."""
     rng, corners = np.random.default_rng(seed), basix.geometry(basix.CellType[cell])
     if cell != "tetrahedron":
-        return rng.dirichlet(np.ones(len(corners)), count) @ corners
-    nodes, parts = np.array(ELEMENTS["T10"].nodes) / 2, np.array(ELEMENTS["T10"].sub_cells)
+        return rng.dirichlet(np.ones(len(corners)), n_points) @ corners
+    nodes, sub_cells = np.array(ELEMENTS["T10"].nodes) / 2, np.array(ELEMENTS["T10"].sub_cells)
     nodes = np.vstack([nodes, nodes[4:].mean(axis=0)])
-    weights = rng.dirichlet(np.ones(4), (len(parts), -(-count // len(parts))))
-    return (weights @ nodes[parts]).reshape(-1, 3)
+    weights = rng.dirichlet(np.ones(4), (len(sub_cells), -(-n_points // len(sub_cells))))
+    return (weights @ nodes[sub_cells]).reshape(-1, 3)
 
 
 # -- builders ------------------------------------------------------------------------------------
 
 
 def structured_grid(cell, lines, seed=0, distortion=0.0):
-    """Box between grid lines, graded where these are; each square of triangles cut at random.
+    """Return a grid of a box between coordinate lines, with random diagonals of triangles.
 
-    `moved`, 0 to 1, is how far vertices leave their places; those on sides stay on them.
+    `distortion` (0 to 1) scales random shifts of the vertices; vertices on sides stay on them.
     """
     rng = np.random.default_rng(seed)
     dim, shape = CELL_DIMENSION[cell], tuple(len(line) for line in lines)
     x = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, dim)
-    number = np.arange(len(x)).reshape(shape)
+    vertex_numbers = np.arange(len(x)).reshape(shape)
     offsets = np.array(np.meshgrid(*[(0, 1)] * dim, indexing="ij")).reshape(dim, -1)[::-1].T
-    parts = [
-        number[tuple(slice(o, n - 1 + o) for o, n in zip(off, shape, strict=True))].ravel()
-        for off in offsets
+    corner_numbers = [
+        vertex_numbers[
+            tuple(slice(o, n - 1 + o) for o, n in zip(offset, shape, strict=True))
+        ].ravel()
+        for offset in offsets
     ]
-    boxes = np.stack(parts, axis=1)
-    x = x + distortion * _MOVED * _shifts(lines, rng)
+    cells = np.stack(corner_numbers, axis=1)
+    x = x + distortion * _MAX_SHIFT * _random_shifts(lines, rng)
     if cell == "triangle":
-        cut = rng.random(len(boxes)) < 0.5
+        has_other_diagonal = rng.random(len(cells)) < 0.5
         halves = np.where(
-            cut[:, None, None], boxes[:, [[0, 1, 3], [0, 2, 3]]], boxes[:, [[0, 1, 2], [1, 2, 3]]]
+            has_other_diagonal[:, None, None],
+            cells[:, [[0, 1, 3], [0, 2, 3]]],
+            cells[:, [[0, 1, 2], [1, 2, 3]]],
         )
-        boxes = halves.reshape(-1, 3)
+        cells = halves.reshape(-1, 3)
     elif cell == "tetrahedron":
-        paths = [[0, 1, 3, 7], [0, 1, 5, 7], [0, 2, 3, 7], [0, 2, 6, 7], [0, 4, 5, 7], [0, 4, 6, 7]]
-        boxes = boxes[:, paths].reshape(-1, 4)
-    return Grid(cell, x, boxes)
+        tetrahedra = [
+            [0, 1, 3, 7],
+            [0, 1, 5, 7],
+            [0, 2, 3, 7],
+            [0, 2, 6, 7],
+            [0, 4, 5, 7],
+            [0, 4, 6, 7],
+        ]
+        cells = cells[:, tetrahedra].reshape(-1, 4)
+    return Grid(cell, x, cells)
 
 
-def _shifts(lines, rng):
-    """Random vectors (n, dim) at grid points, up to half the way to the next one."""
-    room = []
+def _random_shifts(lines, rng):
+    """Return random vectors (n, dim) at grid points, up to half the distance of the neighbours."""
+    max_shifts = []
     for line in lines:
-        step = np.diff(line)
-        least = np.minimum(np.append(step, np.inf), np.append(np.inf, step)) / 2
-        least[[0, -1]] = 0.0
-        room.append(least)
-    room = np.stack(np.meshgrid(*room, indexing="ij"), axis=-1).reshape(-1, len(lines))
-    return room * rng.uniform(-1, 1, room.shape)
+        spacing = np.diff(line)
+        half_gap = np.minimum(np.append(spacing, np.inf), np.append(np.inf, spacing)) / 2
+        half_gap[[0, -1]] = 0.0
+        max_shifts.append(half_gap)
+    max_shifts = np.stack(np.meshgrid(*max_shifts, indexing="ij"), axis=-1).reshape(-1, len(lines))
+    return max_shifts * rng.uniform(-1, 1, max_shifts.shape)
 
 
-def random_graded_line(count, length, seed):
-    """Increasing coordinates of count + 1 lines, steps up to 4 times as long as others."""
-    steps = np.random.default_rng(seed).uniform(0.25, 1.0, count)
+def random_graded_line(n_cells, length, seed):
+    """Return n_cells + 1 increasing coordinates, with steps that vary by a factor of up to 4."""
+    steps = np.random.default_rng(seed).uniform(0.25, 1.0, n_cells)
     return length * np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
 
 
@@ -211,19 +221,19 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 @st.composite
 def grids(draw, cells=CELLS, size=None, max_divisions=None):
-    """A box, by default of side 1, graded or distorted."""
-    cell, seed, distorted = draw(st.sampled_from(cells)), draw(SEEDS), draw(st.booleans())
+    """Draw a graded, perhaps distorted grid of a box, by default of side 1."""
+    cell, seed, is_distorted = draw(st.sampled_from(cells)), draw(SEEDS), draw(st.booleans())
     dim = CELL_DIMENSION[cell]
     max_divisions = max_divisions or {1: 8, 2: 4, 3: 2}[dim]
     lines = [
         random_graded_line(draw(st.integers(1, max_divisions)), length, (seed, axis))
         for axis, length in enumerate([1.0] * dim if size is None else size)
     ]
-    return structured_grid(cell, lines, seed, float(distorted))
+    return structured_grid(cell, lines, seed, float(is_distorted))
 
 
 def random_skew_matrix(dim, seed):
-    """A matrix of positive determinant, its singular values between 1/2 and 2."""
+    """Return a random matrix (dim, dim) with singular values from 1/2 to 2 and det > 0."""
     rng = np.random.default_rng(seed)
     return (
         random_rotation(dim, rng) @ np.diag(rng.uniform(0.5, 2.0, dim)) @ random_rotation(dim, rng)
@@ -231,7 +241,7 @@ def random_skew_matrix(dim, seed):
 
 
 def powers_of_ten(low, high):
-    """Numbers between 10**low and 10**high, evenly in the exponent (floats would crowd at 0)."""
+    """Draw numbers from 10**low to 10**high, with uniformly distributed exponents."""
     return st.integers(10 * low, 10 * high).map(lambda exponent: 10.0 ** (exponent / 10))
 
 

@@ -1,4 +1,4 @@
-"""What fails or differs on one process ends all of them, at once and with the same words."""
+"""An error, or a different argument, on one process raises the same error on all of them."""
 
 import re
 from dataclasses import replace
@@ -39,76 +39,79 @@ from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from pw_elements.solvers import SolverReport
 from tests.contact.cases import BlockOnFloor, on_plane
 from tests.contact.iterative import SolidBlock
-from tests.library.faces import ROOT, calls, otherwise, public
+from tests.library.public_calls import ROOT, altered_values, correct_calls, public_objects
+from tests.library.rank_scenarios import diagonal_matrix, floor_pair
 from tests.parallel import run_on
 
-# Seconds that a list of scenarios may take on a busy machine; a process that waits takes for ever
+# Time limit (s) of a list of scenarios, which shows that a process waits forever
 WAITING = 600
 
 COMM = MPI.COMM_WORLD
 BLOCK = BlockOnFloor(8, comm=COMM)
 U, K, MESH, LOAD = BLOCK.space, BLOCK.K, BLOCK.body.spaces.mesh, BLOCK.pressure_load
 FOOT, FLOOR, STILL = on_plane(1, 0.0), Plane((0, 0), (0, 1)), Motion((0, 0))
-# The process where things go wrong: the last one that owns nodes of the floor
-OWNED = BLOCK.x[: BLOCK.space.dofmap.index_map.size_local]
-WRONG = max(COMM.allgather(COMM.rank if np.isclose(OWNED[:, 1], 0.0).any() else -1))
-BAD = COMM.rank == WRONG
-NODES = np.array([10**6 if BAD else 0])
+# The process on which calls fail: the last one that owns nodes on the floor
+OWNED_POINTS = BLOCK.x[: BLOCK.space.dofmap.index_map.size_local]
+WRONG_RANK = max(COMM.allgather(COMM.rank if np.isclose(OWNED_POINTS[:, 1], 0.0).any() else -1))
+IS_WRONG_RANK = COMM.rank == WRONG_RANK
+NODE_NUMBERS = np.array([10**6 if IS_WRONG_RANK else 0])
 
-DIFFERS = f"this differs between processes 0 and {WRONG}, but all of them have to state the same"
-HERE = f"of which process {WRONG} has "
-FAR = f"1000000: local numbers are counted from 0, {HERE}"
+DIFFERENCE_MESSAGE = (
+    f"this differs between processes 0 and {WRONG_RANK}, but all of them have to state the same"
+)
+RANK_MESSAGE = f"of which process {WRONG_RANK} has "
+NUMBER_MESSAGE = f"1000000: local numbers are counted from 0, {RANK_MESSAGE}"
 
 
-RAISED = KeyError("x")
+RAISED_ERROR = KeyError("x")
 
 
-def errs(value):
-    """What a user's function gives that fails on one process."""
-    if BAD:
-        raise RAISED
+def fail_on_one_rank(value):
+    """Return a value, or raise `RAISED_ERROR` on one process."""
+    if IS_WRONG_RANK:
+        raise RAISED_ERROR
     return value
 
 
-def errs_below(x):
-    return errs(FOOT(x))
+def failing_marker(x):
+    return fail_on_one_rank(FOOT(x))
 
 
-def one_value(x):
-    return FOOT(x) if not BAD else True
+def scalar_on_one_rank(x):
+    return FOOT(x) if not IS_WRONG_RANK else True
 
 
-def square(n):
+def square_mesh(n):
     return triangles(COMM, (0, 0), (1, 1), (4, n))
 
 
-def contact(pair=None, loads=LOAD, reduction=BLOCK.no_supports, K=K, **options):
+def solve_block(pair=None, loads=LOAD, reduction=BLOCK.no_supports, K=K, **options):
     return solve_contact(K, loads, reduction, pair or BLOCK.floor_pair(0.3), U, **options)
 
 
-class Unreached(Plane):
-    """A floor whose closest points fail on one process."""
+class FailingClosestPoints(Plane):
+    """Plane whose closest points fail on one process."""
 
     def closest(self, x):
-        return errs(super().closest(x))
+        return fail_on_one_rank(super().closest(x))
 
 
-class Law:
-    """Friction that fails on one process, when it is first or last asked."""
+class FailingLaw:
+    """Friction law that fails on one process, in its first call or after some calls."""
 
     def __init__(self, first="limit", last=0):
         self._first, self._left = first, last
 
     def parameter_at(self, _):
-        return errs(0.0) if self._first == "at" else 0.3
+        return fail_on_one_rank(0.0) if self._first == "at" else 0.3
 
     def limit(self, mu, force):
         self._left -= 1
-        return (errs(mu * force) if self._left < 0 else mu * force), mu + 0 * force
+        return (fail_on_one_rank(mu * force) if self._left < 0 else mu * force), mu + 0 * force
 
 
-class Foreign:
-    """A Krylov method that fails on one process, after some products."""
+class FailingKrylovSolver:
+    """Krylov solver that fails on one process after a number of products."""
 
     matrix_free, determinant_signs, report = True, (), SolverReport("steepest descent", 0)
 
@@ -121,7 +124,7 @@ class Foreign:
     def iterate(self, product, precondition, right, _):
         for k in range(self._steps):
             if k == self._products:
-                errs(0)
+                fail_on_one_rank(0)
             product(precondition(right))
         return 0 * right
 
@@ -129,315 +132,382 @@ class Foreign:
         pass
 
 
-def by(solver):
+def solve_plate_by(solver):
     solid = SolidBlock(n=2, comm=COMM)
     plate = solid.case_arguments("plate by forces")
     return solve_contact(*plate, solver=solver)
 
 
-def slid(surface=FLOOR, load=None, conditions=(), **options):
+def solve_at_large_strain(surface=FLOOR, load=None, conditions=(), **options):
     u, v = fem.Function(U), ufl.TestFunction(BLOCK.body.spaces.test)
-    top = [prescribe(U, i, on_plane(1, 2.0)) for i in (0, 1)]
-    stretched = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
-    held = [*top, *conditions]
-    problem = ContactProblem.of_residual(stretched, u, held, ContactPair(FOOT, surface), **options)
+    top_conditions = [prescribe(U, i, on_plane(1, 2.0)) for i in (0, 1)]
+    form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
+    all_conditions = [*top_conditions, *conditions]
+    problem = ContactProblem.of_residual(
+        form, u, all_conditions, ContactPair(FOOT, surface), **options
+    )
     return problem.step(problem.undeformed, load, motions=Motion((0, 0.01)))
-
-
-def floor(mu=0.3, surface=FLOOR, motions=()):
-    return ContactPair(FOOT, surface, mu, motions)
 
 
 def singular(*_):
     raise np.linalg.LinAlgError("singular")
 
 
-def dragged_off():
-    """What process 0 does by itself where the iteration has failed."""
+def fail_in_proof():
+    """Solve a problem without solution, where process 0 alone fails in the proof of this."""
     with patch("pw_elements.contact.rescue.refusals._combine_proofs", singular):
-        return contact(loads=BLOCK.pull_loads(1e3, 1))
+        return solve_block(loads=BLOCK.pull_loads(1e3, 1))
 
 
-class Gap:
-    """A surface that fails at a process' points, or answers in a wrong shape."""
+class FailingPlane:
+    """Plane with a method that fails, or returns a wrong shape, on one process."""
 
     def __init__(self, fails="", wrong=""):
         self._fails, self._wrong = fails, wrong
 
-    def answered(self, name, values):
+    def return_or_fail(self, name, values):
         if name == self._fails:
-            errs(values)
-        return values[:1] if BAD and name == self._wrong else values
+            fail_on_one_rank(values)
+        return values[:1] if IS_WRONG_RANK and name == self._wrong else values
 
     def gap(self, x):
-        return self.answered("gap", x[:, 1])
+        return self.return_or_fail("gap", x[:, 1])
 
     def normal(self, x):
-        return self.answered("normal", np.tile([0.0, 1.0], (len(x), 1)))
+        return self.return_or_fail("normal", np.tile([0.0, 1.0], (len(x), 1)))
 
 
-class Thing:
-    """No reduction, and what would tell its processes fails on one."""
+class FailingObject:
+    """Object with an attribute that fails on one process, instead of a reduction."""
 
     @property
     def mesh(self):
-        return errs(None)
+        return fail_on_one_rank(None)
 
 
-def nan_on_one(vector):
+def with_nan_on_one_rank(vector):
     vector = vector.copy()
-    if BAD:
+    if IS_WRONG_RANK:
         vector.array[:] = np.nan
     return vector
 
 
-def nan_in_matrix():
+def stiffness_with_nan():
     matrix = K.copy()
-    if BAD:
+    if IS_WRONG_RANK:
         row = matrix.getOwnershipRange()[0]
         matrix.setValue(row, row, np.nan)
     matrix.assemble()
     return matrix
 
 
-def diagonal(vector):
-    matrix = K.duplicate()
-    matrix.setDiagonal(vector)
-    matrix.assemble()
-    return matrix
-
-
-def ones():
+def vector_of_ones():
     vector = K.createVecRight()
     vector.set(1.0)
     return vector
 
 
-def problem(block=BLOCK):
+def make_problem(block=BLOCK):
     return ContactProblem(block.K, block.no_supports, block.floor_pair(0.3), block.space)
 
 
-def step(motions):
-    return problem().step(problem().undeformed, LOAD, motions)
+def solve_step(motions):
+    return make_problem().step(make_problem().undeformed, LOAD, motions)
 
 
-def other_state():
-    here, small = problem(), problem(BlockOnFloor(4, comm=COMM))
-    return here.step((small if BAD else here).undeformed, LOAD)
+def step_from_other_problem():
+    problem_here, small_problem = make_problem(), make_problem(BlockOnFloor(4, comm=COMM))
+    return problem_here.step((small_problem if IS_WRONG_RANK else problem_here).undeformed, LOAD)
 
 
-def step_from(**values):
-    """A step from a state that has other values on one process."""
-    start = problem().undeformed
+def step_from_changed_state(**values):
+    """Solve a step from a state with changed values on one process."""
+    start = make_problem().undeformed
     (pair,) = start.pairs
-    wrong = {name: getattr(pair, name) + (value if BAD else 0.0) for name, value in values.items()}
-    return problem().step(replace(start, pairs=(replace(pair, **wrong),)), LOAD)
+    wrong_values = {
+        name: getattr(pair, name) + (value if IS_WRONG_RANK else 0.0)
+        for name, value in values.items()
+    }
+    return make_problem().step(replace(start, pairs=(replace(pair, **wrong_values),)), LOAD)
 
 
-def impact(duration=1.0, velocity=None, pair=None, **stated):
-    body = symmetric_part(K), diagonal(ones()), BLOCK.no_supports, pair or BLOCK.floor_pair(0.3), U
-    return solve_impact(*body, duration, velocity or ones(), **stated)
+def solve_block_impact(duration=1.0, velocity=None, pair=None, **options):
+    body = (
+        symmetric_part(K),
+        diagonal_matrix(K, vector_of_ones()),
+        BLOCK.no_supports,
+        pair or BLOCK.floor_pair(0.3),
+        U,
+    )
+    return solve_impact(*body, duration, velocity or vector_of_ones(), **options)
 
 
-def held():
+def clamped_foot():
     return Reduction.dirichlet(U, [prescribe(U, i, FOOT) for i in (0, 1)])
 
 
-def stated(load, **options):
+def solve_nonlinear(load, **options):
     u = fem.Function(U)
     F = ufl.inner(ufl.grad(u), ufl.grad(ufl.TestFunction(U))) * ufl.dx
     PetrovGalerkinProblem(F, u, prescribe(U, 0, FOOT), **options).solve(load)
 
 
-# fmt: off
 SCENARIOS = [
-    (f"the marker of the prescribed nodes failed on process {WRONG}: KeyError: 'x'",
-     lambda: prescribe(U, 0, errs_below)),
-    ("the marker of the prescribed nodes gave bool of", lambda: prescribe(U, 0, one_value)),
-    ("the marker of the boundary gave bool of the shape ()",
-     lambda: boundary_measure(MESH, one_value)),
-    (f"facets have the numbers 1000000 to {FAR}", lambda: boundary_measure(MESH, NODES)),
-    ("facets are float64 of the shape (1,)",
-     lambda: boundary_measure(MESH, np.array([0.0 if BAD else 0]))),
-    (f"facets are a mask of 3: it is one of all, {HERE}",
-     lambda: boundary_measure(MESH, np.ones(3, dtype=bool) if BAD else errs_below)),
-    (f"force: {DIFFERS}", lambda: nodal_load(U, FOOT, (np.nan if BAD else 1.0, 0.0))),
-    ("the mass matrix has entries that are not",
-     lambda: lumped_mass(diagonal(nan_on_one(ones())), U)),
-    (f"the nodes to be condensed have the numbers 1000000 to {FAR}",
-     lambda: Reduction.condensation(K, U, NODES)),
-    ("the load is not finite", lambda: solve(K, nan_on_one(LOAD), held())),
-    ("TypeError: the reduction is of the type Thing", lambda: solve(K, LOAD, Thing())),
-    (f"the nodes of contact pair 0 have the numbers 1000000 to {FAR}",
-     lambda: contact(ContactPair([10**6] if BAD else FOOT, FLOOR))),
-    (f"pairs: {DIFFERS}", lambda: contact([BLOCK.floor_pair(0.3)] * (1 + BAD))),
-    ("the friction of contact pair 0 gave float64 of the shape",
-     lambda: contact(floor(lambda x: x[0] if not BAD else x[0, :-1]))),
-    (f"pairs: {DIFFERS}", lambda: contact(floor(0.3 + BAD))),
-    ("the normal of the surface of contact pair 0 gave float64 of the shape (1, 2)",
-     lambda: contact(floor(surface=Gap(wrong="normal")))),
-    (f"pairs: {DIFFERS}",
-     lambda: contact(floor(motions=[STILL] * (1 + BAD)))),
-    ("the load of increment 0 is not finite", lambda: contact(loads=nan_on_one(LOAD))),
-    ("the stiffness has entries that are not", lambda: contact(K=nan_in_matrix())),
-    (f"motions: {DIFFERS}", lambda: step([Motion((0, 0.1 if BAD else 0.2))])),
-    (f"state: {DIFFERS}", other_state),
-    (f"state: {DIFFERS}", lambda: step_from(slip=1e-15)),
-    (f"state: {DIFFERS}", lambda: step_from(displacement=np.nan)),
-    ("LinAlgError: singular", dragged_off),
-    ("FileNotFoundError: the state cannot be written to /nowhere/",
-     lambda: problem().save(problem().undeformed, "/nowhere/state.npz")),
-    (f"the paths: {DIFFERS}", lambda: impact(paths=[lambda time: (0, time + BAD)])),
-    ("the load at the time 0 is not finite", lambda: impact(load=lambda _: nan_on_one(LOAD))),
+    (
+        f"the marker of the prescribed nodes failed on process {WRONG_RANK}: KeyError: 'x'",
+        lambda: prescribe(U, 0, failing_marker),
+    ),
+    (
+        "the marker of the prescribed nodes gave bool of",
+        lambda: prescribe(U, 0, scalar_on_one_rank),
+    ),
+    (
+        "the marker of the boundary gave bool of the shape ()",
+        lambda: boundary_measure(MESH, scalar_on_one_rank),
+    ),
+    (
+        f"facets have the numbers 1000000 to {NUMBER_MESSAGE}",
+        lambda: boundary_measure(MESH, NODE_NUMBERS),
+    ),
+    (
+        "facets are float64 of the shape (1,)",
+        lambda: boundary_measure(MESH, np.array([0.0 if IS_WRONG_RANK else 0])),
+    ),
+    (
+        f"facets are a mask of 3: it is one of all, {RANK_MESSAGE}",
+        lambda: boundary_measure(
+            MESH, np.vector_of_ones(3, dtype=bool) if IS_WRONG_RANK else failing_marker
+        ),
+    ),
+    (
+        f"force: {DIFFERENCE_MESSAGE}",
+        lambda: nodal_load(U, FOOT, (np.nan if IS_WRONG_RANK else 1.0, 0.0)),
+    ),
+    (
+        "the mass matrix has entries that are not",
+        lambda: lumped_mass(diagonal_matrix(K, with_nan_on_one_rank(vector_of_ones())), U),
+    ),
+    (
+        f"the nodes to be condensed have the numbers 1000000 to {NUMBER_MESSAGE}",
+        lambda: Reduction.condensation(K, U, NODE_NUMBERS),
+    ),
+    ("the load is not finite", lambda: solve(K, with_nan_on_one_rank(LOAD), clamped_foot())),
+    (
+        "TypeError: the reduction is of the type FailingObject",
+        lambda: solve(K, LOAD, FailingObject()),
+    ),
+    (
+        f"the nodes of contact pair 0 have the numbers 1000000 to {NUMBER_MESSAGE}",
+        lambda: solve_block(ContactPair([10**6] if IS_WRONG_RANK else FOOT, FLOOR)),
+    ),
+    (
+        f"pairs: {DIFFERENCE_MESSAGE}",
+        lambda: solve_block([BLOCK.floor_pair(0.3)] * (1 + IS_WRONG_RANK)),
+    ),
+    (
+        "the friction of contact pair 0 gave float64 of the shape",
+        lambda: solve_block(floor_pair(lambda x: x[0] if not IS_WRONG_RANK else x[0, :-1])),
+    ),
+    (f"pairs: {DIFFERENCE_MESSAGE}", lambda: solve_block(floor_pair(0.3 + IS_WRONG_RANK))),
+    (
+        "the normal of the surface of contact pair 0 gave float64 of the shape (1, 2)",
+        lambda: solve_block(floor_pair(surface=FailingPlane(wrong="normal"))),
+    ),
+    (
+        f"pairs: {DIFFERENCE_MESSAGE}",
+        lambda: solve_block(floor_pair(motions=[STILL] * (1 + IS_WRONG_RANK))),
+    ),
+    (
+        "the load of increment 0 is not finite",
+        lambda: solve_block(loads=with_nan_on_one_rank(LOAD)),
+    ),
+    ("the stiffness has entries that are not", lambda: solve_block(K=stiffness_with_nan())),
+    (
+        f"motions: {DIFFERENCE_MESSAGE}",
+        lambda: solve_step([Motion((0, 0.1 if IS_WRONG_RANK else 0.2))]),
+    ),
+    (f"state: {DIFFERENCE_MESSAGE}", step_from_other_problem),
+    (f"state: {DIFFERENCE_MESSAGE}", lambda: step_from_changed_state(slip=1e-15)),
+    (f"state: {DIFFERENCE_MESSAGE}", lambda: step_from_changed_state(displacement=np.nan)),
+    ("LinAlgError: singular", fail_in_proof),
+    (
+        "FileNotFoundError: the state cannot be written to /nowhere/",
+        lambda: make_problem().save(make_problem().undeformed, "/nowhere/state.npz"),
+    ),
+    (
+        f"the paths: {DIFFERENCE_MESSAGE}",
+        lambda: solve_block_impact(paths=[lambda time: (0, time + IS_WRONG_RANK)]),
+    ),
+    (
+        "the load at the time 0 is not finite",
+        lambda: solve_block_impact(load=lambda _: with_nan_on_one_rank(LOAD)),
+    ),
 ]
-# fmt: on
 
 
-# fmt: off
-# Every way in which a user's function is called; on one process it fails
-USERS = {
-    "marker of nodes": lambda: prescribe(U, 0, errs_below),
-    "marker of loaded nodes": lambda: nodal_load(U, errs_below, (1.0, 0.0)),
-    "marker of facets": lambda: boundary_measure(MESH, errs_below),
-    "marker of a line": lambda: forces_along(U, LOAD, errs_below),
-    "marker of a surface": lambda: SurfaceNodes.from_body(BLOCK.body, errs_below),
-    "marker of a pair": lambda: contact(ContactPair(errs_below, FLOOR)),
-    "image": lambda: move_nodes(square(4), errs),
-    "image of a curved mesh": lambda: curved_mesh(square(4), errs),
-    "friction": lambda: contact(floor(lambda x: errs(0 * x[0]))),
-    "law, of a node": lambda: contact(floor(Law("at"))),
-    "law, at once": lambda: contact(floor(Law())),
-    "law, later": lambda: contact(floor(Law(last=30))),
-    "law, in an impact": lambda: impact(0.1, 0 * ones(), floor(Law(last=28)), load=LOAD),
-    "gap": lambda: contact(floor(surface=Gap(fails="gap"))),
-    "normal": lambda: contact(floor(surface=Gap(fails="normal"))),
-    "closest points": lambda: slid(Unreached((0, 0), (0, 1))),
-    "signed distance": lambda: slid(SignedDistance(lambda x: errs(x[:, 1]))),
-    "its gradient": lambda: slid(SignedDistance(lambda x: x[:, 1], lambda x: errs(0 * x + [0, 1]))),
-    "callback": lambda: contact(callback=errs),
-    "callback of one process": lambda: contact(callback=errs if BAD else None),
-    "load of a residual": lambda: stated(errs),
-    "load of a step": lambda: slid(load=errs),
-    "update": lambda: slid(update=lambda: errs(0)),
-    "callback at large strains": lambda: slid(callback=errs),
-    "load of an impact": lambda: impact(load=lambda _: errs(LOAD)),
-    "path": lambda: impact(paths=[lambda _: errs((0, 0))]),
-    "iterate, at once": lambda: by(Foreign(0)),
-    "iterate, between products": lambda: by(Foreign(2)),
-    "iterate, at the end": lambda: by(Foreign(3, 4)),
+# Calls of users' functions of all kinds, which fail on one process
+FAILING_FUNCTIONS = {
+    "marker of nodes": lambda: prescribe(U, 0, failing_marker),
+    "marker of loaded nodes": lambda: nodal_load(U, failing_marker, (1.0, 0.0)),
+    "marker of facets": lambda: boundary_measure(MESH, failing_marker),
+    "marker of a line": lambda: forces_along(U, LOAD, failing_marker),
+    "marker of a surface": lambda: SurfaceNodes.from_body(BLOCK.body, failing_marker),
+    "marker of a pair": lambda: solve_block(ContactPair(failing_marker, FLOOR)),
+    "image": lambda: move_nodes(square_mesh(4), fail_on_one_rank),
+    "image of a curved mesh": lambda: curved_mesh(square_mesh(4), fail_on_one_rank),
+    "friction": lambda: solve_block(floor_pair(lambda x: fail_on_one_rank(0 * x[0]))),
+    "law, of a node": lambda: solve_block(floor_pair(FailingLaw("at"))),
+    "law, at once": lambda: solve_block(floor_pair(FailingLaw())),
+    "law, later": lambda: solve_block(floor_pair(FailingLaw(last=30))),
+    "law, in an impact": lambda: solve_block_impact(
+        0.1, 0 * vector_of_ones(), floor_pair(FailingLaw(last=28)), load=LOAD
+    ),
+    "gap": lambda: solve_block(floor_pair(surface=FailingPlane(fails="gap"))),
+    "normal": lambda: solve_block(floor_pair(surface=FailingPlane(fails="normal"))),
+    "closest points": lambda: solve_at_large_strain(FailingClosestPoints((0, 0), (0, 1))),
+    "signed distance": lambda: solve_at_large_strain(
+        SignedDistance(lambda x: fail_on_one_rank(x[:, 1]))
+    ),
+    "its gradient": lambda: solve_at_large_strain(
+        SignedDistance(lambda x: x[:, 1], lambda x: fail_on_one_rank(0 * x + [0, 1]))
+    ),
+    "callback": lambda: solve_block(callback=fail_on_one_rank),
+    "callback of one process": lambda: solve_block(
+        callback=fail_on_one_rank if IS_WRONG_RANK else None
+    ),
+    "load of a residual": lambda: solve_nonlinear(fail_on_one_rank),
+    "load of a step": lambda: solve_at_large_strain(load=fail_on_one_rank),
+    "update": lambda: solve_at_large_strain(update=lambda: fail_on_one_rank(0)),
+    "callback at large strains": lambda: solve_at_large_strain(callback=fail_on_one_rank),
+    "load of an impact": lambda: solve_block_impact(load=lambda _: fail_on_one_rank(LOAD)),
+    "path": lambda: solve_block_impact(paths=[lambda _: fail_on_one_rank((0, 0))]),
+    "iterate, at once": lambda: solve_plate_by(FailingKrylovSolver(0)),
+    "iterate, between products": lambda: solve_plate_by(FailingKrylovSolver(2)),
+    "iterate, at the end": lambda: solve_plate_by(FailingKrylovSolver(3, 4)),
 }
-# fmt: on
-ERRORS = [KeyboardInterrupt(), KeyError("x"), SystemExit(3), GeneratorExit()]
+USER_ERRORS = [KeyboardInterrupt(), KeyError("x"), SystemExit(3), GeneratorExit()]
 
 
-def said(comm, errors):
-    """What all processes say in each scenario that ends otherwise than it should."""
-    wrong = [
-        (words, each)
-        for words, scenario in SCENARIOS
-        if len(set(each := gather_outcomes(comm, scenario))) > 1 or not each[0].startswith(words)
+def failed_scenarios(comm, errors):
+    """Return the scenarios with unexpected errors, and the errors of all processes."""
+    failures = [
+        (message, outcomes)
+        for message, scenario in SCENARIOS
+        if len(set(outcomes := gather_outcomes(comm, scenario))) > 1
+        or not outcomes[0].startswith(message)
     ]
-    global RAISED
-    for RAISED in errors:
-        for name, call in USERS.items():
-            each = gather_outcomes(comm, call)
-            words = "KeyError: 'x'" if isinstance(RAISED, Exception) else repr(RAISED)
-            if len(set(each)) > 1 or words not in each[0]:
-                wrong.append((name, repr(RAISED), each))
-    return wrong
+    global RAISED_ERROR
+    for RAISED_ERROR in errors:
+        for name, call in FAILING_FUNCTIONS.items():
+            outcomes = gather_outcomes(comm, call)
+            message = "KeyError: 'x'" if isinstance(RAISED_ERROR, Exception) else repr(RAISED_ERROR)
+            if len(set(outcomes)) > 1 or message not in outcomes[0]:
+                failures.append((name, repr(RAISED_ERROR), outcomes))
+    return failures
 
 
 def gather_outcomes(comm, function):
+    """Call a function; return its error message (or "nothing") on each process."""
     try:
         function()
-        found = "nothing"
+        outcome = "nothing"
     except Exception as error:
-        kind = "" if type(error) is ValueError else f"{type(error).__name__}: "
-        found = f"{kind}{error}"
+        prefix = "" if type(error) is ValueError else f"{type(error).__name__}: "
+        outcome = f"{prefix}{error}"
     except BaseException as error:
-        found = repr(error)
-    return comm.allgather(found)
+        outcome = repr(error)
+    return comm.allgather(outcome)
 
 
-def differing(comm, most):
-    """Calls of public functions that do not end alike if one argument of a process differs."""
-    wrong, count = [], 0
-    for name, (function, right) in calls(comm).items():
-        for argument, value in right.items():
-            for other in islice(otherwise(value), most):
-                changed = right | ({argument: other} if comm.rank == comm.size - 1 else {})
-                each = gather_outcomes(comm, lambda f=function, given=changed: f(**given))
+def failed_argument_changes(comm, max_values):
+    """Return calls without a common error although one argument differs on one process."""
+    failures, count = [], 0
+    for name, (function, arguments) in correct_calls(comm).items():
+        for argument, value in arguments.items():
+            for altered in islice(altered_values(value), max_values):
+                changed_arguments = arguments | (
+                    {argument: altered} if comm.rank == comm.size - 1 else {}
+                )
+                outcomes = gather_outcomes(
+                    comm, lambda f=function, arguments_here=changed_arguments: f(**arguments_here)
+                )
                 count += 1
-                if len(set(each)) > 1 or each[0] == "nothing":
-                    wrong.append((name, argument, repr(other), each))
-    return wrong, count
+                if len(set(outcomes)) > 1 or outcomes[0] == "nothing":
+                    failures.append((name, argument, repr(altered), outcomes))
+    return failures, count
 
 
-def unlike(comm, errors, most):
-    return said(comm, errors), *differing(comm, most)
+def all_failures(comm, errors, max_values):
+    return failed_scenarios(comm, errors), *failed_argument_changes(comm, max_values)
 
 
 @pytest.mark.random
 def test_an_error_and_a_different_argument_on_one_process_end_all_with_the_same_words(request):
-    processes, errors, most = 2, ERRORS[:1], 1
+    processes, errors, max_values = 2, USER_ERRORS[:1], 1
     if request.config.getoption("--nightly"):
-        processes, errors, most = 3, ERRORS, 10
+        processes, errors, max_values = 3, USER_ERRORS, 10
     limit = (1 + len(errors)) * WAITING
-    for wrong, different, count in run_on(processes, unlike, errors, most, limit=limit):
-        assert wrong == different == []
+    for failures, argument_failures, count in run_on(
+        processes, all_failures, errors, max_values, limit=limit
+    ):
+        assert failures == argument_failures == []
         assert count > 200
 
 
 def test_each_public_function_compares_its_arguments_or_is_listed_as_local():
-    """Dataclasses do it where they are made, in their `__post_init__`."""
+    """Dataclasses compare them in their `__post_init__`."""
     text = (ROOT / "docs/how-to/parallel.md").read_text()
-    local = set(re.findall(r"`([\w.]+)`", text.partition("stay local:")[2].partition("\n\n")[0]))
-    known = set(calls(MPI.COMM_SELF))
-    assert local | known == set(public())
-    assert not local & known
-    for name, thing in public().items():
-        parts = (
-            [thing]
-            if not isinstance(thing, type)
-            else [thing.__init__, getattr(thing, "__post_init__", None)]
+    local_names = set(
+        re.findall(r"`([\w.]+)`", text.partition("stay local:")[2].partition("\n\n")[0])
+    )
+    collective_names = set(correct_calls(MPI.COMM_SELF))
+    assert local_names | collective_names == set(public_objects())
+    assert not local_names & collective_names
+    for name, obj in public_objects().items():
+        functions = (
+            [obj]
+            if not isinstance(obj, type)
+            else [obj.__init__, getattr(obj, "__post_init__", None)]
         )
-        assert any(hasattr(p, "compares") for p in parts) == (name in known), name
+        assert any(hasattr(function, "compares") for function in functions) == (
+            name in collective_names
+        ), name
 
 
 def test_only_a_writer_that_others_wait_for_ends_them_all():
-    """Within ADIOS2 they would wait for ever for a process that has failed alone."""
+    """Within ADIOS2, the other processes would wait forever for one that has failed."""
     paths = (ROOT / "pw_elements").rglob("*.py")
     assert [p.name for p in paths if "Abort(" in p.read_text()] == ["fields.py"]
 
 
-def shares(comm):
-    """Time of digests and of comparing them, over that of a contact solution."""
-    body = BlockOnFloor(80, comm=comm)
-    assert body.K.getSize()[0] > 25_600
-    spent, within, compare = [], [], guard._digest
+def comparison_time_share(comm):
+    """Return the time of digests and their comparison, relative to a contact solution."""
+    block = BlockOnFloor(80, comm=comm)
+    assert block.K.getSize()[0] > 25_600
+    durations, open_calls, compute_digest = [], [], guard._compute_digest
 
-    def timed(value):
-        if within:
-            return compare(value)
-        within.append(value)
-        begun = perf_counter()
-        found = compare(value)
-        spent.append(perf_counter() - begun)
-        within.pop()
-        return found
+    def timed_digest(value):
+        if open_calls:
+            return compute_digest(value)
+        open_calls.append(value)
+        start = perf_counter()
+        digest = compute_digest(value)
+        durations.append(perf_counter() - start)
+        open_calls.pop()
+        return digest
 
-    with patch.object(guard, "_digest", timed):
-        begun = perf_counter()
-        body.solve(0.3, 60.0, increments=2)
-        whole = perf_counter() - begun
-    begun = perf_counter()
+    with patch.object(guard, "_compute_digest", timed_digest):
+        start = perf_counter()
+        block.solve(0.3, 60.0, increments=2)
+        solution_time = perf_counter() - start
+    start = perf_counter()
     for _ in range(100):
         comm.Allreduce(np.zeros(3, dtype=int), np.empty(3, dtype=int))
-    return (sum(spent) + len(spent) * (perf_counter() - begun) / 100) / whole
+    return (sum(durations) + len(durations) * (perf_counter() - start) / 100) / solution_time
 
 
 @pytest.mark.random
 def test_comparing_arguments_takes_a_hundredth_at_most(request):
     if not request.config.getoption("--nightly"):
         pytest.skip("with --nightly")
-    assert max(run_on(2, shares, limit=600)) < 0.01
+    assert max(run_on(2, comparison_time_share, limit=600)) < 0.01

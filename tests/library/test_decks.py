@@ -1,4 +1,4 @@
-"""Abaqus' decks: read as CalculiX reads them, and as a second reading does that shares no code."""
+"""Decks of Abaqus are read as by CalculiX and by a second, independent reader."""
 
 import json
 
@@ -15,43 +15,44 @@ from pw_elements._compat import cell_nodes
 from pw_elements.meshes import from_file
 from tests.library import deck_calculix
 from tests.library.deck_models import DECK_MODELS
-from tests.library.deck_reading import Reading
+from tests.library.deck_reading import DeckReading
+from tests.library.hostile_decks import HOSTILE_DECKS
 
 COMM = MPI.COMM_SELF
-needs_ccx = pytest.mark.skipif(
+needs_calculix = pytest.mark.skipif(
     deck_calculix.executable() is None,
     reason="CalculiX (ccx, Debian's calculix-ccx) is not installed",
 )
 
 
-def read(tmp_path, text, **options):
+def read_text(tmp_path, text, **options):
     data = text if isinstance(text, bytes) else text.encode()
     (tmp_path / "deck.inp").write_bytes(data)
     return from_file(tmp_path / "deck.inp", COMM, **options)
 
 
-def corners(part, dim, entities):
-    """Coordinates of the corners of cells or facets, each as a frozen set of triples."""
+def corner_coordinates(part, dim, entities):
+    """Return the corners of cells or facets, each as a frozen set of coordinates."""
     mesh = part.mesh
-    kind = mesh.basix_cell()
-    columns = np.arange(len(basix.geometry(kind)))[None]  # corners are the first nodes
-    cells, side = np.asarray(entities), np.zeros(len(entities), dtype=int)
+    cell_type = mesh.basix_cell()
+    corner_columns = np.arange(len(basix.geometry(cell_type)))[None]  # corners are the first nodes
+    cells, local_facet = np.asarray(entities), np.zeros(len(entities), dtype=int)
     if dim < mesh.topology.dim:
         mesh.topology.create_connectivity(dim, mesh.topology.dim)
-        above = mesh.topology.connectivity(dim, mesh.topology.dim)
-        below = mesh.topology.connectivity(mesh.topology.dim, dim)
-        cells = np.array([above.links(entity)[0] for entity in entities], dtype=int)
-        side = [
-            np.flatnonzero(below.links(cell) == entity)[0]
+        cells_of_facet = mesh.topology.connectivity(dim, mesh.topology.dim)
+        facets_of_cell = mesh.topology.connectivity(mesh.topology.dim, dim)
+        cells = np.array([cells_of_facet.links(entity)[0] for entity in entities], dtype=int)
+        local_facet = [
+            np.flatnonzero(facets_of_cell.links(cell) == entity)[0]
             for cell, entity in zip(cells, entities, strict=True)
         ]
-        columns = np.array(basix.topology(kind)[dim])
-    nodes = np.take_along_axis(cell_nodes(mesh)[cells], columns[side], axis=1)
+        corner_columns = np.array(basix.topology(cell_type)[dim])
+    nodes = np.take_along_axis(cell_nodes(mesh)[cells], corner_columns[local_facet], axis=1)
     return [frozenset(map(tuple, rows)) for rows in mesh.geometry.x[nodes].tolist()]
 
 
-def volume(part, cells=None, weight=1.0, degree=9):
-    """Integral over cells, all of them if None."""
+def integrate_volume(part, cells=None, weight=1.0, degree=9):
+    """Return the integral of a weight over cells; over all cells if None."""
     mesh, metadata = part.mesh, {"quadrature_degree": degree}
     if cells is None:
         return assemble_scalar(weight * ufl.dx(mesh, metadata=metadata))
@@ -60,67 +61,75 @@ def volume(part, cells=None, weight=1.0, degree=9):
 
 
 def check_against_second_reading(part, path):
-    """Compare all sets by the digits of their corners, and the volume."""
-    reading, dim = Reading(path), part.mesh.topology.dim
+    """Compare all sets, by the coordinates of corners, and the volume with a second reading."""
+    reading, dim = DeckReading(path), part.mesh.topology.dim
     mesh = part.mesh
-    expected = {name: own for name, own in reading.cell_sets().items() if name[0] != "_"}
+    expected = {name: members for name, members in reading.cell_sets().items() if name[0] != "_"}
     assert {*part.names["cells"]} == {*expected}
-    for name, own in expected.items():
-        found = corners(part, dim, part.cells(name))
-        assert len(found) == len({*found})
-        assert {*found} == own, name
-    expected = {name: own for name, own in reading.facet_sets().items() if name[0] != "_"}
+    for name, members in expected.items():
+        facets_or_cells = corner_coordinates(part, dim, part.cells(name))
+        assert len(facets_or_cells) == len({*facets_or_cells})
+        assert {*facets_or_cells} == members, name
+    expected = {name: members for name, members in reading.facet_sets().items() if name[0] != "_"}
     assert {*part.names["facets"]} == {*expected}
-    for name, own in expected.items():
-        assert {*corners(part, dim - 1, part.facets(name))} == own, name
-    used = {reading.nodes[n] for _, _, nodes in reading.cells() for n in nodes}
-    assert used <= {*map(tuple, mesh.geometry.x.tolist())}
+    for name, members in expected.items():
+        assert {*corner_coordinates(part, dim - 1, part.facets(name))} == members, name
+    used_nodes = {reading.nodes[n] for _, _, nodes in reading.cells() for n in nodes}
+    assert used_nodes <= {*map(tuple, mesh.geometry.x.tolist())}
     volumes = reading.volumes()
     assert mesh.topology.index_map(dim).size_local == len(volumes)
-    assert volume(part) == pytest.approx(sum(volumes.values()), rel=1e-12)
+    assert integrate_volume(part) == pytest.approx(sum(volumes.values()), rel=1e-12)
 
 
 @pytest.mark.parametrize("kind", DECK_MODELS)
 def test_a_second_reading_finds_the_same_sets_and_volume(tmp_path, kind):
-    part = read(tmp_path, DECK_MODELS[kind])
+    part = read_text(tmp_path, DECK_MODELS[kind])
     assert len(part.names["cells"]) == 4
     assert {*part.names["facets"]} == {"ALL", "EVERYTHING", "BOTTOM", "BASE", "FRONT"}
     check_against_second_reading(part, tmp_path / "deck.inp")
 
 
-def check_against_calculix(part, path, kind, answer):
-    """Compare cells of sets, each cell's volume, and facets whose nodes are in CalculiX' sets.
+def check_against_calculix(part, path, element_type, answer):
+    """Compare the cells of sets, the volume of each cell, and facets of node sets with CalculiX.
 
-    CalculiX prints seven digits. It makes a wedge of two degrees of axisymmetric elements, whose
-    round side is a chord, or, in second order, close to the arc. Four points in curved tetrahedra
-    and two in each direction of reduced elements do not give the volume exactly: we take as many.
+    CalculiX prints seven digits. Its axisymmetric elements are wedges of two degrees, whose round
+    side is a chord (degree 1) or close to the arc (degree 2). Its quadrature of curved tetrahedra
+    and reduced elements is inexact; the same number of points is used here.
     """
     weight = 1.0
-    degree = 2 if kind in ("CAX6", "C3D10", "C3D10T") else 3 if kind in ("CAX8R", "C3D20R") else 9
-    if kind.startswith("CAX"):
+    degree = (
+        2
+        if element_type in ("CAX6", "C3D10", "C3D10T")
+        else 3
+        if element_type in ("CAX8R", "C3D20R")
+        else 9
+    )
+    if element_type.startswith("CAX"):
         angle = np.radians(2)
-        straight = kind in ("CAX3", "CAX4")
-        weight = ufl.SpatialCoordinate(part.mesh)[0] * (np.sin(angle) if straight else angle)
+        is_straight = element_type in ("CAX3", "CAX4")
+        weight = ufl.SpatialCoordinate(part.mesh)[0] * (np.sin(angle) if is_straight else angle)
     for name in deck_calculix.ELSETS:
         expected = sorted(answer["volumes"][str(n)] for n in answer["sets"][name])
         cells = part.cells(name)
-        volumes = sorted(volume(part, np.array([cell]), weight, degree) for cell in cells)
+        volumes = sorted(integrate_volume(part, np.array([cell]), weight, degree) for cell in cells)
         assert volumes == pytest.approx(expected, rel=1e-6), name
-    reading, dim = Reading(path), part.mesh.topology.dim - 1
+    reading, dim = DeckReading(path), part.mesh.topology.dim - 1
     reading.sets["NSET"] = {name: {*answer["sets"][name]} for name in deck_calculix.NSETS}
     reading.surfaces = {}
     for name, expected in reading.facet_sets().items():
-        assert {*corners(part, dim, part.facets(name))} == expected, name
+        assert {*corner_coordinates(part, dim, part.facets(name))} == expected, name
 
 
 @pytest.mark.parametrize("kind", DECK_MODELS)
 def test_calculix_has_the_same_sets_and_volumes(tmp_path, kind):
     answer = json.loads(deck_calculix.ANSWERS.read_text())[kind]
     assert answer["sha256"] == deck_calculix.digest(kind)
-    check_against_calculix(read(tmp_path, DECK_MODELS[kind]), tmp_path / "deck.inp", kind, answer)
+    check_against_calculix(
+        read_text(tmp_path, DECK_MODELS[kind]), tmp_path / "deck.inp", kind, answer
+    )
 
 
-@needs_ccx
+@needs_calculix
 def test_calculix_answers_as_it_did():
     answers = json.loads(deck_calculix.ANSWERS.read_text())
     assert {*answers} == {*DECK_MODELS}
@@ -128,7 +137,7 @@ def test_calculix_answers_as_it_did():
         assert deck_calculix.compute(kind, deck_calculix.executable()) == answer
 
 
-SQUARES = """*NODE, NSET=ALL
+TWO_SQUARES = """*NODE, NSET=ALL
 1, 0., 0.
 2, 1., 0.
 3, 2., 0.
@@ -143,19 +152,21 @@ SQUARES = """*NODE, NSET=ALL
 
 
 def test_cells_of_a_set_are_read_alone(tmp_path):
-    part = read(tmp_path, SQUARES, cells="right")
-    assert volume(part) == pytest.approx(1.0)
+    part = read_text(tmp_path, TWO_SQUARES, cells="right")
+    assert integrate_volume(part) == pytest.approx(1.0)
     assert {*part.names["cells"]} == {"RIGHT"}
-    assert volume(read(tmp_path, SQUARES, cells=["LEFT", "RIGHT"])) == pytest.approx(2.0)
+    assert integrate_volume(
+        read_text(tmp_path, TWO_SQUARES, cells=["LEFT", "RIGHT"])
+    ) == pytest.approx(2.0)
     with pytest.raises(ValueError, match="no ELSET is called TOP; known are LEFT, RIGHT"):
-        read(tmp_path, SQUARES, cells="TOP")
-    for wrong in (5, [5]):
+        read_text(tmp_path, TWO_SQUARES, cells="TOP")
+    for wrong_value in (5, [5]):
         with pytest.raises(TypeError, match=r"cells .*: give the name of an ELSET, or several"):
-            read(tmp_path, SQUARES, cells=wrong)
-    mixed = SQUARES + "*ELEMENT, TYPE=CPS3, ELSET=T\n3, 3, 7, 6\n*NODE\n7, 3., .5\n"
+            read_text(tmp_path, TWO_SQUARES, cells=wrong_value)
+    mixed = TWO_SQUARES + "*ELEMENT, TYPE=CPS3, ELSET=T\n3, 3, 7, 6\n*NODE\n7, 3., .5\n"
     with pytest.raises(ValueError, match=r"of degree 1 and triangles .* cells=NAME"):
-        read(tmp_path, mixed)
-    assert volume(read(tmp_path, mixed, cells="T")) == pytest.approx(0.5)
+        read_text(tmp_path, mixed)
+    assert integrate_volume(read_text(tmp_path, mixed, cells="T")) == pytest.approx(0.5)
 
 
 def test_shells_and_springs_beside_solids_are_left_out_and_named(tmp_path, caplog):
@@ -172,38 +183,38 @@ def test_shells_and_springs_beside_solids_are_left_out_and_named(tmp_path, caplo
 9002, 9001, 9002
 """
     )
-    part = read(tmp_path, text)
+    part = read_text(tmp_path, text)
     assert part.mesh.topology.dim == 3
     assert "neither cells nor facets are left out: 1 S4, 1 SPRINGA" in caplog.text
     assert not {"SHELL", "SPRING"} & {*part.names["cells"], *part.names["facets"]}
-    shell = read(tmp_path, text, cells="SHELL")
+    shell = read_text(tmp_path, text, cells="SHELL")
     assert shell.mesh.topology.dim == 2
-    assert volume(shell) == pytest.approx(1.0)
+    assert integrate_volume(shell) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
-    ("axes", "words"), [((0, 2), "y = 7: x and z"), ((1, 2), "x = 7: y and z")]
+    ("axes", "message"), [((0, 2), "y = 7: x and z"), ((1, 2), "x = 7: y and z")]
 )
-def test_shells_in_other_planes_keep_two_coordinates(tmp_path, caplog, axes, words):
-    lines = SQUARES.splitlines()
+def test_shells_in_other_planes_keep_two_coordinates(tmp_path, caplog, axes, message):
+    lines = TWO_SQUARES.splitlines()
     for k in range(1, 7):
         number, *x = lines[k].split(",")
-        at = ["7."] * 3
-        at[axes[0]], at[axes[1]] = x
-        lines[k] = ",".join([number, *at])
+        coordinates = ["7."] * 3
+        coordinates[axes[0]], coordinates[axes[1]] = x
+        lines[k] = ",".join([number, *coordinates])
     text = "\n".join(lines)
     with pytest.raises(ValueError, match="do not lie in one plane z = constant"):
-        read(tmp_path, text)
-    part = read(tmp_path, text.replace("CPS4", "S4"))
-    assert words in caplog.text
+        read_text(tmp_path, text)
+    part = read_text(tmp_path, text.replace("CPS4", "S4"))
+    assert message in caplog.text
     assert sorted(map(tuple, part.mesh.geometry.x[:, :2].tolist())) == [
         (x, y) for x in (0.0, 1.0, 2.0) for y in (0.0, 1.0)
     ]
 
 
 def test_cells_keep_their_shape_and_faces_hold_added_nodes(tmp_path, caplog):
-    """A set of all nodes of a face selects the facet, whose unknowns are nine."""
-    part = read(tmp_path, DECK_MODELS["C3D20"])
+    """A set of all nodes of a face of C3D20 selects the facet, which has nine nodes."""
+    part = read_text(tmp_path, DECK_MODELS["C3D20"])
     assert "8 cells of 20 nodes have got 7 more" in caplog.text
     space = functionspace(part.mesh, ("Lagrange", 2))
     part.mesh.topology.create_connectivity(2, 3)
@@ -213,13 +224,13 @@ def test_cells_keep_their_shape_and_faces_hold_added_nodes(tmp_path, caplog):
 
 
 def test_rows_that_are_too_long_are_cut_and_counted(tmp_path, caplog):
-    read(tmp_path, SQUARES.replace("1, 1, 2, 5, 4", "1, 1, 2, 5, 4, 6"))
+    read_text(tmp_path, TWO_SQUARES.replace("1, 1, 2, 5, 4", "1, 1, 2, 5, 4, 6"))
     assert "1 rows of CPS4 have more than 4 nodes" in caplog.text
 
 
 def test_names_in_quotes_keep_commas_and_their_case(tmp_path):
-    text = SQUARES + '*NSET, NSET="A=b, C"\n1, 2\n*SURFACE, NAME=S, TYPE=NODE\n"A=b, C"\n'
-    part = read(tmp_path, text)
+    text = TWO_SQUARES + '*NSET, NSET="A=b, C"\n1, 2\n*SURFACE, NAME=S, TYPE=NODE\n"A=b, C"\n'
+    part = read_text(tmp_path, text)
     assert {*part.names["facets"]} == {"ALL", "A=b, C", "S"}
     assert np.array_equal(part.facets("A=b, C"), part.facets("s"))
     with pytest.raises(ValueError, match="no set of facets is called A=B"):
@@ -227,29 +238,29 @@ def test_names_in_quotes_keep_commas_and_their_case(tmp_path):
 
 
 def test_nodes_and_elements_of_a_set_make_others(tmp_path):
-    text = SQUARES + "*NSET, NSET=N, ELSET=LEFT\n*NSET, NSET=GAPS, GENERATE\n1, 90\n"
-    part = read(tmp_path, text)
+    text = TWO_SQUARES + "*NSET, NSET=N, ELSET=LEFT\n*NSET, NSET=GAPS, GENERATE\n1, 90\n"
+    part = read_text(tmp_path, text)
     assert len(part.facets("N")) == 3
     assert len(part.facets("GAPS")) == 6
 
 
 def test_ranges_with_gaps_are_named(tmp_path, caplog):
-    read(tmp_path, SQUARES + "*NSET, NSET=GAPS, GENERATE\n1, 90\n")
+    read_text(tmp_path, TWO_SQUARES + "*NSET, NSET=GAPS, GENERATE\n1, 90\n")
     assert "ranges of NSET GAPS have numbers of nothing that is there" in caplog.text
     caplog.clear()
-    read(tmp_path, SQUARES + "*NSET, NSET=WHOLE, GENERATE\n1, 6\n")
+    read_text(tmp_path, TWO_SQUARES + "*NSET, NSET=WHOLE, GENERATE\n1, 6\n")
     assert not caplog.text
 
 
 def test_nodes_are_read_from_the_file_that_they_name(tmp_path):
-    nodes, cells = SQUARES.split("*ELEMENT", 1)
+    nodes, cells = TWO_SQUARES.split("*ELEMENT", 1)
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "Nodes.txt").write_text(nodes.partition("\n")[2])
     text = f"*NODE, NSET=ALL, INPUT=sub/Nodes.txt\n*ELEMENT{cells}"
-    assert volume(read(tmp_path, text)) == pytest.approx(2.0)
+    assert integrate_volume(read_text(tmp_path, text)) == pytest.approx(2.0)
 
 
-PARTS = """*PART, NAME=P
+PART_DECK = """*PART, NAME=P
 {nodes}*ELSET, ELSET=SAME
 1
 *END PART
@@ -263,41 +274,23 @@ PARTS = """*PART, NAME=P
 
 
 def test_sets_of_one_name_in_part_and_assembly_stay_two(tmp_path):
-    part = read(tmp_path, PARTS.format(nodes=SQUARES, shift="", inside=""))
+    part = read_text(tmp_path, PART_DECK.format(nodes=TWO_SQUARES, shift="", inside=""))
     assert {*part.names["cells"]} == {"LEFT", "RIGHT", "I.SAME", "SAME"}
     assert part.cells("I.SAME").tolist() != part.cells("SAME").tolist()
 
 
 def test_a_mesh_may_stand_in_the_instance_unless_that_is_moved(tmp_path):
-    inside = SQUARES.replace("*ELEMENT", "** the part is empty\n*ELEMENT")
-    text = PARTS.replace("*ELSET, ELSET=SAME\n1\n", "")
-    assert volume(read(tmp_path, text.format(nodes="", shift="", inside=inside))) == pytest.approx(
-        2
-    )
+    inside = TWO_SQUARES.replace("*ELEMENT", "** the part is empty\n*ELEMENT")
+    text = PART_DECK.replace("*ELSET, ELSET=SAME\n1\n", "")
+    assert integrate_volume(
+        read_text(tmp_path, text.format(nodes="", shift="", inside=inside))
+    ) == pytest.approx(2)
     with pytest.raises(ValueError, match="nodes in an instance that is moved are not read"):
-        read(tmp_path, text.format(nodes="", shift="1., 0., 0.\n", inside=inside))
+        read_text(tmp_path, text.format(nodes="", shift="1., 0., 0.\n", inside=inside))
 
 
 def test_errors_name_file_and_line(tmp_path):
     with pytest.raises(ValueError, match=r"deck\.inp, line 4, \*NODE: 'nan' is no number"):
-        read(tmp_path, "*NODE\n1, 0., 0.\n** comment\n3, nan, 0.\n")
+        read_text(tmp_path, "*NODE\n1, 0., 0.\n** comment\n3, nan, 0.\n")
     with pytest.raises(ValueError, match="edge between nodes 2 and 3 has the node"):
-        read(tmp_path, TORN)
-
-
-# Two triangles of an edge 2-3, in whose middle each has a node of its own
-TORN = """*NODE
-1, 0., 0.
-2, 1., 0.
-3, 0., 1.
-4, .5, 0.
-5, .5, .5
-6, 0., .5
-7, 1., 1.
-8, 1., .5
-9, .5, 1.
-11, .5, .5
-*ELEMENT, TYPE=CPS6
-1, 1, 2, 3, 4, 5, 6
-2, 3, 2, 7, 11, 8, 9
-"""
+        read_text(tmp_path, HOSTILE_DECKS["middles that differ"][0]["deck.inp"])

@@ -1,31 +1,47 @@
-"""No deck runs long, takes much memory, ends in a raw error, or is read as another mesh."""
-
-import json
-import subprocess
-import sys
-from pathlib import Path
+"""Hostile decks take little time and memory, and are refused in words or read as they are."""
 
 import pytest
 
 from tests.library.hostile_decks import HOSTILE_DECKS
+from tests.library.limited_reading import MAX_MEGABYTES, read_under_limits
 
-PROJECT = Path(__file__).parents[2]
-SHARES = 4
+N_PARTS = 4
+# Largest deck (bytes) that the second, slow reading is asked to read
+MAX_COMPARED_BYTES = 100_000
 
 
-@pytest.mark.parametrize("share", range(SHARES))
-def test_hostile_decks_are_refused_or_read_as_they_are(tmp_path, share):
-    names = [*HOSTILE_DECKS][share::SHARES]
+def compare_small_decks(part, path):
+    """Return "" if a second reading finds the same mesh; raise AssertionError otherwise."""
+    from tests.library.test_decks import check_against_second_reading
+
+    files = [file for file in path.parent.rglob("*") if file.is_file()]
+    if sum(file.stat().st_size for file in files) < MAX_COMPARED_BYTES:
+        check_against_second_reading(part, path)
+    return ""
+
+
+def write_deck(folder, files):
+    """Write the files of a deck, text as UTF-8; return the path of the main one."""
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return folder / "deck.inp"
+
+
+@pytest.mark.parametrize("index", range(N_PARTS))
+def test_hostile_decks_are_refused_or_read_as_they_are(tmp_path, index):
+    names = [*HOSTILE_DECKS][index::N_PARTS]
     assert len(names) > 37
-    command = [sys.executable, "-m", "tests.library.hostile_reading", str(tmp_path)]
-    run = subprocess.run(
-        [*command, str(share), str(SHARES)], cwd=PROJECT, capture_output=True, text=True
-    )
-    rows = [json.loads(line) for line in run.stdout.splitlines()]
-    assert run.returncode == 0, (rows[-1:], run.stderr[-2000:])
-    ends = {name: (end, words) for name, end, words in rows}
-    assert [*ends] == names
-    for name, (end, words) in ends.items():
-        refused = HOSTILE_DECKS[name][1]
-        allowed = {True: ("refused",), False: ("read",), None: ("refused", "read")}[refused]
-        assert end in allowed, f"{name}: {words}"
+    paths = {
+        write_deck(tmp_path / str(k), HOSTILE_DECKS[name][0]): name for k, name in enumerate(names)
+    }
+    results = read_under_limits(paths, "tests.library.test_hostile_decks:compare_small_decks")
+    for path, name in paths.items():
+        result, is_refused = results[path], HOSTILE_DECKS[name][1]
+        allowed = {True: ("refused",), False: ("read",), None: ("refused", "read")}[is_refused]
+        assert result["outcome"] in allowed, (name, result)
+        assert result["differences"] == "", (name, result)
+        assert result["megabytes"] <= MAX_MEGABYTES, (name, result)
+        if result["outcome"] == "refused":
+            assert str(path.parent) in result["message"], (name, result)

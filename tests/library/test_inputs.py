@@ -1,4 +1,4 @@
-"""What users may give besides the plainest: facets, masks, numbers of any type, one for several."""
+"""Accepted forms of input: facets, masks, numbers of any type, one object instead of a list."""
 
 from mpi4py import MPI
 
@@ -29,22 +29,22 @@ from tests.contact.cases import BlockOnFloor, on_plane
 BLOCK = BlockOnFloor(4)
 U, K, MESH = BLOCK.space, BLOCK.K, BLOCK.body.spaces.mesh
 FLOOR, BOTTOM = Plane((0, 0), (0, 1)), on_plane(1, 0.0)
-FACETS = exterior_facet_indices(MESH.topology)
+EXTERIOR_FACETS = exterior_facet_indices(MESH.topology)
 
 
-def contact(pair, **options):
+def solve_one_pair(pair, **options):
     (state,) = solve_contact(K, BLOCK.pressure_load, BLOCK.no_supports, pair, U, **options)
     return state.pairs[0]
 
 
 @pytest.mark.parametrize("kind", [np.int32, np.int64, np.uint8, bool, list])
 def test_facets_of_any_integer_type_and_masks(kind):
-    """A mask read as numbers 0 and 1 once made a load of 1 in place of 12."""
-    count = MESH.topology.index_map(1).size_local
+    """A mask must not be taken for the facets 0 and 1, which give a load of 1 instead of 12."""
+    n_facets = MESH.topology.index_map(1).size_local
     if kind is bool:
-        facets = np.isin(np.arange(count), FACETS)
+        facets = np.isin(np.arange(n_facets), EXTERIOR_FACETS)
     else:
-        facets = list(FACETS) if kind is list else FACETS.astype(kind)
+        facets = list(EXTERIOR_FACETS) if kind is list else EXTERIOR_FACETS.astype(kind)
     load = assemble_vector(BLOCK.body.surface_load((0, 1.0), boundary_measure(MESH, facets)))
     assert load.sum() == pytest.approx(12.0)
 
@@ -56,48 +56,51 @@ def test_a_marker_may_give_every_second_value_of_an_array():
 
 
 def test_a_process_without_points_does_not_ask_a_marker():
-    """There the largest coordinate is not defined."""
+    """Without points, the maximum of the coordinates is undefined."""
     assert evaluate_marker(
         MPI.COMM_SELF, "it", lambda x: x[0] == x[0].max(), np.zeros((3, 0))
     ).shape == (0,)
 
 
 def test_nodes_of_tagged_facets_as_the_refusal_of_tags_says():
-    tags = meshtags(MESH, 1, FACETS, np.ones(len(FACETS), dtype=np.int32))
+    tags = meshtags(MESH, 1, EXTERIOR_FACETS, np.ones(len(EXTERIOR_FACETS), dtype=np.int32))
     nodes = fem.locate_dofs_topological(U, 1, tags.find(1))
     low = nodes[np.isclose(U.tabulate_dof_coordinates()[nodes, 1], 0.0)]
-    assert len(contact(ContactPair(low, FLOOR, 0.3)).position) == len(low)
+    assert len(solve_one_pair(ContactPair(low, FLOOR, 0.3)).position) == len(low)
 
 
 def test_images_in_the_plane_may_have_two_components_and_wrong_ones_leave_the_mesh():
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
-    before = mesh.geometry.x.copy()
-    for make in (move_nodes, curved_mesh):
+    original = mesh.geometry.x.copy()
+    for map_mesh in (move_nodes, curved_mesh):
         with pytest.raises(ValueError, match="the image of the mesh"):
-            make(mesh, lambda x: x.fill(0.0))
-        assert np.array_equal(mesh.geometry.x, before)
-    twice = curved_mesh(mesh, lambda x: 2 * x[:, :2]).geometry.x.max()
-    assert twice == move_nodes(mesh, lambda x: 2 * x[:, :2]).geometry.x.max() == 2.0
+            map_mesh(mesh, lambda x: x.fill(0.0))
+        assert np.array_equal(mesh.geometry.x, original)
+    largest = curved_mesh(mesh, lambda x: 2 * x[:, :2]).geometry.x.max()
+    assert largest == move_nodes(mesh, lambda x: 2 * x[:, :2]).geometry.x.max() == 2.0
 
 
 def test_one_of_a_kind_needs_no_list():
-    pair = contact(ContactPair(BOTTOM, FLOOR, 0.3, Motion((0, 0.1))))
+    pair = solve_one_pair(ContactPair(BOTTOM, FLOOR, 0.3, Motion((0, 0.1))))
     assert pair.translation == pytest.approx((0, 0.1))
     problem = ContactProblem(K, BLOCK.no_supports, ContactPair(BOTTOM, FLOOR, 0.3), U)
-    same = problem.step(problem.undeformed, BLOCK.pressure_load, Motion((0, 0.1)))
-    assert np.array_equal(same.pairs[0].force_normal, pair.force_normal)
-    still = problem.step(problem.undeformed, BLOCK.pressure_load, None)
-    assert still.pairs[0].translation == pytest.approx((0, 0))
-    left = prescribe(U, 0, on_plane(0, 0.0))
-    one, several = (Reduction.dirichlet(U, given).right.getSize() for given in (left, [left]))
-    assert one == several
+    state = problem.step(problem.undeformed, BLOCK.pressure_load, Motion((0, 0.1)))
+    assert np.array_equal(state.pairs[0].force_normal, pair.force_normal)
+    unmoved = problem.step(problem.undeformed, BLOCK.pressure_load, None)
+    assert unmoved.pairs[0].translation == pytest.approx((0, 0))
+    condition = prescribe(U, 0, on_plane(0, 0.0))
+    size_of_one, size_of_list = (
+        Reduction.dirichlet(U, conditions).right.getSize()
+        for conditions in (condition, [condition])
+    )
+    assert size_of_one == size_of_list
 
 
 def test_numbers_may_be_of_any_type_and_friction_a_function_of_one():
     for radius in (1, np.float32(1), np.array(1.0), np.int64(1)):
         assert Sphere((0, 0), radius).gap(np.array([[0.0, 2.0]])) == pytest.approx([1.0])
     for mu in (np.array(0.25), lambda _: 0.25):
-        pair = contact(ContactPair(BOTTOM, FLOOR, mu), max_iterations=np.int64(50))
+        pair = solve_one_pair(ContactPair(BOTTOM, FLOOR, mu), max_iterations=np.int64(50))
         assert np.all(pair.friction == 0.25)
     integers = Motion(np.array([0, 1]))
     assert integers.translation_and_rotation().dtype == integers.force_and_torque().dtype == float
@@ -108,73 +111,79 @@ def test_numbers_may_be_of_any_type_and_friction_a_function_of_one():
 
 def test_scalar_spaces_have_a_component_to_prescribe():
     V = fem.functionspace(MESH, ("Lagrange", 2))
-    one = prescribe(V, 0, BOTTOM, 2.0)
-    assert Reduction.dirichlet(V, one).offset.sum() == 2.0 * len(one.dof_indices()[0]) > 0
+    condition = prescribe(V, 0, BOTTOM, 2.0)
+    assert (
+        Reduction.dirichlet(V, condition).offset.sum() == 2.0 * len(condition.dof_indices()[0]) > 0
+    )
 
 
 def test_conditions_that_say_the_same_do_not_contradict():
-    """Nor do those on the test space, whose nodes are the same."""
-    one = prescribe(BLOCK.body.spaces.test, 0, BOTTOM)
-    assert Reduction.dirichlet(U, one).right.getSize()[1] < K.getSize()[0]
-    both = [prescribe(U, 0, marker, 0.0) for marker in (on_plane(0, 0.0), BOTTOM)]
-    assert Reduction.dirichlet(U, both).right.getSize()[1] < K.getSize()[0]
+    """Conditions on the test space, which has the same nodes, do not contradict either."""
+    condition = prescribe(BLOCK.body.spaces.test, 0, BOTTOM)
+    assert Reduction.dirichlet(U, condition).right.getSize()[1] < K.getSize()[0]
+    conditions = [prescribe(U, 0, marker, 0.0) for marker in (on_plane(0, 0.0), BOTTOM)]
+    assert Reduction.dirichlet(U, conditions).right.getSize()[1] < K.getSize()[0]
 
 
 def test_errors_of_users_functions_are_the_cause_of_the_librarys():
     comm = MPI.COMM_SELF
-    words = r"^the marker failed: KeyError: 'x'$"
-    with pytest.raises(ValueError, match=words) as caught, collective_errors(comm):
+    message = r"^the marker failed: KeyError: 'x'$"
+    with pytest.raises(ValueError, match=message) as raised, collective_errors(comm):
         call_user_function(comm, "the marker", {}.__getitem__, "x")
-    assert isinstance(caught.value.__cause__, KeyError)
+    assert isinstance(raised.value.__cause__, KeyError)
 
 
-def scaled_load(size):
+def scale_load(size):
     load = BLOCK.pressure_load.copy()
     load.scale(size / load.norm(3))
     return load
 
 
-def stretched_by(value):
-    held = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
-    return Reduction.dirichlet(U, [*held, prescribe(U, 1, on_plane(1, 1.0), value)])
+def stretch(value):
+    clamped = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
+    return Reduction.dirichlet(U, [*clamped, prescribe(U, 1, on_plane(1, 1.0), value)])
 
 
-def rubber(modulus=1.0, load=0.0, depth=0.0, contact=False):
+def solve_residual(modulus=1.0, load=0.0, depth=0.0, contact=False):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     spaces = Spaces.petrov_galerkin(mesh)
-    E, pull = fem.Constant(mesh, modulus), fem.Constant(mesh, load)
+    E, body_force = fem.Constant(mesh, modulus), fem.Constant(mesh, load)
     u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
-    residual = E * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) * ufl.dx - pull * v[0] * ufl.dx
-    held = [prescribe(spaces.trial, k, on_plane(1, 0.0)) for k in (0, 1)]
+    residual = (
+        E * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) * ufl.dx - body_force * v[0] * ufl.dx
+    )
+    clamped = [prescribe(spaces.trial, k, on_plane(1, 0.0)) for k in (0, 1)]
     if not contact:
-        held.append(prescribe(spaces.trial, 1, on_plane(1, 1.0), depth))
-        return PetrovGalerkinProblem(residual, u, held).solve()
-    above = ContactPair(on_plane(1, 1.0), Plane((0, 1), (0, -1)))
-    problem = ContactProblem.of_residual(residual, u, held, above)
+        clamped.append(prescribe(spaces.trial, 1, on_plane(1, 1.0), depth))
+        return PetrovGalerkinProblem(residual, u, clamped).solve()
+    pair = ContactPair(on_plane(1, 1.0), Plane((0, 1), (0, -1)))
+    problem = ContactProblem.of_residual(residual, u, clamped, pair)
     return problem.step(problem.undeformed, motions=Motion((0.0, -depth)))
 
 
-OUT_OF_RANGE = {
-    "a small load": lambda: solve(K, scaled_load(1e-300), BLOCK.clamp(BOTTOM)),
-    "a large load": lambda: solve(K, scaled_load(1e300), BLOCK.clamp(BOTTOM)),
-    "a load of contact": lambda: contact_under(scaled_load(1e-300)),
+OUT_OF_RANGE_CALLS = {
+    "a small load": lambda: solve(K, scale_load(1e-300), BLOCK.clamp(BOTTOM)),
+    "a large load": lambda: solve(K, scale_load(1e300), BLOCK.clamp(BOTTOM)),
+    "a load of contact": lambda: solve_contact_under(scale_load(1e-300)),
     "a modulus": lambda: Material(1e-300),
     "a modulus's nodal values": lambda: Material(constant_function(1e-300)),
     "a stiffness": lambda: solve(1e-300 * K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM)),
     "a large stiffness": lambda: solve(1e300 * K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM)),
-    "a prescribed displacement": lambda: stretched_by(1e300),
+    "a prescribed displacement": lambda: stretch(1e300),
     "a motion": lambda: Motion((0.0, 1e300)),
     "a force on a surface": lambda: Motion((0.0, None), (0.0, 1e300)),
-    "a traction": lambda: BLOCK.body.surface_load((0, 1e300), boundary_measure(MESH, FACETS)),
-    "a residual's modulus": lambda: rubber(modulus=1e-300),
-    "a residual's load": lambda: rubber(load=1e-300),
-    "a residual's condition": lambda: rubber(depth=1e300),
-    "a residual's modulus in contact": lambda: rubber(1e-300, contact=True),
-    "a residual's load in contact": lambda: rubber(load=1e-300, contact=True),
+    "a traction": lambda: BLOCK.body.surface_load(
+        (0, 1e300), boundary_measure(MESH, EXTERIOR_FACETS)
+    ),
+    "a residual's modulus": lambda: solve_residual(modulus=1e-300),
+    "a residual's load": lambda: solve_residual(load=1e-300),
+    "a residual's condition": lambda: solve_residual(depth=1e300),
+    "a residual's modulus in contact": lambda: solve_residual(1e-300, contact=True),
+    "a residual's load in contact": lambda: solve_residual(load=1e-300, contact=True),
 }
 
 
-def contact_under(load):
+def solve_contact_under(load):
     solve_contact(K, load, BLOCK.no_supports, ContactPair(BOTTOM, FLOOR, 0.3), U)
 
 
@@ -184,20 +193,20 @@ def constant_function(value):
     return function
 
 
-@pytest.mark.parametrize("what", OUT_OF_RANGE)
+@pytest.mark.parametrize("what", OUT_OF_RANGE_CALLS)
 def test_numbers_that_lose_their_digits_are_refused(what):
-    """Squares of 1e-300 are zero and of 1e300 infinite: so are norms, and what depends on them."""
+    """Norms of such numbers underflow or overflow, because their squares do."""
     with pytest.raises(ValueError, match="choose units in which it is nearer to one"):
-        OUT_OF_RANGE[what]()
+        OUT_OF_RANGE_CALLS[what]()
 
 
 @pytest.mark.parametrize("unit", [1e-60, 1e60])
 def test_numbers_in_range_keep_their_digits(unit):
-    known = solve(K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM))
-    found = solve(unit * K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM))
-    found.scale(unit)
-    assert (found - known).norm() < 1e-10 * known.norm()
-    small = min(unit, 1 / unit)
-    one, other = rubber(load=1.0), rubber(load=small)
-    assert other.x.array / small == pytest.approx(one.x.array, rel=1e-9, abs=1e-15)
-    assert rubber(depth=0.01, contact=True).pairs[0].force[1] < 0
+    reference = solve(K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM))
+    solution = solve(unit * K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM))
+    solution.scale(unit)
+    assert (solution - reference).norm() < 1e-10 * reference.norm()
+    small_load = min(unit, 1 / unit)
+    u, small_u = solve_residual(load=1.0), solve_residual(load=small_load)
+    assert small_u.x.array / small_load == pytest.approx(u.x.array, rel=1e-9, abs=1e-15)
+    assert solve_residual(depth=0.01, contact=True).pairs[0].force[1] < 0

@@ -1,4 +1,4 @@
-"""Meshes and sets of Gmsh's and Abaqus' files; what cannot be read is named."""
+"""Meshes and sets of Gmsh's and Abaqus' files; errors name what is not supported."""
 
 import re
 
@@ -13,7 +13,7 @@ from dolfinx.mesh import compute_midpoints
 from pw_elements import assemble_scalar, boundary_measure
 from pw_elements._compat import cell_nodes
 from pw_elements.meshes import from_file, from_gmsh
-from tests.parallel import same_numbers
+from tests.parallel import assert_same_on_processes
 
 COMM = MPI.COMM_SELF
 
@@ -28,7 +28,7 @@ def model():
 
 @pytest.fixture
 def square(model):
-    """Gmsh with a model of a unit square, one half of which is group 1."""
+    """Gmsh's model of a unit square of two halves."""
     left, right = (model.occ.addRectangle(x, 0, 0, 0.5, 1) for x in (0, 0.5))
     model.occ.fragment([(2, left)], [(2, right)])
     model.occ.synchronize()
@@ -37,7 +37,7 @@ def square(model):
 
 @pytest.fixture
 def ball(model, tmp_path):
-    """Gmsh's own deck of an eighth of a ball of radius 1."""
+    """Path of a deck, written by Gmsh, of an eighth of a ball of radius 1."""
     body = model.occ.addSphere(0, 0, 0, 1, -1, 0, np.pi / 2, np.pi / 2)
     model.occ.synchronize()
     for dim, tag, name in ((2, 1, "round"), (2, 2, "flat"), (3, body, "ball")):
@@ -53,28 +53,28 @@ def ball(model, tmp_path):
 def test_a_mesh_from_gmsh_has_its_groups(square, order):
     square.addPhysicalGroup(2, [1], 4)
     square.addPhysicalGroup(2, [2], 7)
-    lower = square.getEntitiesInBoundingBox(-1, -1e-6, -1, 2, 1e-6, 1, 1)
-    square.addPhysicalGroup(1, [tag for _, tag in lower], 3)
+    lower_edges = square.getEntitiesInBoundingBox(-1, -1e-6, -1, 2, 1e-6, 1, 1)
+    square.addPhysicalGroup(1, [tag for _, tag in lower_edges], 3)
     square.mesh.generate(2)
     square.mesh.setOrder(order)
     mesh, cells, facets, _ = from_gmsh(MPI.COMM_SELF, square)
     assert mesh.geometry.dim == 2
     assert mesh.ufl_domain().ufl_coordinate_element().degree == order
-    for number in (4, 7):
-        here = ufl.Measure("dx", domain=mesh, subdomain_data=cells, subdomain_id=number)
-        assert assemble_scalar(1.0 * here) == pytest.approx(0.5)
-    below = boundary_measure(mesh, facets.find(3))
-    assert assemble_scalar(1.0 * below) == pytest.approx(1.0)
+    for group in (4, 7):
+        dx = ufl.Measure("dx", domain=mesh, subdomain_data=cells, subdomain_id=group)
+        assert assemble_scalar(1.0 * dx) == pytest.approx(0.5)
+    ds = boundary_measure(mesh, facets.find(3))
+    assert assemble_scalar(1.0 * ds) == pytest.approx(1.0)
 
 
 def test_a_file_gives_the_mesh_it_was_written_from(square, tmp_path):
     square.addPhysicalGroup(2, [1, 2], 1)
     square.mesh.generate(2)
     gmsh.write(str(tmp_path / "square.msh"))
-    count = len(square.mesh.getNodes()[0])
-    gmsh.clear()  # Gmsh may be at work on something else, and has no part in it
+    n_nodes = len(square.mesh.getNodes()[0])
+    gmsh.clear()  # the file is read without Gmsh
     mesh, _, facets, _ = from_gmsh(MPI.COMM_SELF, tmp_path / "square.msh")
-    assert mesh.geometry.index_map().size_global == count
+    assert mesh.geometry.index_map().size_global == n_nodes
     assert len(facets.find(1)) == 0
     assert len(square.mesh.getNodes()[0]) == 0
 
@@ -98,19 +98,19 @@ def test_what_gmsh_does_not_have_is_said(square, tmp_path):
 
 
 def test_cells_outside_of_all_physical_groups_are_left_out_and_counted(square, caplog):
-    """Without any group of cells all of them are the mesh."""
+    """Without groups of cells, all cells are read."""
     square.mesh.generate(2)
     tags, _ = square.mesh.getElementsByType(2)
-    first, _ = square.mesh.getElementsByType(2, square.getEntities(2)[0][1])
-    square.addPhysicalGroup(1, [1], 3)  # of facets, which leaves the cells as they are
-    whole = from_gmsh(MPI.COMM_SELF, square).mesh
-    assert whole.topology.index_map(2).size_global == len(tags)
+    grouped, _ = square.mesh.getElementsByType(2, square.getEntities(2)[0][1])
+    square.addPhysicalGroup(1, [1], 3)  # a group of facets does not select cells
+    all_cells = from_gmsh(MPI.COMM_SELF, square).mesh
+    assert all_cells.topology.index_map(2).size_global == len(tags)
     assert caplog.text == ""
     square.addPhysicalGroup(2, [square.getEntities(2)[0][1]], 4)
     part = from_gmsh(MPI.COMM_SELF, square).mesh
-    assert part.topology.index_map(2).size_global == len(first)
-    n_left = len(tags) - len(first)
-    assert f"{n_left} of {len(tags)} cells are in no physical group, and left out" in caplog.text
+    assert part.topology.index_map(2).size_global == len(grouped)
+    n_omitted = len(tags) - len(grouped)
+    assert f"{n_omitted} of {len(tags)} cells are in no physical group, and left out" in caplog.text
 
 
 # Two plane cells of a unit square, whose upper side bulges. Faces, by hand: S1 of the first is the
@@ -118,7 +118,7 @@ def test_cells_outside_of_all_physical_groups_are_left_out_and_counted(square, c
 #   4 -- 7 -- 3
 #   8    9    6
 #   1 -- 5 -- 2
-SQUARE = """*Heading
+SQUARE_DECK = """*Heading
  two cells; 99 is a reference point
 *Node, nset=all
 1, 0., 0.
@@ -164,7 +164,7 @@ nothing of this is read
 LENGTHS = {"TOP": 1.02606, "LEFT": 1.0, "NODES": 1.0, "RIGHT": 1.0, "RIM": 4.02606, "ALL": 4.02606}
 
 
-def read(tmp_path, text, comm=COMM):
+def read_text(tmp_path, text, comm=COMM):
     (tmp_path / "deck.inp").write_text(text)
     return from_file(tmp_path / "deck.inp", comm)
 
@@ -174,7 +174,7 @@ def volume(part):
 
 
 def test_a_deck_has_its_sets_cells_and_curved_sides(tmp_path):
-    part = read(tmp_path, SQUARE)
+    part = read_text(tmp_path, SQUARE_DECK)
     assert volume(part) == pytest.approx(1 + 2 / 3 * 0.1)  # below a parabola
     assert {*part.names["facets"]} == {*LENGTHS}
     for name, length in LENGTHS.items():
@@ -198,10 +198,10 @@ def mesh_midpoints(mesh):
     return compute_midpoints(mesh, dim, np.arange(count, dtype=np.int32))[:, :2].round(1)
 
 
-@pytest.mark.parametrize("moved", [0, 1])
-def test_parts_instances_and_included_files_are_the_same_mesh(tmp_path, moved):
-    nodes, rest = SQUARE[SQUARE.index("*Node") :].split("*Element", 1)
-    cells = rest.partition("*Nset")[0]
+@pytest.mark.parametrize("shift", [0, 1])
+def test_parts_instances_and_included_files_are_the_same_mesh(tmp_path, shift):
+    nodes, elements_and_sets = SQUARE_DECK[SQUARE_DECK.index("*Node") :].split("*Element", 1)
+    cells = elements_and_sets.partition("*Nset")[0]
     (tmp_path / "nodes.inp").write_text(nodes.replace("*Node, nset=all\n", ""))
     text = f"""*Part, name=Plate
 *Node, nset=all
@@ -209,7 +209,7 @@ def test_parts_instances_and_included_files_are_the_same_mesh(tmp_path, moved):
 *Element{cells}*End Part
 *Assembly, name=Assembly
 *Instance, name=Plate-1, part=PLATE
-{moved}., 0., 0.
+{shift}., 0., 0.
 *End Instance
 *Surface, name=top
 Plate-1.upper, S2
@@ -217,36 +217,38 @@ Plate-1.upper, S2
 1, 2, 5
 *End Assembly
 """
-    part = read(tmp_path, text)
+    part = read_text(tmp_path, text)
     assert volume(part) == pytest.approx(1 + 2 / 3 * 0.1)
-    assert mesh_midpoints(part.mesh)[part.facets("TOP")].tolist() == [[0.5 + moved, 1]]
-    assert mesh_midpoints(part.mesh)[part.facets("BASE")].tolist() == [[0.5 + moved, 0]]
+    assert mesh_midpoints(part.mesh)[part.facets("TOP")].tolist() == [[0.5 + shift, 1]]
+    assert mesh_midpoints(part.mesh)[part.facets("BASE")].tolist() == [[0.5 + shift, 0]]
     assert len(part.cells("upper")) == 1
 
 
 def coordinate_map(mesh):
-    """Return the element of the geometry, which DOLFINx 0.11 gives for each type of cell."""
+    """Return the coordinate element; DOLFINx 0.11 has one for each type of cell."""
     geometry = mesh.geometry
     return geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
 
 
 @pytest.mark.parametrize("kind", ["C3D10", "C3D10M"])
 def test_nodes_in_the_middle_of_edges_are_those_of_the_same_edges(tmp_path, kind):
-    """Abaqus: 5 to 10 are between 1-2, 2-3, 3-1, 1-4, 2-4, 3-4."""
+    """Abaqus' nodes 5 to 10 are in the middle of 1-2, 2-3, 3-1, 1-4, 2-4, 3-4."""
     rng = np.random.default_rng(29)
     x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
     pairs = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
-    middle = x[pairs].mean(axis=1) + 0.05 * rng.standard_normal((6, 3))
-    rows = "\n".join(f"{k}, {a}, {b}, {c}" for k, (a, b, c) in enumerate([*x, *middle], 1))
+    middles = x[pairs].mean(axis=1) + 0.05 * rng.standard_normal((6, 3))
+    rows = "\n".join(f"{k}, {a}, {b}, {c}" for k, (a, b, c) in enumerate([*x, *middles], 1))
     deck = f"*NODE\n{rows}\n*ELEMENT, TYPE={kind}\n1, {', '.join(map(str, range(1, 11)))}\n"
-    mesh = read(tmp_path, deck).mesh
+    mesh = read_text(tmp_path, deck).mesh
     nodes = mesh.geometry.x[cell_nodes(mesh)[0]]
-    for (a, b), place in zip(pairs, middle, strict=True):
-        at = np.zeros(3)
+    for (a, b), position in zip(pairs, middles, strict=True):
+        reference_point = np.zeros(3)
         corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
         ends = [int(np.linalg.norm(nodes[:4] - x[k], axis=1).argmin()) for k in (a, b)]
-        at = corners[ends].mean(axis=0)[None]
-        assert coordinate_map(mesh).push_forward(at, nodes)[0] == pytest.approx(place)
+        reference_point = corners[ends].mean(axis=0)[None]
+        assert coordinate_map(mesh).push_forward(reference_point, nodes)[0] == pytest.approx(
+            position
+        )
 
 
 def test_gmshs_own_deck_has_the_volume_and_the_faces_of_an_eighth_of_a_ball(ball):
@@ -258,60 +260,63 @@ def test_gmshs_own_deck_has_the_volume_and_the_faces_of_an_eighth_of_a_ball(ball
     )
     assert flat == pytest.approx(np.pi / 4, rel=1e-3)
     assert curved == pytest.approx(np.pi / 2, rel=3e-3)
-    # elements of the surface and sets of its nodes name the same facets
+    # elements on the surface and the set of its nodes select the same facets
     assert np.array_equal(part.facets("FLAT"), part.facets("SURFACE2"))
     assert np.array_equal(part.cells("BALL"), np.arange(part.mesh.topology.index_map(3).size_local))
 
 
-def sizes_of_the_ball(comm, ball):
+def measure_ball(comm, ball):
     part = from_file(ball, comm)
-    found = {"volume": volume(part)}
+    sizes = {"volume": volume(part)}
     for name in part.names["facets"]:
-        found[name] = assemble_scalar(1.0 * boundary_measure(part.mesh, part.facets(name)))
+        sizes[name] = assemble_scalar(1.0 * boundary_measure(part.mesh, part.facets(name)))
     with pytest.raises(FileNotFoundError, match=r"there is no file .*none\.inp"):
         from_file(ball.with_name("none.inp"), comm)
-    return found
+    return sizes
 
 
 def test_two_processes_read_the_same_mesh(ball):
-    same_numbers(sizes_of_the_ball, ball, processes=[2])
+    assert_same_on_processes(measure_ball, ball, processes=[2])
 
 
-CELLS = SQUARE[: SQUARE.index("*Nset")]
-REFUSED = [
+CELLS_DECK = SQUARE_DECK[: SQUARE_DECK.index("*Nset")]
+REFUSED_DECKS = [
     ("C3D15 are not read, since DOLFINx has no such cells",
-     CELLS + "*Element, type=C3D15\n20, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 2, 3, 4, 5, 6\n"),
-    ("F3D8 are not read", CELLS + "*Element, type=F3D8\n20, 1, 2, 3, 4, 5, 6, 7, 8\n"),
-    ("cells of one kind, here are none", CELLS.replace("CPS6", "B31")),
-    ("element 1 ends after 5 of 6", CELLS.replace("CPS6", "CPE6").replace(", 5, 6, 9", ", 5, 6")),
-    (r"\*NGEN: this is not read", CELLS + "*NGEN\n1, 2\n"),
-    ("node 77, which is not there", CELLS.replace("9, 7, 8", "9, 7, 77")),
-    ("ELSET NOWHERE is not defined", CELLS + "*Surface, name=a\nnowhere, S1\n"),
+     CELLS_DECK + "*Element, type=C3D15\n20, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 2, 3, 4, 5, 6\n"),
+    ("F3D8 are not read", CELLS_DECK + "*Element, type=F3D8\n20, 1, 2, 3, 4, 5, 6, 7, 8\n"),
+    ("cells of one kind, here are none", CELLS_DECK.replace("CPS6", "B31")),
+    ("element 1 ends after 5 of 6",
+     CELLS_DECK.replace("CPS6", "CPE6").replace(", 5, 6, 9", ", 5, 6")),
+    (r"\*NGEN: this is not read", CELLS_DECK + "*NGEN\n1, 2\n"),
+    ("node 77, which is not there", CELLS_DECK.replace("9, 7, 8", "9, 7, 77")),
+    ("ELSET NOWHERE is not defined", CELLS_DECK + "*Surface, name=a\nnowhere, S1\n"),
     (r"has faces SPOS; a triangle has \['S1', 'S2', 'S3'\]",
-     CELLS + "*Surface, name=a\n1, SPOS\n"),
-    (r"has faces S0; ", CELLS + "*Surface, name=a\n1, S0\n"),
-    ("not lie in one plane", CELLS.replace("1., 1.,", "1., 1., 1.")),
+     CELLS_DECK + "*Surface, name=a\n1, SPOS\n"),
+    (r"has faces S0; ", CELLS_DECK + "*Surface, name=a\n1, S0\n"),
+    ("not lie in one plane", CELLS_DECK.replace("1., 1.,", "1., 1., 1.")),
     ("there is no file .*other.inp", "*Include, input=other.inp\n"),
-    (r"\*SURFACE: NAME=... is missing", CELLS + "*Surface\n1, S1\n"),
-    (r"\*ELEMENT: TYPE=... is missing", CELLS + "*Element\n9, 1, 2, 3\n"),
-    ("GENERATE takes the first number, the last", CELLS + "*Nset, nset=a, generate\n1\n"),
-    ("COMBINE is not read", CELLS + "*Surface, name=a, combine=union\n"),
+    (r"\*SURFACE: NAME=... is missing", CELLS_DECK + "*Surface\n1, S1\n"),
+    (r"\*ELEMENT: TYPE=... is missing", CELLS_DECK + "*Element\n9, 1, 2, 3\n"),
+    ("GENERATE takes the first number, the last", CELLS_DECK + "*Nset, nset=a, generate\n1\n"),
+    ("COMBINE is not read", CELLS_DECK + "*Surface, name=a, combine=union\n"),
     ("cells of one kind, here are none", "*Node\n1, 0., 0.\n"),
     ("quadrilaterals of degree 1 and triangles of degree 2",
-     CELLS + "*Element, type=CPS4\n20, 1, 2, 3, 4\n"),
+     CELLS_DECK + "*Element, type=CPS4\n20, 1, 2, 3, 4\n"),
     ("parts that are turned", "*Part, name=a\n*Instance, name=b, part=a\n1,0,0\n0,0,0,0,0,1,90\n"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("words", "text"), REFUSED, ids=[words for words, _ in REFUSED])
+@pytest.mark.parametrize(
+    ("words", "text"), REFUSED_DECKS, ids=[words for words, _ in REFUSED_DECKS]
+)
 def test_what_is_not_read_is_named(tmp_path, words, text):
     with pytest.raises((ValueError, FileNotFoundError), match=words):
-        read(tmp_path, text)
+        read_text(tmp_path, text)
 
 
 def test_linear_cells_and_masses_are_read_and_left_out(tmp_path):
     text = "*Node\n1, 0, 0\n2, 2, 0\n3, 2, 1\n4, 0, 1\n*Element, type=CPE4R\n1, 1, 2, 3, 4\n"
-    part = read(
+    part = read_text(
         tmp_path,
         text + "*Element, type=MASS, elset=m\n7, 2\n*Elset, elset=n\nm\n*Surface, name=up\n1, S3\n",
     )

@@ -1,4 +1,4 @@
-"""Right calls of all public functions that communicate, on any number of processes."""
+"""Correct calls of all public collective functions, on any number of processes."""
 
 import inspect
 from pathlib import Path
@@ -38,25 +38,25 @@ ROOT = Path(__file__).parents[2]
 FOOT, TOP = on_plane(1, 0.0), on_plane(1, 2.0)
 
 
-def public():
-    """Names and objects of all that is public: functions, classes' constructors and methods."""
-    found = {}
+def public_objects():
+    """Return public functions, classes and methods by their names."""
+    objects = {}
     for module in (pw_elements, pw_elements.contact, pw_elements.meshes):
         for name in module.__all__:
-            thing = getattr(module, name)
-            if not inspect.isclass(thing):
-                found |= {name: thing} if callable(thing) else {}
-            elif not issubclass(thing, Exception):
-                found[name] = thing
-                for method, value in vars(thing).items():
-                    plain = method.startswith("_") or isinstance(value, property)
-                    if not plain and callable(getattr(thing, method)):
-                        found[f"{name}.{method}"] = getattr(thing, method)
-    return found
+            obj = getattr(module, name)
+            if not inspect.isclass(obj):
+                objects |= {name: obj} if callable(obj) else {}
+            elif not issubclass(obj, Exception):
+                objects[name] = obj
+                for method, member in vars(obj).items():
+                    is_private_or_property = method.startswith("_") or isinstance(member, property)
+                    if not is_private_or_property and callable(getattr(obj, method)):
+                        objects[f"{name}.{method}"] = getattr(obj, method)
+    return objects
 
 
-def calls(comm):
-    """A function, and right arguments by name, of each call."""
+def correct_calls(comm):
+    """Return for each collective function, by name, the function and correct arguments."""
     block = BlockOnFloor(8, comm=comm)
     w = SimpleNamespace(block=block, body=block.body, U=block.space, K=block.K, mesh=block.mesh)
     w.spaces, w.load, w.pair = block.body.spaces, block.pressure_load, block.floor_pair(0.3)
@@ -72,7 +72,7 @@ def calls(comm):
     K, M = assemble_matrix(galerkin.stiffness()), assemble_matrix(galerkin.mass())
     sibling = Sibling.from_space(V)
     S, lumped = sibling.matrix(K), lumped_mass(sibling.matrix(M), V)
-    still = S.createVecRight()
+    zero_vector = S.createVecRight()
     ds = boundary_measure(w.mesh, TOP)
     problem = ContactProblem(w.K, w.block.no_supports, w.pair, w.U)
     state = problem.step(problem.undeformed, w.load)
@@ -82,69 +82,103 @@ def calls(comm):
     conditions = [*w.foot, prescribe(w.U, 1, TOP, depth)]
     nonlinear = PetrovGalerkinProblem(F, u, conditions)
     floor = pw_elements.contact.ContactPair(FOOT, Plane((0, 0), (0, 1)))
-    tops = [prescribe(w.U, i, TOP) for i in (0, 1)]
-    finite = {"residual": F, "u": u, "conditions": tops, "pairs": floor}
-    one, fields = as_function(w.U, w.a), ContactFields.from_state(state, w.body)
-    condensed = np.zeros(0, dtype=np.int32)
+    top_conditions = [prescribe(w.U, i, TOP) for i in (0, 1)]
+    residual_arguments = {"residual": F, "u": u, "conditions": top_conditions, "pairs": floor}
+    displacement_function, fields = as_function(w.U, w.a), ContactFields.from_state(state, w.body)
+    condensed_nodes = np.zeros(0, dtype=np.int32)
     x = ufl.SpatialCoordinate(w.mesh)
-    rectangle = {"comm": comm, "lower": (0, 0), "upper": (1, 1), "divisions": (4, 3)}
-    system = {"K": w.K, "M": w.M, "reduction": w.held, "count": 1, "symmetrised": False}
-    contact = {"K": w.K, "reduction": block.no_supports, "pairs": w.pair, "space": w.U}
-    shared = {"max_iterations": 50, "solver": None, "remedies": ("springs",)}
-    steel = {"mesh": w.mesh, "material": Material(1.0, 0.3), "state": "plane strain"}
-    impact = {"K": S, "M": lumped, "reduction": sibling.dirichlet([]), "pairs": floor, "space": V}
+    rectangle_arguments = {"comm": comm, "lower": (0, 0), "upper": (1, 1), "divisions": (4, 3)}
+    eigenproblem_arguments = {
+        "K": w.K,
+        "M": w.M,
+        "reduction": w.held,
+        "count": 1,
+        "symmetrised": False,
+    }
+    contact_arguments = {"K": w.K, "reduction": block.no_supports, "pairs": w.pair, "space": w.U}
+    option_arguments = {"max_iterations": 50, "solver": None, "remedies": ("springs",)}
+    body_arguments = {"mesh": w.mesh, "material": Material(1.0, 0.3), "state": "plane strain"}
+    impact_arguments = {
+        "K": S,
+        "M": lumped,
+        "reduction": sibling.dirichlet([]),
+        "pairs": floor,
+        "space": V,
+    }
     return {
-        "Body": (Body, {"spaces": w.spaces, "material": Material(1.0, 0.3), "state": "plane stress"}
-                 | {"thickness": 1.0, "quadrature_degree": None}),
-        "Body.on": (Body.on, {**steel, "parts": None}),
+        "Body": (
+            Body,
+            {"spaces": w.spaces, "material": Material(1.0, 0.3), "state": "plane stress"}
+            | {"thickness": 1.0, "quadrature_degree": None},
+        ),
+        "Body.on": (Body.on, {**body_arguments, "parts": None}),
         "Body.stiffness": (w.body.stiffness, {}),
         "Body.mass": (w.body.mass, {}),
         "Body.surface_load": (w.body.surface_load, {"traction": (0.0, 1.0), "surface": ds}),
         "Body.body_load": (w.body.body_load, {"force": fem.Constant(w.mesh, (0.0, 1.0))}),
-        "Body.initial_stress": (w.body.initial_stress, {"stress": w.body.stress(one), "form": "G"}),
+        "Body.initial_stress": (
+            w.body.initial_stress,
+            {"stress": w.body.stress(displacement_function), "form": "G"},
+        ),
         "ContactFields.from_state": (ContactFields.from_state, {"state": state, "body": w.body}),
         "ContactFields.fill": (fields.fill, {"state": state}),
         "ContactFields.indicator": (fields.indicator, {}),
-        "ContactProblem": (ContactProblem, contact | shared | {"callback": None}),
+        "ContactProblem": (
+            ContactProblem,
+            contact_arguments | option_arguments | {"callback": None},
+        ),
         "ContactProblem.of_residual": (
-            ContactProblem.of_residual, finite | {"max_iterations": 25, "solver": Direct()}
-            | {"history": [one], "update": None, "callback": None}),
+            ContactProblem.of_residual,
+            residual_arguments
+            | {"max_iterations": 25, "solver": Direct()}
+            | {"history": [displacement_function], "update": None, "callback": None},
+        ),
         "ContactProblem.step": (
             problem.step,
-            {"state": state, "load": w.load, "motions": [Motion((0, 0))]}),
+            {"state": state, "load": w.load, "motions": [Motion((0, 0))]},
+        ),
         "ContactProblem.sensitivity": (
             problem.sensitivity,
             {"states": [problem.undeformed, state], "outputs": [("force", 0, 1)]}
-            | {"parameters": [(w.load, [0.0, 1.0])], "loads": [w.load], "weights": [[1.0]]}),
+            | {"parameters": [(w.load, [0.0, 1.0])], "loads": [w.load], "weights": [[1.0]]},
+        ),
         "ContactProblem.save": (problem.save, {"state": state, "path": "/nowhere/state.npz"}),
         "ContactProblem.load": (problem.load, {"path": "/nowhere/state.npz"}),
         "ContactProblem.release": (problem.release, {}),
         "Direct.prepare": (Direct().prepare, {"matrix": w.K, "symmetric": False}),
         "Iterative.prepare": (
-            Iterative().prepare, {"matrix": w.K, "symmetric": False, "supports": w.held.supports}),
+            Iterative().prepare,
+            {"matrix": w.K, "symmetric": False, "supports": w.held.supports},
+        ),
         "Material.by_tag": (
             Material.by_tag,
-            {"mesh": w.mesh, "cell_tags": w.tags, "materials": {1: Material(1.0, 0.3)}}),
+            {"mesh": w.mesh, "cell_tags": w.tags, "materials": {1: Material(1.0, 0.3)}},
+        ),
         "PetrovGalerkinProblem": (
             PetrovGalerkinProblem,
-            {"residual": F, "u": u, "conditions": conditions, "solver": Direct()}),
+            {"residual": F, "u": u, "conditions": conditions, "solver": Direct()},
+        ),
         "PetrovGalerkinProblem.solve": (nonlinear.solve, {"load": depth, "increments": 1}),
         "PetrovGalerkinProblem.reactions": (nonlinear.reactions, {}),
-        "Reduction": (Reduction, {"left": w.held.left, "right": w.held.right, "inner": None}
-                      | {"offset": w.held.offset, "space": w.U, "supports": w.held.supports}),
+        "Reduction": (
+            Reduction,
+            {"left": w.held.left, "right": w.held.right, "inner_flexibility": None}
+            | {"offset": w.held.offset, "space": w.U, "supports": w.held.supports},
+        ),
         "Reduction.expand": (w.held.expand, {"reduced": w.held.right.createVecRight()}),
         "Reduction.dirichlet": (Reduction.dirichlet, {"space": w.U, "conditions": conditions}),
         "Reduction.condensation": (
             Reduction.condensation,
-            {"K": w.K, "space": w.U, "nodes": condensed, "conditions": w.foot}),
+            {"K": w.K, "space": w.U, "nodes": condensed_nodes, "conditions": w.foot},
+        ),
         "Reduction.for_load": (w.held.for_load, {"K": w.K, "f": w.load}),
         "Reduction.matrix": (w.held.matrix, {"K": w.K}),
         "Reduction.load": (w.held.load, {"K": w.K, "f": w.load}),
         "Sibling.from_space": (Sibling.from_space, {"space": V}),
         "Sibling.matrix": (sibling.matrix, {"standard": K}),
-        "Sibling.load": (sibling.load, {"standard": still}),
-        "Sibling.displacement": (sibling.displacement, {"coefficients": still}),
-        "Sibling.coefficients": (sibling.coefficients, {"displacement": still}),
+        "Sibling.load": (sibling.load, {"standard": zero_vector}),
+        "Sibling.displacement": (sibling.displacement, {"coefficients": zero_vector}),
+        "Sibling.coefficients": (sibling.coefficients, {"displacement": zero_vector}),
         "Sibling.dirichlet": (sibling.dirichlet, {"conditions": []}),
         "Spaces": (Spaces, {"trial": w.U, "test": w.spaces.test, "parts": None}),
         "Spaces.petrov_galerkin": (Spaces.petrov_galerkin, {"mesh": w.mesh, "components": 2}),
@@ -152,78 +186,100 @@ def calls(comm):
         "Spaces.hybrid": (Spaces.hybrid, {"mesh": w.mesh, "parts": w.tags}),
         "SurfaceNodes.from_body": (
             SurfaceNodes.from_body,
-            {"body": w.body, "where": FOOT, "stretch": None}),
+            {"body": w.body, "where": FOOT, "stretch": None},
+        ),
         "SurfaceNodes.from_scalar_spaces": (
             SurfaceNodes.from_scalar_spaces,
-            {"spaces": Spaces.galerkin(w.mesh, 0), "where": FOOT, "depth": 2.0}),
-        "as_function": (as_function, {"space": w.U, "values": w.a, "name": "u", "out": one}),
-        "assemble_matrix": (
-            assemble_matrix, {"form": w.body.stiffness(), "blocked": False}),
+            {"spaces": Spaces.galerkin(w.mesh, 0), "where": FOOT, "depth": 2.0},
+        ),
+        "as_function": (
+            as_function,
+            {"space": w.U, "values": w.a, "name": "u", "out": displacement_function},
+        ),
+        "assemble_matrix": (assemble_matrix, {"form": w.body.stiffness(), "blocked": False}),
         "assemble_scalar": (pw_elements.assemble_scalar, {"form": depth * x[0] * ufl.dx(w.mesh)}),
         "assemble_vector": (pw_elements.assemble_vector, {"form": w.body.body_load((0.0, 1.0))}),
         "boundary_measure": (
-            boundary_measure, {"mesh": w.mesh, "where": FOOT, "quadrature_degree": 4}),
+            boundary_measure,
+            {"mesh": w.mesh, "where": FOOT, "quadrature_degree": 4},
+        ),
         "buckling": (
             pw_elements.buckling,
             {"K": w.K, "K_sigma": w.M, "reduction": w.held, "count": 1, "symmetrised": True}
-            | {"solver": Direct()}),
+            | {"solver": Direct()},
+        ),
         "critical_step": (
             pw_elements.critical_step,
-            {"K": S, "M": lumped, "reduction": sibling.dirichlet([])}),
+            {"K": S, "M": lumped, "reduction": sibling.dirichlet([])},
+        ),
         "curved_mesh": (pw_elements.meshes.curved_mesh, {"mesh": w.mesh, "point_map": lambda x: x}),
         "draw": (
             pw_elements.draw,
-            {"mesh": w.mesh, "values": one[0], "displacement": one, "scale": 1.0, "axes": None}
+            {
+                "mesh": w.mesh,
+                "values": displacement_function[0],
+                "displacement": displacement_function,
+                "scale": 1.0,
+                "axes": None,
+            }
             | {"label": "", "colours": "viridis", "limits": (0.0, 1.0), "view": (25.0, -60.0)}
-            | {"edges": True}),
+            | {"edges": True},
+        ),
         "force_transfer": (pw_elements.force_transfer, {"space": V}),
-        "forces_along": (
-            pw_elements.forces_along, {"space": w.U, "forces": w.r, "where": FOOT}),
+        "forces_along": (pw_elements.forces_along, {"space": w.U, "forces": w.r, "where": FOOT}),
         "from_file": (
             pw_elements.meshes.from_file,
-            {"path": str(ROOT / "examples/gasket.msh"), "comm": comm}),
+            {"path": str(ROOT / "examples/gasket.msh"), "comm": comm},
+        ),
         "from_gmsh": (
             pw_elements.meshes.from_gmsh,
-            {"comm": comm, "source": str(ROOT / "examples/gasket.msh")}),
+            {"comm": comm, "source": str(ROOT / "examples/gasket.msh")},
+        ),
         "lumped_mass": (lumped_mass, {"M": w.M, "space": w.U}),
         "move_nodes": (pw_elements.meshes.move_nodes, {"mesh": w.mesh, "point_map": lambda x: x}),
         "nodal_flux": (
             pw_elements.nodal_flux,
             {"spaces": w.spaces, "reactions": w.r, "where": FOOT, "area": "geometric"}
-            | {"depth": 1.0}),
+            | {"depth": 1.0},
+        ),
         "plot": (
             pw_elements.contact.plot,
             {"state": state, "body": w.body, "pair": 0, "axes": None, "along": 0}
-            | {"opposite": False, "unit": ""}),
-        "prescribe": (
-            prescribe, {"space": w.U, "component": 1, "where": FOOT, "value": depth}),
-        "quadrilaterals": (pw_elements.meshes.quadrilaterals, rectangle),
+            | {"opposite": False, "unit": ""},
+        ),
+        "prescribe": (prescribe, {"space": w.U, "component": 1, "where": FOOT, "value": depth}),
+        "quadrilaterals": (pw_elements.meshes.quadrilaterals, rectangle_arguments),
         "reactions": (reactions, {"K": w.K, "a": w.a, "f": w.load}),
         "solve": (
             solve,
-            {"K": w.K, "f": w.load, "reduction": w.held, "solver": Direct({"ksp_rtol": 1.0})}),
+            {"K": w.K, "f": w.load, "reduction": w.held, "solver": Direct({"ksp_rtol": 1.0})},
+        ),
         "solve_contact": (
             pw_elements.contact.solve_contact,
-            contact | shared | {"loads": [w.load], "callback": None}),
+            contact_arguments | option_arguments | {"loads": [w.load], "callback": None},
+        ),
         "solve_impact": (
             pw_elements.contact.solve_impact,
-            impact | {"duration": 1e-3, "velocity": still, "load": None, "paths": []}
-            | {"displacement": None, "step": None, "frames": 0, "max_steps": 1000}),
-        "split": (
-            pw_elements.split,
-            {"space": Spaces.hybrid(w.mesh).trial, "values": w.a}),
+            impact_arguments
+            | {"duration": 1e-3, "velocity": zero_vector, "load": None, "paths": []}
+            | {"displacement": None, "step": None, "frames": 0, "max_steps": 1000},
+        ),
+        "split": (pw_elements.split, {"space": Spaces.hybrid(w.mesh).trial, "values": w.a}),
         "test_space": (pw_elements.test_space, {"trial": w.U}),
-        "triangles": (triangles, rectangle | {"pattern": "crossed"}),
+        "triangles": (triangles, rectangle_arguments | {"pattern": "crossed"}),
         "vibration_modes": (
-            pw_elements.vibration_modes, system | {"solver": "auto"}),
+            pw_elements.vibration_modes,
+            eigenproblem_arguments | {"solver": "auto"},
+        ),
         "write": (
             pw_elements.contact.write,
-            {"path": "/nowhere/x.bp", "states": [state], "body": w.body, "times": [0.0]}),
-    }  # fmt: skip
+            {"path": "/nowhere/x.bp", "states": [state], "body": w.body, "times": [0.0]},
+        ),
+    }
 
 
-def otherwise(value):
-    """Right values of the same type that differ, as far as one can be made of a value."""
+def altered_values(value):
+    """Yield values that differ from a value, first valid ones of its type, then invalid ones."""
     if isinstance(value, bool):
         yield not value
     elif isinstance(value, int | float):
@@ -240,7 +296,7 @@ def otherwise(value):
         yield [*value, *value] or [None]
         yield value[1:] if value else None
     elif isinstance(value, dict):
-        yield {key + 1: of for key, of in value.items()}
+        yield {key + 1: material for key, material in value.items()}
     elif isinstance(value, fem.Constant):
         yield fem.Constant(value.ufl_domain(), 2 * value.value + 1)
     elif isinstance(value, Material):

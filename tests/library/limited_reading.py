@@ -1,0 +1,96 @@
+"""Read mesh files in child processes under limits of CPU time and memory.
+
+`python3 -m tests.library.limited_reading COMPARISON FILE ...` reads files one after the other, and
+prints a line of JSON for each. The process ends if a file takes more than `CPU_SECONDS`. COMPARISON
+is a function "module:name" of a mesh and the path of its file, which returns their differences.
+"""
+
+import json
+import logging
+import resource
+import signal
+import subprocess
+import sys
+import time
+import traceback
+from importlib import import_module
+from pathlib import Path
+
+CPU_SECONDS, MAX_MEGABYTES = 2.0, 500
+PROJECT = Path(__file__).parents[2]
+# Address space that the libraries reserve without using it is below this limit
+_ADDRESS_SPACE = 8_000_000_000
+
+
+def read_under_limits(paths, comparison):
+    """Read files in child processes; return a dict for each path.
+
+    Its "outcome" is "read", "refused" (by ValueError or FileNotFoundError), "raw error" or "died";
+    "message", "seconds", "megabytes" and "differences" tell more. After a file that ends the
+    process, another process reads the files that are left.
+    """
+    results, remaining = {}, [*paths]
+    while remaining:
+        command = [sys.executable, "-m", "tests.library.limited_reading", comparison]
+        run = subprocess.run(
+            [*command, *map(str, remaining)], cwd=PROJECT, capture_output=True, text=True
+        )
+        lines = [json.loads(line) for line in run.stdout.splitlines() if line.startswith("{")]
+        results |= dict(zip(remaining, lines, strict=False))
+        if run.returncode == 0:
+            assert len(lines) == len(remaining)
+            break
+        assert len(lines) < len(remaining), run.stderr
+        message = f"exit code {run.returncode}: {run.stderr[-300:]}"
+        results[remaining[len(lines)]] = {"outcome": "died", "message": message}
+        remaining = remaining[len(lines) + 1 :]
+    return results
+
+
+def _read(path, compare):
+    from mpi4py import MPI
+
+    from pw_elements.meshes import from_file
+
+    result, part = {"message": "", "differences": ""}, None
+    Path("/proc/self/clear_refs").write_text("5")  # resets the peak of memory
+    megabytes, start = _memory("VmRSS"), time.process_time()
+    signal.setitimer(signal.ITIMER_PROF, CPU_SECONDS)  # its signal ends the process
+    try:
+        part = from_file(path, MPI.COMM_SELF)
+        result["outcome"] = "read"
+    except (ValueError, FileNotFoundError) as error:
+        result["outcome"], result["message"] = "refused", str(error)
+    except BaseException:
+        result["outcome"], result["message"] = "raw error", traceback.format_exc()
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    result["seconds"] = round(time.process_time() - start, 3)
+    result["megabytes"] = _memory("VmHWM") - megabytes
+    if part is not None:
+        try:
+            result["differences"] = compare(part, path)
+        except Exception:
+            result["differences"] = traceback.format_exc()
+    return result
+
+
+def _memory(quantity):
+    """Return a memory size of this process in MB."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(quantity):
+            return int(line.split()[1]) // 1000
+    raise KeyError(quantity)
+
+
+def main(comparison, paths):
+    module, _, name = comparison.partition(":")
+    compare = getattr(import_module(module), name)
+    logging.disable()
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    for path in paths:
+        print(json.dumps(_read(Path(path), compare)), flush=True)
+
+
+if __name__ == "__main__":
+    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
+    main(sys.argv[1], sys.argv[2:])
