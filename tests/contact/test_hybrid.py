@@ -84,7 +84,9 @@ def test_files_and_fields_contain_the_pressure_of_the_body(tmp_path):
 
     plain_block = HybridBlock(PW, 0.3)
     plain_problem = plain_block.problem_under()
-    assert ContactFields.from_state(plain_problem.undeformed, plain_block.body).body_pressure is None
+    assert (
+        ContactFields.from_state(plain_problem.undeformed, plain_block.body).body_pressure is None
+    )
     plain_problem.save(plain_problem.undeformed, tmp_path / "plain.npz")
     with pytest.raises(ValueError, match="has the state of a problem without pressure"):
         problem.load(tmp_path / "plain.npz")

@@ -318,7 +318,9 @@ def test_gap_slip_and_status_of_the_master_are_means_of_those_of_the_slave(slave
     state = stack.solve_shifted_top(slave, lambda x: 0.1 + 0.2 * x[0])
     (pair,) = state.pairs
     assert set(pair.status) >= {STICK, SLIP}
-    fields, fields_of_space = (ContactFields.from_state(state, part) for part in (stack.body, stack.space))
+    fields, fields_of_space = (
+        ContactFields.from_state(state, part) for part in (stack.body, stack.space)
+    )
     x = low + (high - low) * (np.arange(100_000) + 0.5) / 100_000
     slave_hats, master_hats = (
         hat_functions(x, pair.position[:, 0]),
@@ -382,7 +384,7 @@ def test_two_slaves_on_one_master_and_a_rigid_floor_have_uniform_pressure():
         assert nodal_values(fields.pressure, face_nodes) == pytest.approx(PRESSURE, rel=1e-9)
     assert fields.opposite[1] is None
     changed_state = replace(
-        state, pairs=(*state.pairs[:2], replace(state.pairs[2], opposite=nodes[0]))
+        state, pairs=(*state.pairs[:2], replace(state.pairs[2], opposite_node=nodes[0]))
     )
     for part in (body.body, body.space):
         with pytest.raises(ValueError, match="other contact nodes than the fields"):

@@ -400,7 +400,12 @@ def rigid_points(rng, count, dim):
     normal = np.einsum("na,nak->nk", n, modes)
     tangential = modes - n[:, :, None] * normal[:, None]
     none_marked = np.zeros(count, dtype=bool)
-    return NodeVelocities(np.zeros(count, dtype=int), mu, none_marked, normal, tangential), n, mu, modes
+    return (
+        NodeVelocities(np.zeros(count, dtype=int), mu, none_marked, normal, tangential),
+        n,
+        mu,
+        modes,
+    )
 
 
 def forces_balance(n, mu, modes, power, directions):
@@ -473,7 +478,9 @@ def test_an_escape_outside_a_cone_is_no_proof(monkeypatch):
     eye = np.eye(2)
     none_marked = np.zeros(1, dtype=bool)
     normal, tangential = np.array([[0.0, 1.0]]), np.array([[eye[0], [0.0, 0.0]]])
-    points = NodeVelocities(np.zeros(1, dtype=int), np.array([0.5]), none_marked, normal, tangential)
+    points = NodeVelocities(
+        np.zeros(1, dtype=int), np.array([0.5]), none_marked, normal, tangential
+    )
     power = np.array([0.3, -1.0])  # pushed by less than friction under a unit force
     motion = np.array([1.0, 0.0])
     monkeypatch.setattr(refusals, "find_escape_motion", lambda *_: (motion, np.zeros(2)))

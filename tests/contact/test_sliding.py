@@ -419,7 +419,10 @@ def test_fields_contain_pressures_and_forces_of_both_sides(die_history):
     (master_fields,) = fields.opposite
     master_results = master_fields.results(pair)
     assert 0 < master_results.tension_ratio < 0.1
-    assert master_results.tension_ratio == -master_results.normal_force.min() / master_results.normal_force.max()
+    assert (
+        master_results.tension_ratio
+        == -master_results.normal_force.min() / master_results.normal_force.max()
+    )
     true_pressure = fields.true_pressure.x.array[pair.opposite_node][is_pressed]
     assert np.abs(true_pressure / master_pressure[is_pressed] - 1).max() < 0.2
     refilled_fields = ContactFields.from_state(states[-1], bodies.body)
