@@ -1,4 +1,4 @@
-"""States as fields, pictures and files."""
+"""Output of states: fields, time series, plots, files and reports of progress."""
 
 from pw_elements.contact.output.fields import ContactFields
 from pw_elements.contact.output.identity import (

@@ -3,7 +3,9 @@
     fields = ContactFields.from_state(states[-1], body)
     fields.pressure, fields.gap, fields.status
 
-Given the trial space in place of the body, the fields have no pressures.
+Given the trial space in place of the body, the fields have no pressures. The module guarantees that
+pressures times their areas are the normal nodal forces. It assumes a state of the same mesh, space
+and number of processes.
 """
 
 from collections.abc import Sequence

@@ -8,6 +8,9 @@ The probes of a form are smooth displacements and smooth weights: the fingerprin
 all equations of the form at these displacements times these weights. Constants and functions of the
 form are compared by their values, except for those that loads have changed; these have the values
 of the file while the form is evaluated.
+
+The module guarantees that the problem is unchanged after an evaluation. It assumes that forms,
+surfaces and laws are functions of their arguments alone.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence

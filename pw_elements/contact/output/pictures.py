@@ -5,6 +5,9 @@ Labels have no units unless one is given:
     axes = plot(states[-1], body)
     axes.set(xlabel="x [mm]", ylabel="traction [MPa]")
     axes.figure.savefig("contact.png")
+
+The module guarantees that a plot has the values of `ContactFields`. It assumes that Matplotlib is
+installed.
 """
 
 from __future__ import annotations

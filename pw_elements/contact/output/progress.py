@@ -1,4 +1,8 @@
-"""Report the progress of a contact computation, to the log and to the user's function."""
+"""Report the progress of a contact computation, to the log and to the user's function.
+
+The module guarantees that nothing is counted if nobody listens, and that an error of the user's
+function on one process is raised on all. It assumes that all processes report together.
+"""
 
 import logging
 from collections.abc import Callable

@@ -1,7 +1,10 @@
 """Write and read states: NumPy archives of plain numbers, independent of the partition.
 
 A file has values at the nodes of each function with the positions of these nodes, the results of
-each contact pair, the fingerprint of the problem, and a digest of all of them.
+each contact pair, the fingerprint of the problem, and a digest of all of them. The module
+guarantees that a file is complete or not there at all, and that a state is read for the problem of
+its fingerprint alone, on any number of processes. It assumes that nodes of one position differ in
+the midpoints of their cells.
 """
 
 import io

@@ -2,7 +2,8 @@
 
 A digest shows that a file has been damaged. But whoever changes a file on purpose can write another
 digest, so that the values are checked, too: they have the right type and shape, are real, finite
-and in range, and do not contradict each other.
+and in range, and do not contradict each other. The module assumes an undeformed state of the
+problem for comparison.
 """
 
 from collections.abc import Mapping, Sequence

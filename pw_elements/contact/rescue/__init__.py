@@ -1,4 +1,4 @@
-"""What is tried after the iteration has failed, and proofs and refusals where no state exists."""
+"""Fallbacks after the iteration has failed, and refusals of increments without a solution."""
 
 from pw_elements.contact.rescue.passing import (
     find_passed_nodes,

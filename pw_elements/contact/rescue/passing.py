@@ -3,6 +3,9 @@
 The motions of supports and of prescribed rigid surfaces are known before an increment is solved.
 Where one of them is led through the other, there is no state to look for. Where two bodies have
 passed each other in one step, the state that satisfies all conditions is not a solution.
+
+The module guarantees that errors are raised on all processes. It assumes prescribed displacements
+and placements at samples that are closer to each other than the bodies are thick.
 """
 
 from collections.abc import Mapping

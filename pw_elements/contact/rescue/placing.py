@@ -1,7 +1,10 @@
 """Rigid motion of bodies with their supports, and motions that end all contact.
 
 Where supports carry all pieces of a body along, and all contact nodes are clear of their opposite
-sides at the end of a motion, the body has no contact there, whatever friction has done on the way.
+sides at the end of a motion, the body has no contact there, whatever its friction before.
+
+The module guarantees the same answers on all processes. It assumes that elastic deformation at the
+start bounds the distance of the nodes from their rigidly moved positions.
 """
 
 from dataclasses import dataclass, replace

@@ -2,6 +2,9 @@
 
 A rigid motion is a vector of mode amplitudes. Modes are translations and rotations of the connected
 pieces of a body, and free translations of rigid surfaces. Messages describe motions in words.
+
+The module guarantees the same motions and words on all processes. It assumes a body at small
+strains: rotations are linearised about the undeformed positions.
 """
 
 from collections.abc import Sequence

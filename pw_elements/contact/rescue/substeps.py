@@ -1,4 +1,8 @@
-"""Solve an increment in substeps, which are halved after a failure and grow after a success."""
+"""Solve an increment in substeps, which are halved after a failure and grow after a success.
+
+The module guarantees that each substep is a solution from which the next one starts. It assumes
+that a failed substep leaves no trace in the problem.
+"""
 
 import logging
 from collections.abc import Callable, Sequence

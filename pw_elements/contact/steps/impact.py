@@ -1,6 +1,9 @@
 """Impact on rigid surfaces: central differences with nodal unilateral contact and Coulomb friction.
 
-The guide's page on theory has the scheme, its energy and its stability ("Impact").
+The guide's page on theory has the scheme, its energy and its stability ("Impact"). The module
+guarantees that no contact node penetrates at the end of a step, and that kinetic and strain energy
+change by the work of loads and contact to round-off. It assumes a symmetric stiffness, a diagonal
+mass, small displacements and rigid surfaces.
 """
 
 from collections.abc import Callable, Sequence

@@ -4,6 +4,9 @@ With the tangent A of the law's active set at the end of increment k, A_k dx_k =
 in the direct mode, and A_k^T l_k = w_k - P_k+1^T l_k+1 in the adjoint mode: see the guide's page on
 theory ("Derivatives"; P. Michaleris, D. A. Tortorelli, C. A. Vidal, 1994,
 doi:10.1002/nme.1620371408).
+
+The module guarantees derivatives of the discrete problem, exact to the accuracy of the solver. It
+assumes Coulomb friction, and states at which no node is about to change its status.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -2,7 +2,8 @@
 
 Displacements have to be small, rigid surfaces have to stay outside of the body, and the slip of the
 law has to agree with the slip along the path of material points (`PairState.path_slip`). The
-guide's page on theory explains which motions of rigid surfaces are refused ("Contact").
+guide's page on theory explains which motions of rigid surfaces are refused ("Contact"). The module
+assumes a body at small strains and a solution of the increment.
 """
 
 import logging

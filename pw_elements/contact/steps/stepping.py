@@ -289,7 +289,7 @@ class Stepping:
         start = make_balanced_target(state, self._K, self.interface)
         left = self._budget("cutback", end.free)
         comm = self.interface.comm
-        words = f"in parts, for what {left():.0f} linear systems take at most"
+        words = f"in parts, at the cost of at most {left():.0f} linear systems"
         log_on_root(comm, logging.INFO, words, ".contact")
 
         def solve_part(current: ContactState, share: float) -> ContactState:
