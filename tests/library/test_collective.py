@@ -155,7 +155,7 @@ def singular(*_):
 
 def fail_in_proof():
     """Solve a problem without solution, where process 0 alone fails in the proof of this."""
-    with patch("pw_elements.contact.rescue.refusals._proved", singular):
+    with patch("pw_elements.contact.rescue.refusals._combine_proofs", singular):
         return solve_block(loads=BLOCK.pull_loads(1e3, 1))
 
 
