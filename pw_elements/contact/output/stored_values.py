@@ -44,7 +44,9 @@ def check_state_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
     if not (numbers["unique"] is None or isinstance(numbers["unique"], bool)):
         raise ValueError(f"unique is {numbers['unique']!r}: it must be true, false or null")
     if not set(_check_list("determinant_signs", numbers["determinant_signs"])) <= {-1, 0, 1}:
-        raise ValueError(f"determinant_signs {numbers['determinant_signs']}: they must be -1, 0 or 1")
+        raise ValueError(
+            f"determinant_signs {numbers['determinant_signs']}: they must be -1, 0 or 1"
+        )
     free = [
         tuple(_check_list("a free component", component))
         for component in _check_list("free_motions", numbers["free_motions"])
@@ -57,7 +59,11 @@ def check_state_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
             )
     if len(set(free)) < len(free):
         raise ValueError("free_motions names a component twice")
-    for name, kind in (("residuals", Residuals), ("allowance", Residuals), ("scale", ResidualScale)):
+    for name, kind in (
+        ("residuals", Residuals),
+        ("allowance", Residuals),
+        ("scale", ResidualScale),
+    ):
         _check_record(name, numbers[name], kind)
     if numbers["smallness"] is not None:
         _check_record("smallness", numbers["smallness"], Smallness)
