@@ -25,7 +25,7 @@ class Falling:
     def __init__(self, nodes):
         self.nodes = nodes
 
-    def at(self, x):  # p_0 A
+    def parameter_at(self, x):  # p_0 A
         order = np.argsort(self.nodes.position[:, 0])
         return p_0 * np.interp(x[0], self.nodes.position[order, 0], self.nodes.weight_area[order])
 

@@ -31,14 +31,14 @@ def _limit_mortar_candidates(monkeypatch):
     """Assert that the mortar's search tests few candidate pairs on every mesh of the suite."""
     if (mortar := sys.modules.get("pw_elements.contact.interface.mortar")) is None:
         return
-    candidates = mortar._candidates
+    candidates = mortar._find_candidate_pairs
 
     def count_candidates(slave, master, along):
         pairs = candidates(slave, master, along)
         assert len(pairs[0]) <= MAX_CANDIDATES_PER_FACET * max(len(slave), len(master))
         return pairs
 
-    monkeypatch.setattr(mortar, "_candidates", count_candidates)
+    monkeypatch.setattr(mortar, "_find_candidate_pairs", count_candidates)
 
 
 def pytest_addoption(parser):

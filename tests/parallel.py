@@ -45,7 +45,7 @@ def run_on(processes, function, *args, limit=TIME_LIMIT):
         return [pickle.loads(result.read_bytes()) for result in results]
 
 
-def same_numbers(function, *args, processes=(3,), rel=1e-10):
+def assert_same_on_processes(function, *args, processes=(3,), rel=1e-10):
     """Assert that `function(comm, *args)` returns the same numbers on several processes as on one.
 
     The function returns a dictionary of arrays on every process, see `assert_same`.

@@ -23,5 +23,7 @@ from pw_elements.algebra.reduction import (
     constrained_operator,
     evaluate_conditions,
     full_size_reduction,
+    reduce_load,
+    reduce_matrix,
     scale_pressures,
 )

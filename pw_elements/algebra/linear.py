@@ -1,7 +1,7 @@
-"""Free assembly, the reduction L^T K R, and solves that refuse a singular system.
+"""Solutions of linear systems under a reduction, which refuse a singular system.
 
-DOLFINx sets no Dirichlet conditions on a matrix whose test and trial spaces differ. Here the
-matrix is assembled free, and conditions are a `Reduction`.
+DOLFINx cannot apply Dirichlet conditions to a matrix whose test and trial spaces differ. Here the
+matrix is assembled without conditions, and a `Reduction` applies them.
 """
 
 from collections.abc import Iterator
@@ -34,17 +34,17 @@ from pw_elements.spaces import PRESSURE_MODE_TOLERANCE, AssemblyRecord, SubSpace
 
 @check_same_arguments
 def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = None) -> PETSc.Vec:
-    """Displacements a (n,) of K a = f under a reduction.
+    """Solve K a = f under a reduction for the displacements a (n,).
 
-    The vector's attribute "report", `a.getAttr("report")`, is the `SolverReport`.
+    The attribute "report" of the result, `a.getAttr("report")`, is the `SolverReport`.
 
     Args:
-        K: stiffness (n, n), all rows and columns free.
+        K: stiffness (n, n), assembled without conditions.
         f: load (n,).
         reduction: supports, condensation.
-        solver: `Direct()`, `Iterative()` or "auto", the default, which takes the latter in three
-            dimensions from 15 000 unknowns on. If "auto" sees `Iterative()` fail, it takes
-            `Direct()` instead, given enough memory, and logs that it does.
+        solver: `Direct()`, `Iterative()` or, by default, "auto", which takes `Iterative()` in three
+            dimensions from 15 000 unknowns on. If that fails, "auto" takes `Direct()`, given enough
+            memory, and logs it.
 
     Raises:
         SingularSystem: if the reduced system has no unique solution.
@@ -53,13 +53,14 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
             a solver that does not serve the reduction.
     """
     check_problem({"the stiffness": K}, None, {"the load": f}, (reduction,), solver=solver)
-    taken = choose_solver(solver, reduction.supports)
-    return compute_with_fallback(
-        taken, solver, reduction.supports, partial(_solved, K, f, reduction)
-    )
+    choice = choose_solver(solver, reduction.supports)
+    compute = partial(_solve_with, K, f, reduction)
+    return compute_with_fallback(choice, solver, reduction.supports, compute)
 
 
-def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolver) -> PETSc.Vec:
+def _solve_with(
+    K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolver
+) -> PETSc.Vec:
     matrix: PETSc.Mat | None = None
     prepared: PreparedSolver
     if is_matrix_free(solver):
@@ -71,7 +72,7 @@ def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolv
         prepared = solver.prepare(matrix)
     load = reduction.load(K, f)
     try:
-        with explain_singular_system(matrix, reduction), _told(prepared, K):
+        with explain_singular_system(matrix, reduction), _log_solver(prepared, K):
             solution, report = prepared.solve(load), prepared.report
     finally:
         prepared.release()
@@ -87,10 +88,10 @@ def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolv
 
 @check_same_arguments
 def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
-    """Nodal forces r = K a - f (n,) that supports exert on the body.
+    """Compute the nodal forces r = K a - f (n,) that supports exert on the body.
 
     Args:
-        K: stiffness (n, n), all rows and columns free.
+        K: stiffness (n, n), assembled without conditions.
         a: displacement (n,).
         f: load (n,).
 
@@ -104,7 +105,13 @@ def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
 def has_free_constant_pressure(
     matrix: PETSc.Mat, reduction: Reduction, ignored_rows: npt.NDArray[np.integer] | None = None
 ) -> bool:
-    """Whether a constant pressure acts on no displacement; own equations `beside` do not count."""
+    """Return whether a constant pressure has no effect under a reduced matrix.
+
+    Args:
+        matrix: (n_r, n_r), or larger with the n_r unknowns first.
+        reduction: of the matrix.
+        ignored_rows: local numbers of equations in which an effect does not count.
+    """
     if reduction.space is None or not is_hybrid(reduction.space):
         return False
     pressure = SubSpace.pressure(reduction.space)
@@ -116,17 +123,13 @@ def has_free_constant_pressure(
     effect = matrix * unknown
     if ignored_rows is not None:
         effect.array[ignored_rows] = 0.0
-    largest = PETSc.NormType.INFINITY
-    size = matrix.norm(largest) * unknown.norm(largest)
-    return bool(size > 0 and effect.norm(largest) <= PRESSURE_MODE_TOLERANCE * size)
+    infinity = PETSc.NormType.INFINITY
+    size = matrix.norm(infinity) * unknown.norm(infinity)
+    return bool(size > 0 and effect.norm(infinity) <= PRESSURE_MODE_TOLERANCE * size)
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
-    """(A + A^T) / 2, which a symmetric solver would use of an unsymmetric element's matrix.
-
-    Args:
-        matrix: A, (n, n); it is not changed.
-    """
+    """Compute (A + A^T) / 2, the part of A (n, n) that a symmetric solver would use."""
     part = matrix + matrix.transpose(PETSc.Mat())
     part.scale(0.5)
     return AssemblyRecord.read(matrix).attach(part)
@@ -138,10 +141,20 @@ def factorise(
     solver: LinearSolver | None = None,
     reduction: Reduction | None = None,
 ) -> PreparedSolver:
-    """A solver ready for a regular matrix; the reduction that made it gives better words."""
+    """Prepare a solver for a matrix and factorise it.
+
+    Args:
+        matrix: regular (n, n).
+        symmetric: whether it is symmetric.
+        solver: `Direct()` by default.
+        reduction: of the matrix, which helps to explain why it is singular.
+
+    Raises:
+        SingularSystem: for a singular matrix.
+    """
     prepared = (solver or Direct()).prepare(matrix, symmetric)
     try:
-        with explain_singular_system(matrix, reduction), _told(prepared, matrix):
+        with explain_singular_system(matrix, reduction), _log_solver(prepared, matrix):
             prepared.set_up()
     except SingularSystem:
         prepared.release()
@@ -153,7 +166,7 @@ def factorise(
 def explain_singular_system(
     matrix: PETSc.Mat | None = None, reduction: Reduction | None = None
 ) -> Iterator[None]:
-    """Adds to a `SingularSystem` of a block what is the likely cause."""
+    """Add the likely cause to a `SingularSystem` that the block raises."""
     try:
         yield
     except FreePressure:
@@ -171,6 +184,6 @@ def explain_singular_system(
         ) from None
 
 
-def _told(prepared: PreparedSolver, matrix: PETSc.Mat) -> AbstractContextManager[object]:
-    what = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
-    return report_activity(matrix.comm.tompi4py(), what)
+def _log_solver(prepared: PreparedSolver, matrix: PETSc.Mat) -> AbstractContextManager[object]:
+    task = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
+    return report_activity(matrix.comm.tompi4py(), task)

@@ -1,8 +1,9 @@
-"""Problems stated by any UFL residual, with piecewise-linear weight functions.
+"""Problems given by a UFL residual, with piecewise-linear weight functions.
 
-Where test and trial space differ, DOLFINx's own `LinearProblem` and `NonlinearProblem` take the
-prescribed columns out of a matrix but no rows: the first returns `inf`, the second fails. Newton's
-method is PETSc's SNES; conditions are equations, see the guide's page on theory ("Large strains").
+Where test and trial space differ, DOLFINx's `LinearProblem` and `NonlinearProblem` remove the
+prescribed columns of a matrix but no rows: the first returns `inf`, the second fails. Here Newton's
+method is PETSc's SNES, and conditions are equations, see the guide's page on theory ("Large
+strains").
 """
 
 import logging
@@ -44,39 +45,40 @@ from pw_elements.spaces import (
     is_hybrid,
 )
 
-# Newton's method is done with a correction below this, over the largest value of u: it is
-# quadratic, and the next one would be round-off
-_CORRECTION = 1e-8
-# Largest residual of a solution, over the tangent's norm times that of u; a line search that finds
-# nothing better has failed unless it is round-off
-_RESIDUAL = 1e-10
-_ROUND_OFF_RESIDUAL = 1e-14
-_ITERATIONS = 25
+# Correction, over the largest value of u, with which Newton's method has converged: the method is
+# quadratic, and the next correction would be round-off
+_CORRECTION_TOLERANCE = 1e-8
+# Residual of a solution over the norms of tangent and u; and the residual below which a line search
+# that finds no better point has not failed
+_RESIDUAL_TOLERANCE = 1e-10
+_RESIDUAL_ROUND_OFF = 1e-14
+_MAX_ITERATIONS = 25
 
-# PETSc's SNESConvergedReason by number: one name has changed
-_LINE_SEARCH = -6
+# Numbers of PETSc's SNESConvergedReason, of which one name depends on the version
+_LINE_SEARCH_FAILED = -6
 _NOT_FINITE = "the residual is not finite"
-_REASONS = {
+_FAILURE_MESSAGES = {
     -1: _NOT_FINITE,
     -3: "the linear solver did not converge",
     -4: _NOT_FINITE,
-    -5: f"no convergence in {_ITERATIONS} iterations",
-    _LINE_SEARCH: "no step along Newton's direction helps",
+    -5: f"no convergence in {_MAX_ITERATIONS} iterations",
+    _LINE_SEARCH_FAILED: "no step along Newton's direction helps",
 }
 
 Load: TypeAlias = Callable[[float], None] | fem.Constant | Sequence[fem.Constant]
 
-# An increment is cut into so many parts at most
-_MOST_PARTS = 16
+# Largest number of parts into which an increment is divided
+_MAX_PARTS = 16
 
 
 @dataclass(frozen=True)
 class SolvedIncrement:
-    """The work that an increment took, or a part of one.
+    """Load and convergence of a solved increment, or of a part of one.
 
     Args:
-        share: of the load, at its end.
-        corrections: largest change of a nodal value in each iteration, over the largest value.
+        load_factor: part of the load at the end of the increment, in (0, 1].
+        relative_corrections: of each iteration, largest change of a nodal value over the largest
+            value.
     """
 
     load_factor: float
@@ -84,11 +86,11 @@ class SolvedIncrement:
 
 
 class ResidualSystem:
-    """Residual and tangent, compiled forms, at an unknown function, assembled in place."""
+    """Compiled residual and tangent, assembled at the present values of an unknown function."""
 
     def __init__(self, u: fem.Function, residual: fem.Form, tangent: fem.Form) -> None:
         self.u, self._residual_form, self._tangent_form = u, residual, tangent
-        self.blocked = False  # whether the matrix is stored by nodes, see `assemble_matrix`
+        self.blocked = False  # whether the tangent is stored by nodes, see `assemble_matrix`
 
     @cached_property
     def tangent(self) -> PETSc.Mat:
@@ -112,10 +114,15 @@ class ResidualSystem:
         self.tangent.assemble()
 
 
-class Newton:
-    """One solution of a system, whose u is the start and holds the solution in the end.
+class NewtonSolver:
+    """Newton's method for one solution of a system.
 
-    The prescribed unknowns, own local numbers (k,), are `fixed`; their values are in a vector (n,).
+    Args:
+        system: its u holds the initial guess, then the solution.
+        fixed: (k,), local numbers of the prescribed unknowns that this process owns.
+        prescribed: vector (n,) with their values.
+        is_linear: whether the residual is linear in u.
+        solver: of the tangent systems.
     """
 
     def __init__(
@@ -123,122 +130,128 @@ class Newton:
         system: ResidualSystem,
         fixed: npt.NDArray[np.integer],
         prescribed: PETSc.Vec,
-        linear: bool,
+        is_linear: bool,
         solver: LinearSolver,
     ) -> None:
-        self._system, self._fixed, self._linear = system, fixed, linear
-        self._rows = (prescribed.getOwnershipRange()[0] + fixed).astype(PETSc.IntType)
+        self._system, self._fixed, self._is_linear = system, fixed, is_linear
+        self._fixed_rows = (prescribed.getOwnershipRange()[0] + fixed).astype(PETSc.IntType)
         self._x = prescribed.duplicate()
         self._x.setArray(system.u.x.array[: self._x.getLocalSize()])
-        self.corrections: list[float] = []
-        self._singular: SingularSystem | None = None
+        self.relative_corrections: list[float] = []
+        self._singular_tangent: SingularSystem | None = None
         system.assemble_tangent()
         for name, values in (
             ("the tangent", system.tangent),
             ("the residual", system.assemble_residual()),
         ):
-            size = values.norm(PETSc.NormType.INFINITY)
-            if np.isfinite(size):  # the iteration says where it is not
-                arguments.check_magnitude(f"{name} at the start", size)
+            norm = values.norm(PETSc.NormType.INFINITY)
+            if np.isfinite(norm):  # otherwise the iteration reports where it is not
+                arguments.check_magnitude(f"{name} at the start", norm)
         self._scale = equilibration_scale(system.u.function_space, system.tangent)
         system.tangent.diagonalScale(self._scale, self._scale)
         self._x.pointwiseDivide(self._x, self._scale)
         self._prescribed = prescribed.duplicate()
         self._prescribed.pointwiseDivide(prescribed, self._scale)
-        self._before = self._x.copy()
+        self._previous_x = self._x.copy()
         diagonal = system.tangent.getDiagonal()
-        # what makes equations of conditions
-        self._stiffness = diagonal.norm(PETSc.NormType.NORM_1) / diagonal.getSize() or 1.0
-        self._norm = 0.0
+        # factor of the conditions, which are equations among the others
+        self._mean_stiffness = diagonal.norm(PETSc.NormType.NORM_1) / diagonal.getSize() or 1.0
+        self._tangent_norm = 0.0
         self._prepared = solver.prepare(system.tangent)
 
     def solve(self) -> None:
-        """Solves, or raises NotConverged or SingularSystem; u is worth nothing then."""
+        """Solve for u, which is undefined after an error.
+
+        Raises:
+            NotConverged: if the iteration does not converge.
+            SingularSystem: if a tangent is singular.
+        """
         snes = PETSc.SNES().create(self._prescribed.comm)
-        snes.setFunction(self._equations, self._prescribed.duplicate())
-        snes.setJacobian(self._linearised, self._system.tangent)
+        snes.setFunction(self._evaluate_equations, self._prescribed.duplicate())
+        snes.setJacobian(self._set_up_tangent, self._system.tangent)
         snes.setType("newtonls")
         snes.setKSP(self._prepared.ksp)
-        snes.setTolerances(max_it=_ITERATIONS)
-        snes.setConvergenceTest(self._converged)
+        snes.setTolerances(max_it=_MAX_ITERATIONS)
+        snes.setConvergenceTest(self._test_convergence)
         try:
             snes.solve(None, self._x)
-            self._take(self._x)
-            self._judge(snes)
+            self._set_unknowns(self._x)
+            self._check_converged(snes)
         except PETSc.Error:
-            if self._singular:
-                raise self._singular from None
+            if self._singular_tangent:
+                raise self._singular_tangent from None
             raise
         finally:
-            snes.destroy()  # and with it resets the KSP
+            snes.destroy()  # this also resets the KSP
             self._prepared.release()
 
-    def _take(self, x: PETSc.Vec) -> None:
+    def _set_unknowns(self, x: PETSc.Vec) -> None:
         values = x.duplicate()
         values.pointwiseMult(x, self._scale)
         self._system.set_unknowns(values)
 
-    def _equations(self, _: PETSc.SNES, x: PETSc.Vec, out: PETSc.Vec) -> None:
-        self._take(x)
+    def _evaluate_equations(self, _: PETSc.SNES, x: PETSc.Vec, out: PETSc.Vec) -> None:
+        self._set_unknowns(x)
         forces = self._system.assemble_residual().array_r * self._scale.array_r
-        off = x.array_r[self._fixed] - self._prescribed.array_r[self._fixed]
-        forces[self._fixed] = self._stiffness * off
+        deviation = x.array_r[self._fixed] - self._prescribed.array_r[self._fixed]
+        forces[self._fixed] = self._mean_stiffness * deviation
         out.setArray(forces)
 
-    def _linearised(self, _: PETSc.SNES, x: PETSc.Vec, *__: PETSc.Mat) -> None:
-        self._take(x)
+    def _set_up_tangent(self, _: PETSc.SNES, x: PETSc.Vec, *__: PETSc.Mat) -> None:
+        self._set_unknowns(x)
         self._system.assemble_tangent()
         self._system.tangent.diagonalScale(self._scale, self._scale)
-        self._system.tangent.zeroRows(self._rows, diag=self._stiffness)
-        self._norm = self._system.tangent.norm(PETSc.NormType.INFINITY)
+        self._system.tangent.zeroRows(self._fixed_rows, diag=self._mean_stiffness)
+        self._tangent_norm = self._system.tangent.norm(PETSc.NormType.INFINITY)
         try:
             self._prepared.set_up()
         except SingularSystem as error:
-            self._singular = error  # PETSc has no words of its own for it
+            self._singular_tangent = error  # PETSc would replace it by an error without a reason
             raise
 
-    def _converged(
+    def _test_convergence(
         self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]
     ) -> PETSc.SNES.ConvergedReason | None:
-        now, residual = snes.getSolution(), norms[2]
+        x, residual = snes.getSolution(), norms[2]
         if iteration:
-            self._before.aypx(-1.0, now)
-            self.corrections.append(_largest(self._before) / (_largest(now) or 1.0))
-            correction = f"correction {self.corrections[-1]:.1e}, residual {residual:.1e}"
-            log_on_root(
-                now.comm, logging.DEBUG, f"iteration {iteration}: {correction}", ".problems"
-            )
-        now.copy(self._before)
-        small = iteration and (self._linear or self.corrections[-1] <= _CORRECTION)
-        if residual == 0 or (small and self._relative_residual(snes) <= _RESIDUAL):
+            self._previous_x.aypx(-1.0, x)
+            relative = _max_norm(self._previous_x) / (_max_norm(x) or 1.0)
+            self.relative_corrections.append(relative)
+            words = f"iteration {iteration}: correction {relative:.1e}, residual {residual:.1e}"
+            log_on_root(x.comm, logging.DEBUG, words, ".problems")
+        x.copy(self._previous_x)
+        is_small = iteration and (
+            self._is_linear or self.relative_corrections[-1] <= _CORRECTION_TOLERANCE
+        )
+        if residual == 0 or (is_small and self._relative_residual(snes) <= _RESIDUAL_TOLERANCE):
             return PETSc.SNES.ConvergedReason.CONVERGED_SNORM_RELATIVE
         return None
 
-    def _judge(self, snes: PETSc.SNES) -> None:
+    def _check_converged(self, snes: PETSc.SNES) -> None:
         reason = snes.getConvergedReason()
-        if reason == _LINE_SEARCH and self._relative_residual(snes) <= _ROUND_OFF_RESIDUAL:
+        if reason == _LINE_SEARCH_FAILED and self._relative_residual(snes) <= _RESIDUAL_ROUND_OFF:
             return
         if reason <= 0:
-            words = _REASONS.get(reason, f"SNES stopped with the reason {reason}")
-            raise NotConverged(words)
+            message = _FAILURE_MESSAGES.get(reason, f"SNES stopped with the reason {reason}")
+            raise NotConverged(message)
 
     def _relative_residual(self, snes: PETSc.SNES) -> float:
-        residual = _largest(snes.getFunction()[0])
-        scale = self._norm * _largest(snes.getSolution())
+        residual = _max_norm(snes.getFunction()[0])
+        scale = self._tangent_norm * _max_norm(snes.getSolution())
         return 0.0 if residual == 0 else residual / (scale or np.nan)
 
 
-def _largest(x: PETSc.Vec) -> float:
-    """Largest size of an entry; NaN if one is not finite, over which PETSc's maximum may pass."""
+def _max_norm(x: PETSc.Vec) -> float:
+    """Return the largest absolute value; NaN if one is not finite, which PETSc may miss."""
     return float(x.norm(PETSc.NormType.INFINITY)) if is_finite(x) else np.nan
 
 
 class PetrovGalerkinProblem:
-    """F(u; v) = 0 for all weights v, linear in u or not, under Dirichlet conditions.
+    """Linear or nonlinear problem F(u; v) = 0 for all weights v, under Dirichlet conditions.
 
     Newton's method is PETSc's, with its backtracking line search; the tangent is UFL's derivative
-    at the residual's own quadrature points. An example is -div((1 + u^2) grad u) = 10 with u = 0 on
-    the boundary:
+    at the residual's quadrature points. An example is -div((1 + u^2) grad u) = 10 with u = 0 on the
+    boundary:
 
         V = fem.functionspace(mesh, ("Lagrange", 2))
         u, v = fem.Function(V), ufl.TestFunction(test_space(V))
@@ -255,17 +268,18 @@ class PetrovGalerkinProblem:
         PetrovGalerkinProblem(F, u, conditions).solve(depth, increments=4)
 
     Args:
-        residual: F, a UFL form linear in its test function, which `test_space` (or, for the
-            standard element, the trial space) has. Set the quadrature degree of integrands that
-            are not polynomials: UFL's estimate is high.
+        residual: F, a UFL form, linear in a test function from `test_space(V)` (or, for the
+            standard element, from V). Set the quadrature degree of integrands that are not
+            polynomials: UFL's estimate is high.
         u: unknown function in the quadratic trial space; it holds the initial guess, then the
             solution.
-        conditions: Dirichlet conditions on its space; constants and functions in them may change.
+        conditions: Dirichlet conditions on the space of u; constants and functions in them may
+            change.
         solver: of linear systems, by default `Direct()`; `Iterative()` cannot be used here.
 
     Attributes:
         u: the unknown.
-        increments: of the last `solve`, with the work that each took.
+        increments: `SolvedIncrement`s of the last `solve`.
         form: the residual, with the degrees of its measures.
         system: residual and tangent, compiled.
 
@@ -301,7 +315,7 @@ class PetrovGalerkinProblem:
                 "Spaces.hybrid(mesh) without parts"
             )
         weights = residual.arguments()
-        if [one.number() for one in weights] != [0]:
+        if [argument.number() for argument in weights] != [0]:
             raise ValueError(
                 "the residual has no test function, of test_space(V), or more: u itself has to be "
                 "in it, and no trial function"
@@ -309,121 +323,125 @@ class PetrovGalerkinProblem:
         Spaces(self._space, weights[0].ufl_function_space())
         try:
             form = add_estimated_degrees(add_sub_cell_rules(residual))
-            compute_form_data(form)  # in which UFL looks whether all terms have the weights
+            compute_form_data(form)  # where UFL checks that all terms contain the weights
             tangent = expand_derivatives(ufl.derivative(form, u, ufl.TrialFunction(self._space)))
-        except (Exception, ArityMismatch) as error:  # UFL's is no Exception
+        except (Exception, ArityMismatch) as error:  # UFL's error is not an Exception
             raise ValueError(f"the residual is no form linear in its weights: {error}") from error
         if tangent.empty():
             raise ValueError("the residual does not depend on u: it has to be stated with u itself")
         self.form, self._is_linear = form, u not in tangent.coefficients()
-        evaluate_conditions(self._space, conditions)  # what is wrong is refused at once
+        evaluate_conditions(self._space, conditions)  # refuses wrong conditions at once
         self.system = ResidualSystem(
             u, compile_form(form, 1, "a residual"), compile_form(tangent, 2, "a tangent")
         )
         self._solver: LinearSolver = Direct() if solver is None else solver
-        self._held: dict[fem.Constant, Array] = {}
+        self._solved_loads: dict[fem.Constant, Array] = {}  # values at the end of the last `solve`
 
     @check_same_arguments
     def solve(self, load: Load | None = None, increments: int = 1) -> fem.Function:
-        """Solves for u, starting from its present values.
+        """Solve for u, starting from its present values.
 
         Args:
-            load: what grows with the increments: `fem.Constant`s of the residual or conditions,
-                which grow from where the last `solve` left them (0 at first) to what they hold
-                now; or a function of the share (0, 1] that sets them, without communication.
-            increments: number of equal ones; where Newton's method fails, they are divided.
+            load: `fem.Constant`s of the residual or conditions, which grow with the increments from
+                their values after the last `solve` (0 at first) to their present ones; or a
+                function of the load factor in (0, 1] that sets them, without communication.
+            increments: number of equal increments; where Newton's method fails, they are divided.
 
         Returns:
-            The problem's u.
+            u of the problem.
 
         Raises:
-            NotConverged: if no solution is found even in small parts, or in one without a load; u
-                and the load's constants are those of the last solution.
+            NotConverged: if no solution is found even in small parts, or without a load; u and the
+                load's constants are those of the last solution.
             SingularSystem: likewise, if the tangent is singular.
             TypeError, ValueError: for an invalid load, or conditions that contradict each
                 other or are not finite.
         """
         arguments.check_integer("increments", increments, 1)
-        path = self._path(load)
-        total, size, done = increments * _MOST_PARTS, _MOST_PARTS, 0
+        set_load = self._load_setter(load)
+        n_parts, step, done = increments * _MAX_PARTS, _MAX_PARTS, 0
         self.increments = ()
-        while done < total:
-            size = min(size, total - done)
+        while done < n_parts:
+            step = min(step, n_parts - done)
             if load is None:
-                size = total
-            last = self.u.x.array.copy()
-            share = (done + size) / total
-            self._apply(path, share)
+                step = n_parts
+            start_values = self.u.x.array.copy()
+            load_factor = (done + step) / n_parts
+            self._apply_load(set_load, load_factor)
             try:
-                with report_activity(self._comm, f"load {share:.3g}"):
-                    self._newton(share)
-            except (NotConverged, SingularSystem) as failed:
-                words = f"not from {done / total:.4g} to {share:.4g}: {failed}"
+                with report_activity(self._comm, f"load {load_factor:.3g}"):
+                    self._solve_increment(load_factor)
+            except (NotConverged, SingularSystem) as error:
+                words = f"not from {done / n_parts:.4g} to {load_factor:.4g}: {error}"
                 log_on_root(self._comm, logging.INFO, words, ".problems")
-                self.u.x.array[:] = last
-                self._apply(path, done / total)
-                if load is None or size == 1:
-                    self._keep(load)
-                    words = _advice(failed, load, done / total, share, is_hybrid(self._space))
-                    raise type(failed)(words) from None
-                size //= 2
+                self.u.x.array[:] = start_values
+                self._apply_load(set_load, done / n_parts)
+                if load is None or step == 1:
+                    self._store_loads(load)
+                    range_failed = done / n_parts, load_factor
+                    message = _failure_message(error, load, range_failed, is_hybrid(self._space))
+                    raise type(error)(message) from None
+                step //= 2
                 continue
-            done += size
-            size = min(2 * size, _MOST_PARTS)
-        self._keep(load)
+            done += step
+            step = min(2 * step, _MAX_PARTS)
+        self._store_loads(load)
         return self.u
 
     @check_same_arguments
     def reactions(self) -> PETSc.Vec:
-        """Residual (n,) at all nodes: at prescribed ones what the supports exert on the body.
+        """Assemble the residual (n,): at prescribed nodes the forces of supports on the body.
 
-        That is K a - f, as of `reactions`, if the residual is linear.
+        If the residual is linear, this is K a - f, as computed by `reactions`.
 
-        Reactions and loads add up to zero. Their moments about deformed nodes do so exactly with
-        standard elements only; with piecewise-linear weights, where the deformation is smooth, to
-        third order in the size of cells, if a load's moment is that of its density (with nodal
-        loads at deformed nodes: to second order).
+        Reactions and loads add up to zero. So do their moments about deformed nodes, exactly with
+        standard elements only; with piecewise-linear weights and a smooth deformation to third
+        order in the size of cells, if a load's moment is that of its density, and to second order
+        with nodal loads at deformed nodes.
         """
         return self.system.assemble_residual()
 
-    def _path(self, load: Load | None) -> Callable[[float], None]:
-        """The function that sets the load to a share of it; local."""
+    def _load_setter(self, load: Load | None) -> Callable[[float], None]:
+        """Return the function that sets the load for a load factor; local."""
         if arguments.is_user_function(load):
             return load
-        ways = []
-        for constant in _constants(load):
+        ranges = []
+        for constant in _load_constants(load):
             end = np.array(constant.value)
-            ways.append((constant, self._held.get(constant, np.zeros_like(end)), end))
+            start = self._solved_loads.get(constant, np.zeros_like(end))
+            ranges.append((constant, start, end))
 
-        def to(share: float) -> None:
-            for constant, start, end in ways:
-                constant.value[...] = start + share * (end - start)
+        def interpolate(load_factor: float) -> None:
+            for constant, start, end in ranges:
+                constant.value[...] = start + load_factor * (end - start)
 
-        return to
+        return interpolate
 
-    def _apply(self, path: Callable[[float], None], share: float) -> None:
+    def _apply_load(self, set_load: Callable[[float], None], load_factor: float) -> None:
         with collective_errors(self._comm) as same:
-            call_user_function(self._comm, "the load", path, share)
+            call_user_function(self._comm, "the load", set_load, load_factor)
             same["what the residual and the conditions hold"] = (
                 self.form.constants(),
                 self._conditions,
             )
 
-    def _keep(self, load: Load | None) -> None:
-        self._held |= {constant: np.array(constant.value) for constant in _constants(load)}
+    def _store_loads(self, load: Load | None) -> None:
+        constants = _load_constants(load)
+        self._solved_loads |= {constant: np.array(constant.value) for constant in constants}
 
-    def _newton(self, share: float) -> None:
-        """Solves for u under the load as it is; where that fails, u is worth nothing."""
+    def _solve_increment(self, load_factor: float) -> None:
+        """Solve for u under the present load; u is undefined after an error."""
         free, values = evaluate_conditions(self._space, self._conditions)
         fixed = np.flatnonzero(~free)
-        newton = Newton(self.system, fixed, values, self._is_linear, self._solver)
+        newton = NewtonSolver(self.system, fixed, values, self._is_linear, self._solver)
         newton.solve()
-        self.increments += (SolvedIncrement(share, tuple(newton.corrections)),)
-        words = f"load {share:.4g}: {len(newton.corrections)} iterations"
+        corrections = tuple(newton.relative_corrections)
+        self.increments += (SolvedIncrement(load_factor, corrections),)
+        words = f"load {load_factor:.4g}: {len(corrections)} iterations"
         log_on_root(self._comm, logging.INFO, words, ".problems")
 
 
-def _constants(load: Load | None) -> Sequence[fem.Constant]:
+def _load_constants(load: Load | None) -> Sequence[fem.Constant]:
     if isinstance(load, fem.Constant):
         return [load]
     if load is None or arguments.is_user_function(load):
@@ -436,18 +454,22 @@ def _constants(load: Load | None) -> Sequence[fem.Constant]:
     return load
 
 
-def _advice(failed: Exception, load: Load | None, done: float, share: float, hybrid: bool) -> str:
-    words = str(failed)
-    if isinstance(failed, SingularSystem):
-        words += ": conditions leave a motion free, or the solution branches here"
+def _failure_message(
+    error: Exception, load: Load | None, load_factors: tuple[float, float], hybrid: bool
+) -> str:
+    """Return the message of an increment between two load factors that cannot be divided."""
+    message = str(error)
+    if isinstance(error, SingularSystem):
+        message += ": conditions leave a motion free, or the solution branches here"
         if hybrid:
-            words += (
+            message += (
                 ", or a body that they enclose has a pressure that is known up to a constant: "
                 'prescribe(space, "pressure", where)'
             )
     if load is None:
         return (
-            f"{words}; u is as before: start nearer to the solution, or give what makes the load "
+            f"{message}; u is as before: start nearer to the solution, or give what makes the load "
             "as `load`, so that it can grow"
         )
-    return f"{words}, from {done:.4g} to {share:.4g} of the load; u is the solution at {done:.4g}"
+    start, end = load_factors
+    return f"{message}, from {start:.4g} to {end:.4g} of the load; u is the solution at {start:.4g}"

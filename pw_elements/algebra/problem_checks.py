@@ -1,8 +1,8 @@
-"""The problem that a solver is given, checked once before anything is computed.
+"""Checks of a problem, made once before any computation.
 
-Matrices and vectors that `assemble_matrix` and `assemble_vector` made know the spaces of their
-form (see `Assembled`), so that what comes from different meshes or weight functions is told
-apart; those that were made by hand know none and are judged by their sizes.
+Results of `assemble_matrix` and `assemble_vector` carry the spaces of their form (see
+`AssemblyRecord`), so that matrices and vectors of different meshes or weight functions are refused.
+Those made by hand carry none and are checked by their sizes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,9 +17,10 @@ from dolfinx import fem
 from pw_elements.checks import arguments, collective_errors
 from pw_elements.spaces import AssemblyRecord, SubSpace
 
-_STIFFNESS = "the stiffness"
+_STIFFNESS_NAME = "the stiffness"
 _FROBENIUS, _INFINITY = PETSc.NormType.FROBENIUS, PETSc.NormType.INFINITY
-_LARGEST = 1e100  # of a sum in a row, whose square may be infinite
+# Row sum above which a sum of squares may overflow although all entries are finite
+_OVERFLOW_ROW_SUM = 1e100
 
 
 def check_problem(
@@ -30,103 +31,114 @@ def check_problem(
     space: fem.FunctionSpace | None = None,
     solver: object = None,
 ) -> None:
-    """Checks that matrices (n, n), vectors (n,), reduction, space and solver belong together.
+    """Check that matrices (n, n), vectors (n,), reductions, space and solver fit together.
 
-    The first matrix is the stiffness; with its weight functions loads have to be made. Things of
-    the wrong type are TypeErrors, all else ValueErrors, on all processes.
+    Args:
+        matrices: by their names in messages; the first one is the stiffness.
+        vectors: displacements and the like, by name.
+        loads: by name; they need the weight functions of the stiffness.
+        reductions: of the stiffness.
+        space: trial space.
+        solver: a `LinearSolver`, "auto" or None.
+
+    Raises:
+        TypeError: for arguments of the wrong type, on all processes.
+        ValueError: for all other errors, on all processes.
     """
     loads = loads or {}
-    every = {**(vectors or {}), **loads}
-    first, K = next(iter(matrices.items()))
-    with collective_errors(
-        arguments.find_communicator(*every.values(), *matrices.values(), *reductions, space)
-    ):
+    all_vectors = {**(vectors or {}), **loads}
+    K_name, K = next(iter(matrices.items()))
+    comm = arguments.find_communicator(
+        *all_vectors.values(), *matrices.values(), *reductions, space
+    )
+    with collective_errors(comm):
         for name, matrix in matrices.items():
             arguments.check_matrix(name, matrix)
-        for name, vector in every.items():
+        for name, vector in all_vectors.items():
             arguments.check_petsc_vector(name, vector)
         check_solver(solver)
-        things, spaces = {**matrices, **every}, {}
+        tensors, spaces = {**matrices, **all_vectors}, {}
         for reduction in reductions:
             check_reduction(reduction)
-            things["the reduction"], spaces["the reduction"] = reduction.offset, reduction.space
-        for name, thing in things.items():
-            processes = MPI.Comm.Compare(thing.comm.tompi4py(), K.comm.tompi4py())
+            tensors["the reduction"], spaces["the reduction"] = reduction.offset, reduction.space
+        for name, tensor in tensors.items():
+            processes = MPI.Comm.Compare(tensor.comm.tompi4py(), K.comm.tompi4py())
             if processes not in (MPI.IDENT, MPI.CONGRUENT):
-                raise ValueError(f"{name} lives on other processes than {first}")
-            sizes = thing.getSizes()[0] if name in matrices else thing.getSizes()
-            arguments.check_vector_sizes(name, sizes, first, K.getSizes()[0])
-            _check_mesh(name, AssemblyRecord.read(thing).mesh, K)
+                raise ValueError(f"{name} lives on other processes than {K_name}")
+            sizes = tensor.getSizes()[0] if name in matrices else tensor.getSizes()
+            arguments.check_vector_sizes(name, sizes, K_name, K.getSizes()[0])
+            _check_same_mesh(name, AssemblyRecord.read(tensor).mesh, K)
         if space is not None:
             arguments.check_space(space)
-            arguments.check_vector_sizes(first, K.getSizes()[0], "the space", space)
+            arguments.check_vector_sizes(K_name, K.getSizes()[0], "the space", space)
             spaces["the space"] = space
-        for name, known in spaces.items():
-            _check_mesh(name, None if known is None else known.mesh._cpp_object, K)
-        for name, thing in {**matrices, **loads}.items():
-            _check_likeness(name, thing, K)
+        for name, V in spaces.items():
+            _check_same_mesh(name, None if V is None else V.mesh._cpp_object, K)
+        for name, tensor in {**matrices, **loads}.items():
+            _check_same_weights(name, tensor, K)
     for name, matrix in matrices.items():
         # sums of squares keep NaN, on whichever process it is; largest values may lose it
-        size, largest = (matrix.norm(kind) for kind in (_FROBENIUS, _INFINITY))
-        if not np.isfinite(size) and not _LARGEST < largest < np.inf:
+        frobenius, largest_sum = (matrix.norm(kind) for kind in (_FROBENIUS, _INFINITY))
+        if not np.isfinite(frobenius) and not _OVERFLOW_ROW_SUM < largest_sum < np.inf:
             raise ValueError(f"{name} has entries that are not finite")
-        arguments.check_magnitude(name, largest)
-    for name, vector in every.items():
+        arguments.check_magnitude(name, largest_sum)
+    for name, vector in all_vectors.items():
         if not is_finite(vector):
             raise ValueError(f"{name} is not finite")
         arguments.check_magnitude(name, vector.norm(_INFINITY))
 
 
 def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
-    """Raises unless a load is a finite vector (n,) made with the weight functions of K (n, n)."""
+    """Raise unless a load is a finite vector (n,) with the weight functions of K (n, n)."""
     with collective_errors(K.comm.tompi4py()):
-        arguments.check_petsc_vector(name, load, _STIFFNESS, K.getSizes()[0])
-        _check_mesh(name, AssemblyRecord.read(load).mesh, K)
-        _check_likeness(name, load, K)
+        arguments.check_petsc_vector(name, load, _STIFFNESS_NAME, K.getSizes()[0])
+        _check_same_mesh(name, AssemblyRecord.read(load).mesh, K)
+        _check_same_weights(name, load, K)
     if not is_finite(load):
         raise ValueError(f"{name} is not finite")
     arguments.check_magnitude(name, load.norm(_INFINITY))
 
 
-def _check_mesh(name: str, mesh: Any, K: PETSc.Mat) -> None:  # noqa: ANN401
-    known = AssemblyRecord.read(K).mesh
-    if None not in (known, mesh) and mesh is not known:
+def _check_same_mesh(name: str, mesh: Any, K: PETSc.Mat) -> None:  # noqa: ANN401
+    K_mesh = AssemblyRecord.read(K).mesh
+    if None not in (K_mesh, mesh) and mesh is not K_mesh:
         raise ValueError(
-            f"{name} belongs to another mesh than {_STIFFNESS}: their nodes have other numbers, "
-            "even where there are as many"
+            f"{name} belongs to another mesh than {_STIFFNESS_NAME}: their nodes have other "
+            "numbers, even where there are as many"
         )
 
 
-def _check_likeness(name: str, thing: PETSc.Vec | PETSc.Mat, K: PETSc.Mat) -> None:
-    """Raises ValueError unless weights and state of stress are those of K; local."""
-    own, other = AssemblyRecord.read(K), AssemblyRecord.read(thing)
-    if own.stress_states and other.stress_states and own.stress_states != other.stress_states:
-        theirs, ours = (" and ".join(sorted(known.stress_states)) for known in (other, own))
-        raise ValueError(f"{name} is one in {theirs}, {_STIFFNESS} in {ours}")
-    if own.form is None or own.test_space is None or other.test_space is None:
+def _check_same_weights(name: str, tensor: PETSc.Vec | PETSc.Mat, K: PETSc.Mat) -> None:
+    """Raise ValueError unless weight functions and state of stress are those of K; local."""
+    K_record, record = AssemblyRecord.read(K), AssemblyRecord.read(tensor)
+    states, K_states = record.stress_states, K_record.stress_states
+    if states and K_states and states != K_states:
+        state_names, K_state_names = (" and ".join(sorted(names)) for names in (states, K_states))
+        raise ValueError(f"{name} is one in {state_names}, {_STIFFNESS_NAME} in {K_state_names}")
+    if K_record.form is None or K_record.test_space is None or record.test_space is None:
         return
-    if (own.sibling is None) != (other.sibling is None):
+    if (K_record.sibling is None) != (record.sibling is None):
         raise ValueError(
-            f"one of {name} and {_STIFFNESS} belongs to the symmetric sibling, whose unknowns are "
-            "coefficients: use Sibling.matrix and Sibling.load for both or for none"
+            f"one of {name} and {_STIFFNESS_NAME} belongs to the symmetric sibling, whose unknowns "
+            "are coefficients: use Sibling.matrix and Sibling.load for both or for none"
         )
-    test, trial = own.form.function_spaces
-    if not _same_element(other.test_space, test):
-        standard = "galerkin" if _same_element(test, trial) else "petrov_galerkin"
+    test, trial = K_record.form.function_spaces
+    if not _have_same_element(record.test_space, test):
+        constructor = "galerkin" if _have_same_element(test, trial) else "petrov_galerkin"
         raise ValueError(
-            f"{name} was made with other weight functions than {_STIFFNESS}: nodal forces differ "
-            f"by some per cent; use the test space of Spaces.{standard} in both"
+            f"{name} was made with other weight functions than {_STIFFNESS_NAME}: nodal forces "
+            f"differ by some per cent; use the test space of Spaces.{constructor} in both"
         )
 
 
-def _same_element(one: Any, other: Any) -> bool:  # noqa: ANN401
-    """Whether two C++ spaces have one element; DOLFINx compares no mixed ones."""
-    parts = one.element.num_sub_elements
-    if parts != other.element.num_sub_elements:
+def _have_same_element(a: Any, b: Any) -> bool:  # noqa: ANN401
+    """Return whether two C++ spaces have the same element; DOLFINx compares no mixed ones."""
+    n_parts = a.element.num_sub_elements
+    if n_parts != b.element.num_sub_elements:
         return False
-    if parts == 0:
-        return bool(one.element == other.element)
-    return all(_same_element(one.sub([k]), other.sub([k])) for k in range(parts))
+    if n_parts == 0:
+        return bool(a.element == b.element)
+    return all(_have_same_element(a.sub([k]), b.sub([k])) for k in range(n_parts))
 
 
 def check_reduction(reduction: object) -> None:
@@ -151,15 +163,18 @@ def check_solver(solver: object) -> None:
 
 
 def is_finite(vector: PETSc.Vec) -> bool:
-    """Whether all entries on all processes are finite: a norm's maximum may pass over NaN."""
-    own = bool(np.isfinite(vector.array_r).all())
-    return bool(vector.comm.tompi4py().allreduce(own, MPI.LAND))
+    """Return whether all entries are finite, on all processes; a maximum norm may miss NaN."""
+    is_local_part_finite = bool(np.isfinite(vector.array_r).all())
+    return bool(vector.comm.tompi4py().allreduce(is_local_part_finite, MPI.LAND))
 
 
 def refuse_negative_trace(
     name: str, matrix: PETSc.Mat, space: fem.FunctionSpace | None = None
 ) -> None:
-    """Refuses a diagonal, and so eigenvalues, of negative sum; displacements alone count."""
+    """Raise ValueError if the displacements' diagonal has a negative sum.
+
+    The eigenvalues of a symmetric matrix then have a negative sum, too.
+    """
     diagonal = matrix.getDiagonal()
     if space is not None:
         diagonal = SubSpace.displacements(space).extract(diagonal)

@@ -1,6 +1,6 @@
-"""Supports and static condensation: the reduction L^T K R of a free system.
+"""Supports and static condensation: the reduction L^T K R of a system without conditions.
 
-Condensed inner nodes may not be coupled to each other, and each needs a stiffness; Dirichlet
+Condensed inner nodes may not be coupled to each other, and each needs a stiffness. Dirichlet
 conditions that overlap have to prescribe the same values.
 """
 
@@ -42,19 +42,27 @@ from pw_elements.spaces import (
     tie_pressures,
 )
 
-# Largest difference of values that are prescribed as the same, over the largest of them
-_SAME_VALUE = 1e-9
+# Difference of values prescribed at one degree of freedom, over the largest, that is round-off
+_VALUE_TOLERANCE = 1e-9
 
-# Entries of a matrix below this, over its largest, are zeros
-_ZERO_ENTRY = 1e-13
+# Entries of a matrix, over its largest, that are round-off
+_ENTRY_ROUND_OFF = 1e-13
 
 
 def evaluate_conditions(
     space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
 ) -> tuple[Mask, PETSc.Vec]:
-    """Which owned degrees of freedom are free, and the prescribed values (zero where free)."""
+    """Return which owned degrees of freedom are free, and the prescribed values (n,).
+
+    The values are zero where nothing is prescribed.
+
+    Raises:
+        TypeError: for anything but conditions.
+        ValueError: if conditions contradict each other, a value is not finite, or a condition was
+            made on another space.
+    """
     arguments.check_space(space)
-    each = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
+    condition_list = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     owned, comm = index_map.size_local * block, space.mesh.comm
     values = np.zeros(owned + index_map.num_ghosts * block)
@@ -62,34 +70,35 @@ def evaluate_conditions(
     difference = np.zeros(owned)
     with collective_errors(comm):
         arguments.check_type(
-            "the list of conditions", each, Sequence, "`prescribe` makes its items"
+            "the list of conditions", condition_list, Sequence, "`prescribe` makes its items"
         )
-        for condition in each:
+        for condition in condition_list:
             _check_condition(condition, space)
-            own = np.zeros(len(values))
-            condition.set(own)
+            condition_values = np.zeros(len(values))
+            condition.set(condition_values)
             dofs = condition.dof_indices()[0]  # the number of owned ones is wrong in DOLFINx 0.9
             dofs = dofs[dofs < owned]
-            again = dofs[~free[dofs]]
-            difference[again] = np.maximum(difference[again], np.abs(own - values)[again])
+            repeated = dofs[~free[dofs]]
+            change = np.abs(condition_values - values)[repeated]
+            difference[repeated] = np.maximum(difference[repeated], change)
             free[dofs] = False
-            values[dofs] = own[dofs]
+            values[dofs] = condition_values[dofs]
         if not np.isfinite(values[:owned]).all():
             raise ValueError("a prescribed value is not a finite number")
-        size = np.abs(values[:owned]).max(initial=0.0)
-        arguments.check_magnitude("the largest prescribed value", float(size), minimum=0.0)
-    places = np.zeros((0, space.mesh.geometry.dim))
+        largest = np.abs(values[:owned]).max(initial=0.0)
+        arguments.check_magnitude("the largest prescribed value", float(largest), minimum=0.0)
+    contradictions = np.zeros((0, space.mesh.geometry.dim))
     for field in list_fields(space):
         largest = comm.allreduce(np.abs(values[field.owned_unknowns]).max(initial=0.0), MPI.MAX)
-        twice = (difference[field.owned_unknowns] > _SAME_VALUE * largest).any(axis=1)
-        if twice.any():
-            x = field.space.tabulate_dof_coordinates()[: len(twice)][twice]
-            places = np.vstack([places, x[:, : places.shape[1]]])
-    places = np.unique(np.concatenate(comm.allgather(places)), axis=0)
-    if len(places):
+        differs = (difference[field.owned_unknowns] > _VALUE_TOLERANCE * largest).any(axis=1)
+        if differs.any():
+            x = field.space.tabulate_dof_coordinates()[: len(differs)][differs]
+            contradictions = np.vstack([contradictions, x[:, : contradictions.shape[1]]])
+    contradictions = np.unique(np.concatenate(comm.allgather(contradictions)), axis=0)
+    if len(contradictions):
         raise ValueError(
-            f"Dirichlet conditions contradict each other at {format_points(places)}: a degree of "
-            "freedom can have one value"
+            f"Dirichlet conditions contradict each other at {format_points(contradictions)}: a "
+            "degree of freedom can have one value"
         )
     offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
     offset.setArray(values[:owned])
@@ -98,62 +107,76 @@ def evaluate_conditions(
 
 def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> None:
     arguments.check_type("a condition", condition, fem.DirichletBC, "`prescribe` makes one")
-    theirs = condition.function_space
-    other, own = theirs.dofmap.index_map, space.dofmap.index_map
-    same_nodes = (other.size_global, other.size_local) == (own.size_global, own.size_local)
-    if theirs.mesh is not space.mesh._cpp_object or not same_nodes:
+    V = condition.function_space
+    sizes, expected_sizes = (
+        (index_map.size_global, index_map.size_local)
+        for index_map in (V.dofmap.index_map, space.dofmap.index_map)
+    )
+    if V.mesh is not space.mesh._cpp_object or sizes != expected_sizes:
         raise ValueError(
             "a Dirichlet condition was made on another space: its degrees of freedom would be "
             "taken for others here; make it on the trial space"
         )
 
 
-def require_any_dof(chosen: Mask, space: fem.FunctionSpace, otherwise: str) -> None:
-    if space.mesh.comm.allreduce(int(chosen.sum()), MPI.SUM) == 0:
-        raise ValueError(otherwise)
+def require_any_dof(mask: Mask, space: fem.FunctionSpace, message: str) -> None:
+    if space.mesh.comm.allreduce(int(mask.sum()), MPI.SUM) == 0:
+        raise ValueError(message)
 
 
 def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
-    """Q (n, n): inverse of K_ii, whose blocks belong to one node each, and zeros."""
-    chosen = selection_matrix(inner, K.createVecLeft())
-    K_ii = chosen.transposeMatMult(K.matMult(chosen))
-    (nodes, own), (sizes, _) = diagonal_blocks(K_ii, block), K_ii.getSizes()
+    """Compute Q (n, n), the inverse of K_ii in the rows and columns of inner unknowns.
+
+    Args:
+        K: stiffness (n, n).
+        inner: (owned dofs,).
+        block: number of unknowns of a node.
+
+    Raises:
+        ValueError: if the stiffness couples inner nodes.
+        SingularSystem: if an inner node has no stiffness.
+    """
+    select = selection_matrix(inner, K.createVecLeft())
+    K_ii = select.transposeMatMult(K.matMult(select))
+    (nodes, nonzero_blocks), (sizes, _) = diagonal_blocks(K_ii, block), K_ii.getSizes()
     blocks = np.zeros((sizes[0] // block, block, block))
-    blocks[nodes] = own
-    largest = PETSc.NormType.INFINITY
-    size = K_ii.norm(largest)
+    blocks[nodes] = nonzero_blocks
+    infinity = PETSc.NormType.INFINITY
+    stiffness = K_ii.norm(infinity)
     add_scaled(K_ii, -1.0, block_diagonal_matrix(blocks, sizes, K.comm))
-    coupled = K_ii.norm(largest) > _ZERO_ENTRY * size
+    are_coupled = K_ii.norm(infinity) > _ENTRY_ROUND_OFF * stiffness
     with collective_errors(K.comm.tompi4py()):
-        if coupled:
+        if are_coupled:
             raise ValueError(
                 "the stiffness couples nodes that are to be condensed: no two of them may share a "
                 "cell"
             )
-        if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ZERO_ENTRY):
+        if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ENTRY_ROUND_OFF):
             raise SingularSystem("a node that is to be condensed has no stiffness")
     inverse = block_diagonal_matrix(np.linalg.inv(blocks), sizes, K.comm)
-    return chosen.matMult(inverse).matMult(chosen.transpose(PETSc.Mat()))
+    return select.matMult(inverse).matMult(select.transpose(PETSc.Mat()))
 
 
 @dataclass(frozen=True)
 class Reduction:
-    """K_r = L^T K R, f_r = L^T (f - K a_0), a = R a_r + a_0.
+    """Reduction of a system to n_r unknowns a_r, with a = R a_r + a_0.
 
-    Static condensation is a reduction, too. With kept (e) and inner (i) unknowns, and K
-    unsymmetric,
+    The reduced system has K_r = L^T K R and f_r = L^T (f - K a_0).
+
+    Static condensation is a reduction, too. With remaining (e) and inner (i) unknowns, and an
+    unsymmetric K,
 
         L^T = [I, -K_ei K_ii^-1],   R = [I; -K_ii^-1 K_ie],   a_i = K_ii^-1 (f_i - K_ie a_e).
 
-    The displacements that a load causes at inner nodes alone, Q f with Q = [0, 0; 0, K_ii^-1], are
-    added to the offset: `under` makes the reduction for one load. Reduced loads do not need this,
-    since L^T K Q = 0. Guyan's reduction applies `matrix` to the mass matrix as well.
+    A load on inner nodes causes displacements Q f with Q = [0, 0; 0, K_ii^-1], which `for_load`
+    adds to the offset. Reduced loads do not need this, since L^T K Q = 0. Guyan's reduction applies
+    `matrix` to the mass matrix as well.
 
     Args:
         left: L, (n, n_r); the same matrix as `right` for Dirichlet conditions.
-        right: R, (n, n_r); kept unknowns have rows of the identity.
+        right: R, (n, n_r), with rows of the identity for the remaining unknowns.
         offset: a_0, (n,): prescribed values.
-        inner: Q, (n, n), of a condensation.
+        inner_flexibility: Q, (n, n), of a condensation.
         space: trial space whose degrees of freedom are reduced, if it is known.
         supports: the arguments of `dirichlet`, which an iterative solver needs; None otherwise.
 
@@ -191,17 +214,17 @@ class Reduction:
         space: fem.FunctionSpace | Spaces,
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
     ) -> "Reduction":
-        """Eliminates the prescribed degrees of freedom.
+        """Eliminate the prescribed degrees of freedom.
 
         Args:
-            space: trial space; or a `Spaces` pair, which also ties a split pressure within each
-                part of a body, see `Spaces.hybrid`.
-            conditions: Dirichlet conditions on it; a single one need not be in a list.
+            space: trial space; or a `Spaces` pair, by which a split pressure is made continuous
+                within each part of a body, see `Spaces.hybrid`.
+            conditions: Dirichlet conditions on the space, one or a sequence.
 
         Raises:
             TypeError: for anything but a space and conditions.
-            ValueError: if they leave nothing free or contradict each other, a prescribed value is
-                not finite, or a condition was made on another space.
+            ValueError: if conditions leave nothing free or contradict each other, a prescribed
+                value is not finite, or a condition was made on another space.
         """
         parts = None
         if isinstance(space, Spaces):
@@ -209,10 +232,10 @@ class Reduction:
         free, offset = evaluate_conditions(space, conditions)
         require_any_dof(free, space, "the Dirichlet conditions leave no degree of freedom free")
         if has_split_pressure(space):
-            kept = tie_pressures(space, parts, free)
-            return cls(kept, kept, offset, space=space)
-        kept = selection_matrix(free, offset)
-        return cls(kept, kept, offset, space=space, supports=Supports(space, free))
+            tied = tie_pressures(space, parts, free)
+            return cls(tied, tied, offset, space=space)
+        select = selection_matrix(free, offset)
+        return cls(select, select, offset, space=space, supports=Supports(space, free))
 
     @classmethod
     @check_same_arguments
@@ -223,19 +246,19 @@ class Reduction:
         nodes: npt.NDArray[np.integer] | Mask,
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC] = (),
     ) -> "Reduction":
-        """Condenses inner nodes statically, and eliminates prescribed degrees of freedom.
+        """Condense inner nodes statically, and eliminate prescribed degrees of freedom.
 
         Args:
             K: stiffness (n, n), free; it may be unsymmetric.
             space: trial space.
-            nodes: local numbers of the inner nodes, or a mask of these (ghosts are skipped),
-                no two of which share a cell: K_ii is inverted node by node.
-            conditions: Dirichlet conditions on the other nodes; a single one need not be in a list.
+            nodes: local numbers of the inner nodes, or a mask of all local nodes; ghosts are
+                skipped. No two inner nodes may share a cell: K_ii is inverted node by node.
+            conditions: Dirichlet conditions on other nodes, one or a sequence.
 
         Raises:
             TypeError: for anything but a matrix, a space and conditions.
-            ValueError: if K is not of the space or not finite, couples inner nodes, a node is
-                none of the space's, a condition holds on one or was made on another space,
+            ValueError: if K does not belong to the space, is not finite or couples inner nodes; if
+                a node does not exist or has a condition; if a condition was made on another space,
                 conditions contradict each other, nothing is left free, or a prescribed value is
                 not finite.
             SingularSystem: if an inner node has no stiffness.
@@ -250,23 +273,23 @@ class Reduction:
         comm = space.mesh.comm
         inner = np.zeros(len(free), dtype=bool)
         with collective_errors(comm):
-            known = index_map.size_local + index_map.num_ghosts
-            chosen = local_numbers(comm, "the nodes to be condensed", nodes, known)
-            inner.reshape(-1, block)[chosen[chosen < index_map.size_local]] = True
+            n_nodes = index_map.size_local + index_map.num_ghosts
+            numbers = local_numbers(comm, "the nodes to be condensed", nodes, n_nodes)
+            inner.reshape(-1, block)[numbers[numbers < index_map.size_local]] = True
             if np.any(inner & ~free):
                 raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
         require_any_dof(free & ~inner, space, "there is nothing but inner and prescribed nodes")
         Q = _inner_flexibility(K, inner, block)
-        kept = selection_matrix(free & ~inner, offset)
-        right, left = kept.copy(), kept.copy()
+        select = selection_matrix(free & ~inner, offset)
+        right, left = select.copy(), select.copy()
         different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
-        right.axpy(-1.0, Q.matMult(K.matMult(kept)), different)
-        left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(kept)), different)
+        right.axpy(-1.0, Q.matMult(K.matMult(select)), different)
+        left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(select)), different)
         return cls(left, right, offset, Q, space)
 
     @check_same_arguments
     def for_load(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
-        """Makes the reduction for a load f (n,) that acts on inner nodes, too.
+        """Return the reduction for a load f (n,), which may act on inner nodes.
 
         Args:
             K: stiffness (n, n).
@@ -276,24 +299,21 @@ class Reduction:
             TypeError, ValueError: if K and f do not match the reduction.
         """
         self._check_system(K, f)
-        if self.inner_flexibility is None:
-            return self
-        return replace(self, offset=self.offset - self.inner_flexibility * (K * self.offset - f))
+        return _reduction_for_load(self, K, f)
 
     @check_same_arguments
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
-        """Reduces a matrix K (n, n) to L^T K R, (n_r, n_r).
+        """Reduce a matrix K (n, n) to L^T K R, (n_r, n_r).
 
         Raises:
             TypeError, ValueError: if K is not a matrix that matches the reduction.
         """
         self._check_system(K)
-        reduced = self.left.transposeMatMult(to_aij(K).matMult(self.right))
-        return AssemblyRecord.read(K).attach(reduced)
+        return reduce_matrix(self, K)
 
     @check_same_arguments
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
-        """Reduces a load to L^T (f - K a_0).
+        """Reduce a load f (n,) to L^T (f - K a_0), (n_r,).
 
         Args:
             K: stiffness (n, n).
@@ -303,16 +323,14 @@ class Reduction:
             TypeError, ValueError: if K and f do not match the reduction.
         """
         self._check_system(K, f)
-        reduced = self.left.createVecRight()
-        self.left.multTranspose(f - K * self.offset, reduced)
-        return reduced
+        return _reduced_load(self, K, f)
 
     @check_same_arguments
     def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """R a_r + a_0.
+        """Expand reduced unknowns a_r to all unknowns, R a_r + a_0, (n,).
 
         Args:
-            reduced: vector (n_r,), a_r.
+            reduced: a_r, (n_r,).
 
         Raises:
             TypeError, ValueError: if it is not a vector (n_r,).
@@ -329,32 +347,71 @@ class Reduction:
                 arguments.check_petsc_vector("the load", f, "the reduction", sizes)
 
 
+def reduce_matrix(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
+    """Return L^T K R, (n_r, n_r), of a matrix (n, n) that is known to match the reduction."""
+    reduced = reduction.left.transposeMatMult(to_aij(K).matMult(reduction.right))
+    return AssemblyRecord.read(K).attach(reduced)
+
+
+def reduce_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> tuple[Reduction, PETSc.Vec]:
+    """Return the reduction for a load f (n,), and the reduced load.
+
+    K (n, n) and f are known to match the reduction, as in the steps of a problem that was checked.
+    """
+    reduction = _reduction_for_load(reduction, K, f)
+    return reduction, _reduced_load(reduction, K, f)
+
+
+def _reduction_for_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> Reduction:
+    """Return the reduction with the displacements that a load f causes at inner nodes alone."""
+    if reduction.inner_flexibility is None:
+        return reduction
+    a = reduction.offset
+    return replace(reduction, offset=a - reduction.inner_flexibility * (K * a - f))
+
+
+def _reduced_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
+    reduced = reduction.left.createVecRight()
+    reduction.left.multTranspose(f - K * reduction.offset, reduced)
+    return reduced
+
+
 def full_size_reduction(reduction: Reduction) -> Reduction:
-    """The reduction that keeps all unknowns and sets prescribed ones to zero."""
+    """Return the reduction that keeps all n unknowns and sets prescribed ones to zero.
+
+    Raises:
+        ValueError: unless the reduction is one of `Reduction.dirichlet`.
+    """
     if reduction.supports is None:
         raise ValueError(NO_SUPPORTS_MESSAGE)
     unknowns, free = reduction.right.getSize()
     if free == unknowns:  # nothing is prescribed: contact alone holds the body
         return reduction
-    kept = selection_matrix(reduction.supports.free, reduction.offset, renumbered=False)
-    return replace(reduction, left=kept, right=kept)
+    mask = selection_matrix(reduction.supports.free, reduction.offset, renumbered=False)
+    return replace(reduction, left=mask, right=mask)
 
 
 def constrained_operator(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
-    """The matrix of `masked` supports without assembling it: ones where values are prescribed."""
+    """Create the operator of K under supports without assembling it.
+
+    Prescribed unknowns have rows of the identity.
+
+    Raises:
+        ValueError: unless the reduction is one of `Reduction.dirichlet`.
+    """
     if reduction.supports is None:
         raise ValueError(NO_SUPPORTS_MESSAGE)
     space = reduction.supports.space
     projection = ConstraintProjection(reduction.supports.free, space.dofmap.index_map_bs)
-    scale = reduction.right.getDiagonal() if is_hybrid(space) else None  # see `equilibrated`
+    scale = reduction.right.getDiagonal() if is_hybrid(space) else None  # see `scale_pressures`
     return python_matrix(K.getSizes(), ConstrainedOperator(K, projection, scale), K.comm)
 
 
 def scale_pressures(reduction: Reduction, K: PETSc.Mat) -> Reduction:
-    """The reduction with pressures of hybrid spaces scaled to a displacement's size.
+    """Return the reduction with pressures of hybrid spaces scaled to the size of displacements.
 
-    In consistent units displacement and pressure may be 15 orders of magnitude apart, and
-    factorisations and Krylov methods would lose one of them. `expand` returns the same values.
+    In consistent units displacement and pressure may be 15 orders of magnitude apart, so that
+    factorisations and Krylov methods would lose one of the two. `expand` returns the same values.
     """
     if reduction.space is None or not is_hybrid(reduction.space):
         return reduction

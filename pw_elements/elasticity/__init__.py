@@ -1,15 +1,7 @@
 """Elastic bodies, forces on their surfaces, and the symmetric sibling."""
 
-from pw_elements.elasticity.body import (
-    Body,
-    Material,
-    StressState,
-    Vector,
-    boundary_measure,
-    lumped_mass,
-    nodal_load,
-    prescribe,
-)
+from pw_elements.elasticity.body import Body, StressState, Vector, lumped_mass
+from pw_elements.elasticity.boundary import boundary_measure, nodal_load, prescribe
 from pw_elements.elasticity.forces import (
     BoundaryForces,
     NodalFlux,
@@ -23,4 +15,5 @@ from pw_elements.elasticity.forces import (
     order_by_position,
 )
 from pw_elements.elasticity.incompressibility import HYBRID_SPACES_REMEDY, TangentRatioMonitor
+from pw_elements.elasticity.material import Material
 from pw_elements.elasticity.sibling import Sibling

@@ -1,15 +1,15 @@
 """Isotropic linear elasticity as UFL forms over a trial/test pair.
 
 The equations of motion, Eq. (1), are div sigma + b - rho u'' = 0; the paper misprints the last
-sign, which its Eq. (2) has right. In weak form, Eq. (2), they are M a'' + K a = f, Eq. (9), with
-the forms of `Body`; accelerations are a field like displacements, Eq. (4), and UFL's gradients
-take the place of the matrices B, of shape functions, and of Eq. (8), of weight functions.
+sign, which is right in its Eq. (2). In weak form, Eq. (2), they are M a'' + K a = f, Eq. (9), with
+the forms of `Body`. Accelerations are a field like displacements, Eq. (4). UFL's gradients replace
+the matrices B of shape functions and those of weight functions, Eq. (8).
 
-Units are consistent ones of the user's choice (N, m, Pa, kg/m³ throughout, say).
+Units are consistent, of the user's choice (N, m, Pa and kg/m³, for example).
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Literal, TypeAlias
@@ -19,67 +19,58 @@ from petsc4py import PETSc
 
 import numpy as np
 import ufl
-from dolfinx import default_scalar_type, fem
-from dolfinx.mesh import Mesh, MeshTags, meshtags
+from dolfinx import fem
+from dolfinx.mesh import Mesh, MeshTags
 from ufl.core.expr import Expr
 from ufl.domain import extract_unique_domain
 
 from pw_elements.algebra import check_problem
 from pw_elements.arrays import Array
-from pw_elements.checks import (
-    arguments,
-    check_mesh,
-    check_same_arguments,
-    defer_errors_if_parallel,
-    format_points,
-)
+from pw_elements.checks import arguments, check_mesh, check_same_arguments, format_points
 from pw_elements.elasticity.incompressibility import (
     HYBRID_SPACES_REMEDY,
     bulk_over_shear,
     has_parallel_cells,
     max_bulk_over_shear,
 )
+from pw_elements.elasticity.material import Material, Scalar
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
     STRESS_STATE_KEY,
     AssemblyRecord,
-    Marker,
-    Part,
     Spaces,
-    SubSpace,
     add_sub_cell_rules,
     check_part_tags,
     is_hybrid,
-    locate_any_nodes,
-    locate_exterior_facets,
-    piecewise_constants_by_tag,
 )
 
-Scalar: TypeAlias = float | Expr
 Vector: TypeAlias = Sequence[float] | Array | Expr
 
-# Degree for integrands that are no polynomials (hoop strain, curved cells, a varying modulus): its
-# error of natural frequencies is below 1e-4 of the mesh's own, see section V8 of the study
+# Quadrature degree for integrands that are not polynomials (hoop strain, curved cells, a varying
+# modulus). It changes natural frequencies by less than 1e-4 of the mesh's own error, see section V8
+# of the study
 _RATIONAL_DEGREE = 8
-# Poisson's ratio above which `Body.on` adds a pressure, and above which displacements alone lock
-_HYBRID_NU = 0.48
-_LOCKING_NU = 0.49
-_LOCKS = (
+# Poisson's ratio above which `Body.on` adds a pressure, and above which a warning is logged
+_MIN_HYBRID_NU = 0.48
+_MAX_DISPLACEMENT_NU = 0.49
+_LOCKING_WARNING = (
     "nu = %g in displacements alone: they lock, and pressures oscillate. At 0.4999 they are some "
     "50 times less accurate than with Spaces.hybrid(mesh), on tetrahedra some 150 times"
 )
 
-_JUMPS = (
+_MATERIAL_JUMP_WARNING = (
     "the material varies and the pressure is continuous: where the material jumps displacements "
     "err by ten per cent and more; give cell tags, Spaces.hybrid(mesh, parts)"
 )
 
-# A row sum of the mass matrix below this, over its diagonal entry, is zero
-_ZERO_MASS = 1e-12
+# Row sum of the mass matrix, over the diagonal entry, that is round-off; and a negative radius,
+# over the largest one
+_MASS_ROUND_OFF = 1e-12
+_RADIUS_ROUND_OFF = 1e-12
 
 
 class StressState(Enum):
-    """State of stress and strain of a body: each may be given by its value, a string."""
+    """State of stress and strain of a body; a string with the value serves as well."""
 
     PLANE_STRESS = "plane stress"
     PLANE_STRAIN = "plane strain"
@@ -88,83 +79,15 @@ class StressState(Enum):
 
 
 @dataclass(frozen=True)
-class Material:
-    """Isotropic elastic material: numbers, or UFL expressions where it varies in space.
-
-        steel = Material(210e3, 0.3, 7.85e-9)  # N, mm, t, s
-
-    `by_tag` combines several materials in one mesh, of one body or of several. Numbers,
-    `fem.Constant`s and nodal values of Lagrange functions are checked; other expressions cannot be.
-
-    Args:
-        youngs_modulus: E, positive, a stress.
-        poissons_ratio: nu, above -1 and at most 1/2, which plane stress and hybrid spaces allow.
-        density: positive, mass per volume.
-
-    Raises:
-        ValueError: for a modulus or density that is not positive, or nu outside (-1, 1/2].
-    """
-
-    youngs_modulus: Scalar
-    poissons_ratio: Scalar = 0.0
-    density: Scalar = 1.0
-
-    @defer_errors_if_parallel
-    def __post_init__(self) -> None:
-        for name in ("youngs_modulus", "density"):
-            _set(self, name, arguments.check_positive_coefficient(name, getattr(self, name)))
-        nu = arguments.check_coefficient(
-            "poissons_ratio",
-            self.poissons_ratio,
-            lambda values: (values > -1) & (values <= 0.5),
-            "has to lie between -1 and 0.5",
-        )
-        _set(self, "poissons_ratio", nu)
-
-    @classmethod
-    @check_same_arguments
-    def by_tag(
-        cls, mesh: Mesh, cell_tags: MeshTags, materials: Mapping[int, "Material"]
-    ) -> "Material":
-        """Combines several materials, each in the cells with its tag.
-
-            material = Material.by_tag(mesh, cell_tags, {1: Material(210e3, 0.3), 2: rubber})
-
-        Args:
-            mesh: of the body.
-            cell_tags: tags of all of its cells.
-            materials: by tag; their constants are numbers.
-
-        Raises:
-            TypeError: for arguments of the wrong type.
-            ValueError: for tags of facets or of another mesh, cells without a tag, tags without a
-                material, materials without a cell, or constants that are not numbers.
-        """
-        arguments.check_mesh_type(mesh)
-        arguments.check_type(
-            "the mapping of tags", materials, Mapping, "give {tag: Material(E, nu), ...}"
-        )
-        constants = {}
-        for tag, one in materials.items():
-            of = f"the material of tag {tag}"
-            arguments.check_type(of, one, Material, "Material(E, nu) makes one")
-            numbers = vars(one).items()
-            constants[tag] = [
-                arguments.check_number(f"{name} of {of}", value) for name, value in numbers
-            ]
-        return cls(*piecewise_constants_by_tag(mesh, cell_tags, constants))
-
-
-@dataclass(frozen=True)
 class Body:
-    """An elastic body: spaces, material, state of stress, and the forms that they make.
+    """Elastic body: spaces, material and state of stress, and the forms of its equations.
 
-    With the spaces of `Spaces.hybrid` the forms are those of displacements and a pressure p,
+    With the spaces of `Spaces.hybrid`, the unknowns are displacements u and a pressure p,
 
         int 2 mu eps(u) : eps(w) - p div w = load(w),    int -q (div u + p/lambda) = 0,
 
-    where 1/lambda = (1 - 2 nu) / (2 mu nu) is zero for nu = 1/2. In `strain` and `stress`, `u` then
-    stands for both fields, such as a function of the mixed space.
+    where 1/lambda = (1 - 2 nu) / (2 mu nu) is zero for nu = 1/2. The argument `u` of `strain` and
+    `stress` then has both fields, such as a function of the mixed space.
 
     Args:
         spaces: trial and test space of the displacements, or of displacements and pressure.
@@ -172,9 +95,10 @@ class Body:
         state: a `StressState`, or its value as a string: "plane stress", "plane strain",
             "axisymmetric" or "solid".
         thickness: t(x, y) of a plane body, number or UFL expression.
-        quadrature_degree: by default exact for straight simplices, parallelograms and
-            parallelepipeds with constant data; 5 (3 points in each direction) for other straight
-            quadrilaterals and hexahedra; 8 for curved cells, axisymmetry and varying data.
+        quadrature_degree: of all integrals over cells. By default it is exact for straight
+            simplices, parallelograms and parallelepipeds with constant data; 5 (3 points in each
+            direction) for other straight quadrilaterals and hexahedra; 8 for curved cells,
+            axisymmetry and varying data.
 
     Raises:
         ValueError: if the state does not suit the dimension; the mesh is a surface in space or
@@ -216,8 +140,8 @@ class Body:
         if self.state is StressState.AXISYMMETRIC:
             r = mesh.geometry.x[:, 0]
             radius = mesh.comm.allreduce(r.min(initial=np.inf), MPI.MIN)
-            size = mesh.comm.allreduce(np.abs(r).max(initial=0.0), MPI.MAX)
-            if radius < -_ZERO_MASS * size:
+            largest_radius = mesh.comm.allreduce(np.abs(r).max(initial=0.0), MPI.MAX)
+            if radius < -_RADIUS_ROUND_OFF * largest_radius:
                 raise ValueError(f"the mesh crosses the axis of rotation: its least r is {radius}")
         nu = self.material.poissons_ratio
         if hybrid:
@@ -226,23 +150,24 @@ class Body:
                     "hybrid spaces are of no use in plane stress, where nothing locks: use "
                     "Spaces.petrov_galerkin"
                 )
-            below = "has to be positive in hybrid spaces, the pressure being -lambda div u"
+            rule = "has to be positive in hybrid spaces, the pressure being -lambda div u"
             arguments.check_coefficient(
-                "poissons_ratio", nu, lambda values: values > 0, below, mesh.comm
+                "poissons_ratio", nu, lambda values: values > 0, rule, mesh.comm
             )
-            varies = not (
-                arguments.is_number(nu) and arguments.is_number(self.material.youngs_modulus)
+            is_constant = arguments.is_number(nu) and arguments.is_number(
+                self.material.youngs_modulus
             )
-            if varies and self.spaces.parts is None:
-                log_on_root(mesh.comm, logging.WARNING, _JUMPS)
+            if not is_constant and self.spaces.parts is None:
+                log_on_root(mesh.comm, logging.WARNING, _MATERIAL_JUMP_WARNING)
         elif self.state is not StressState.PLANE_STRESS:
-            above = "in plane stress only may it be 0.5, or in the spaces of Spaces.hybrid(mesh)"
+            rule = "in plane stress only may it be 0.5, or in the spaces of Spaces.hybrid(mesh)"
             arguments.check_coefficient(
-                "poissons_ratio", nu, lambda values: values < 0.5, above, mesh.comm
+                "poissons_ratio", nu, lambda values: values < 0.5, rule, mesh.comm
             )
-            largest = _largest(nu, mesh.comm)
-            if largest > _LOCKING_NU:
-                log_on_root(mesh.comm, logging.WARNING, _LOCKS % largest + self._loss(largest))
+            max_nu = _max_value(nu, mesh.comm)
+            if max_nu > _MAX_DISPLACEMENT_NU:
+                warning = _LOCKING_WARNING % max_nu + self._singularity_warning(max_nu)
+                log_on_root(mesh.comm, logging.WARNING, warning)
         thickness = arguments.check_positive_coefficient("thickness", self.thickness, mesh.comm)
         _set(self, "thickness", thickness)
         if self.quadrature_degree is not None:
@@ -253,41 +178,41 @@ class Body:
     def on(
         cls, mesh: Mesh, material: Material, state: StressState | str, parts: MeshTags | None = None
     ) -> "Body":
-        """Makes a body with the element that its material needs.
+        """Create a body with the element that its material needs.
 
-        That is `Spaces.hybrid` if Poisson's ratio exceeds 0.48 anywhere (this is logged), and
-        `Spaces.petrov_galerkin` otherwise, and always in plane stress.
+        The element is `Spaces.hybrid` if Poisson's ratio exceeds 0.48 anywhere (this is logged),
+        except in plane stress, and `Spaces.petrov_galerkin` otherwise.
 
             body = Body.on(mesh, Material(1e6, 0.499), "axisymmetric")
             U = body.spaces.trial
 
         Args:
             mesh: of the body.
-            material: constants and density.
-            state: as of `Body`.
+            material: elastic constants and density.
+            state: state of stress, as in `Body`.
             parts: tags of all cells, one for each material of a hybrid body, see `Spaces.hybrid`.
 
         Raises:
             TypeError: for arguments of the wrong type.
-            ValueError: as `Body`.
+            ValueError: in the same cases as `Body`.
         """
         arguments.check_mesh_type(mesh)
         arguments.check_type("material", material, Material, "Material(E, nu) makes one")
         check_part_tags(parts)
-        largest = _largest(material.poissons_ratio, mesh.comm)
-        named = isinstance(state, str | StressState)  # other things may refuse to be compared
-        stresses = StressState.PLANE_STRESS, StressState.PLANE_STRESS.value
-        plane_stress = named and state in stresses
-        if largest <= _HYBRID_NU or plane_stress:
+        max_nu = _max_value(material.poissons_ratio, mesh.comm)
+        is_valid = isinstance(state, str | StressState)  # other objects may not be comparable
+        plane_stress_names = StressState.PLANE_STRESS, StressState.PLANE_STRESS.value
+        is_plane_stress = is_valid and state in plane_stress_names
+        if max_nu <= _MIN_HYBRID_NU or is_plane_stress:
             spaces = Spaces.petrov_galerkin(mesh)
         else:
             spaces = Spaces.hybrid(mesh, parts)
-            words = f"hybrid: nu = {largest:g}, displacements alone would lock"
+            words = f"hybrid: nu = {max_nu:g}, displacements alone would lock"
             log_on_root(mesh.comm, logging.INFO, words)
         return cls(spaces, material, state)  # type: ignore[arg-type]
 
-    def _loss(self, nu: float) -> str:
-        """Return what to say if the stiffness may be singular at a ratio nu, else nothing."""
+    def _singularity_warning(self, nu: float) -> str:
+        """Return a warning if the stiffness may be singular at this Poisson's ratio, else ""."""
         limit, ratio = max_bulk_over_shear(self.spaces.mesh), bulk_over_shear(nu)
         if self.spaces.test is self.spaces.trial or ratio <= limit:
             return ""
@@ -297,10 +222,10 @@ class Body:
         )
 
     def strain(self, u: Expr) -> Expr:
-        """Small strain tensor, Eq. (5); in axisymmetry 3 x 3 with the hoop strain u_r / r.
+        """Return the small strain tensor, Eq. (5); 3 x 3 in axisymmetry, with hoop strain u_r / r.
 
         Args:
-            u: displacement, a function or an argument of a form; of hybrid spaces both fields.
+            u: displacement, a function or an argument of a form; in hybrid spaces both fields.
 
         Raises:
             TypeError: for anything but such an expression.
@@ -311,13 +236,13 @@ class Body:
         return ufl.sym(self._gradient(u))
 
     def stress(self, u: Expr) -> Expr:
-        """Stress tensor, Eq. (6) and Eq. (22), of the strain tensor's shape.
+        """Return the stress tensor, Eq. (6) and Eq. (22), of the same shape as the strain tensor.
 
         Args:
-            u: displacement, a function or an argument of a form; of hybrid spaces both fields.
+            u: displacement, a function or an argument of a form; in hybrid spaces both fields.
 
         Raises:
-            ValueError: for a displacement alone of hybrid spaces.
+            ValueError: in hybrid spaces, for a displacement without pressure.
         """
         E, nu = self._value(self.material.youngs_modulus), self._value(self.material.poissons_ratio)
         mu = E / (2 * (1 + nu))
@@ -337,24 +262,24 @@ class Body:
         return lame * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0]) + 2 * mu * strain
 
     def von_mises(self, u: Expr) -> Expr:
-        """Von Mises' equivalent stress of displacements u, for pictures and assessment.
+        """Return von Mises' equivalent stress, for pictures and assessment.
 
         In plane strain the out-of-plane stress is included.
 
         Args:
-            u: displacement, a function; of hybrid spaces both fields.
+            u: displacement, a function; in hybrid spaces both fields.
         """
         stress = self.stress(u)
         trace, squares = ufl.tr(stress), ufl.inner(stress, stress)
         if self.state is StressState.PLANE_STRAIN:
             _, p = self._split(u)
-            third = self._value(self.material.poissons_ratio) * trace if p is None else -p
-            trace, squares = trace + third, squares + third**2
+            out_of_plane = self._value(self.material.poissons_ratio) * trace if p is None else -p
+            trace, squares = trace + out_of_plane, squares + out_of_plane**2
         return ufl.sqrt((3 * squares - trace**2) / 2)
 
     @check_same_arguments
     def stiffness(self) -> ufl.Form:
-        """The bilinear form of the stiffness, Eq. (10)."""
+        """Return the bilinear form of the stiffness, Eq. (10)."""
         u, v = self._arguments()
         work = self._bilinear(ufl.inner(self.stress(u), self.strain(v)), 2)
         if not self.spaces.is_hybrid:
@@ -367,19 +292,19 @@ class Body:
 
     @check_same_arguments
     def mass(self) -> ufl.Form:
-        """The bilinear form of the consistent mass, Eq. (11)."""
+        """Return the bilinear form of the consistent mass, Eq. (11)."""
         (u, _), (v, _) = map(self._split, self._arguments())
         return self._bilinear(self._value(self.material.density) * ufl.inner(u, v), 4)
 
     @check_same_arguments
     def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
-        """Load of a traction vector (force per area), Eq. (12), over a `boundary_measure`.
+        """Return the form of a traction's load (force per area), Eq. (12), on part of the boundary.
 
-        Loads of several measures are added as vectors; a form may have one of them.
+        Add the vectors of several loads; a form may contain one surface measure only.
 
         Args:
             traction: (dim,), numbers or an expression.
-            surface: measure of a part of the boundary.
+            surface: `boundary_measure` of a part of the boundary.
 
         Raises:
             TypeError, ValueError: for anything but a measure of exterior facets of the body's mesh,
@@ -396,13 +321,12 @@ class Body:
         if surface.ufl_domain() not in (None, self.spaces.mesh.ufl_domain()):
             raise ValueError("the measure is one of another mesh: make it on the body's")
         v, _ = self._split(ufl.TestFunction(self.spaces.test))
-        return (
-            ufl.inner(self._vector("traction", traction), v) * self._depth() * self._stated(surface)
-        )
+        work = ufl.inner(self._vector("traction", traction), v) * self._depth()
+        return work * self._with_state(surface)
 
     @check_same_arguments
     def body_load(self, force: Vector) -> ufl.Form:
-        """Load of a body force vector (force per volume), Eq. (12).
+        """Return the form of a body force's load (force per volume), Eq. (12).
 
         Args:
             force: (dim,), numbers or an expression.
@@ -412,12 +336,12 @@ class Body:
 
     @check_same_arguments
     def initial_stress(self, stress: Expr, form: Literal["G", "J"] = "G") -> ufl.Form:
-        """Initial stress form, Eq. (25) and Eq. (26), for a prestress tensor.
+        """Return the bilinear form of the initial stress matrix, Eq. (25) and Eq. (26).
 
         Args:
-            stress: tensor of the strain's shape, e.g. `body.stress(prestress_displacement)`.
-            form: "G" is the paper's, grad(v) : grad(u) S; "J" subtracts 2 S : (eps(v) eps(u)), as
-                continuum elements with an objective stress rate do.
+            stress: prestress tensor S of the strain's shape, such as `body.stress(u)`.
+            form: "G" is the paper's form, grad(v) : grad(u) S; "J" subtracts
+                2 S : (eps(v) eps(u)), as continuum elements with an objective stress rate do.
 
         Raises:
             ValueError: for an unknown form, or a tensor of the wrong shape.
@@ -437,7 +361,7 @@ class Body:
         return ufl.TrialFunction(self.spaces.trial), ufl.TestFunction(self.spaces.test)
 
     def _split(self, u: Expr) -> tuple[Expr, Expr]:
-        """Displacement, and pressure: None of one field, or a displacement alone."""
+        """Split `u` into displacement and pressure; the pressure is None if `u` has none."""
         dimension = self.spaces.mesh.geometry.dim
         if not (self.spaces.is_hybrid and u.ufl_shape == (dimension + 1,)):
             return u, None
@@ -461,7 +385,7 @@ class Body:
         )
 
     def _depth(self) -> Scalar:
-        """The factor that makes a volume of an area of the mesh."""
+        """Return volume over area of the mesh: thickness, 2 pi r, or 1 for a solid."""
         if self.state is StressState.AXISYMMETRIC:
             return 2 * np.pi * ufl.SpatialCoordinate(self.spaces.mesh)[0]
         if self.state is StressState.SOLID:
@@ -469,36 +393,49 @@ class Body:
         return self._value(self.thickness)
 
     def _bilinear(self, integrand: Expr, exact_degree: int, in_box: int = 3) -> ufl.Form:
-        """Integrates a product of trial and test functions; linear weights take a degree less."""
+        """Integrate a product of trial and test functions.
+
+        Args:
+            integrand: of the form.
+            exact_degree: of the integrand on straight simplices with quadratic test functions;
+                piecewise-linear ones need one degree less.
+            in_box: degree for parallelograms and parallelepipeds, with piecewise-linear ones.
+        """
         if self.spaces.test is self.spaces.trial:
             return self._integral(integrand, exact_degree)
         return self._integral(integrand, exact_degree - 1, in_box)
 
     def _integral(self, integrand: Expr, exact_degree: int, in_box: int = 5) -> ufl.Form:
-        """Integrates a form whose degree on a straight simplex, and in a box if odd, is known."""
+        """Integrate over the body with the degree of quadrature that the cells need.
+
+        Args:
+            integrand: of the form.
+            exact_degree: of the integrand on straight simplices.
+            in_box: of the quadrature on parallelograms and parallelepipeds.
+        """
         degree = self.quadrature_degree
         if degree is None:
-            degree = self._sufficient_degree(exact_degree, in_box)
+            degree = self._default_degree(exact_degree, in_box)
         dx = ufl.Measure("dx", self.spaces.mesh, metadata={"quadrature_degree": degree})
-        return add_sub_cell_rules(integrand * self._depth() * self._stated(dx))
+        return add_sub_cell_rules(integrand * self._depth() * self._with_state(dx))
 
-    def _stated(self, measure: ufl.Measure) -> ufl.Measure:
+    def _with_state(self, measure: ufl.Measure) -> ufl.Measure:
         return measure.reconstruct(
             metadata={**measure.metadata(), STRESS_STATE_KEY: self.state.value}
         )
 
-    def _sufficient_degree(self, exact_degree: int, in_box: int) -> int:
+    def _default_degree(self, exact_degree: int, in_box: int) -> int:
         geometry = self.spaces.mesh.ufl_domain().ufl_coordinate_element()
         data = (*vars(self.material).values(), self.thickness)
-        curved = geometry.degree > 1
-        if curved or self.state is StressState.AXISYMMETRIC or not all(map(_constant, data)):
+        is_curved = geometry.degree > 1
+        if is_curved or self.state is StressState.AXISYMMETRIC or not all(map(_is_constant, data)):
             return _RATIONAL_DEGREE
         if self.spaces.mesh.topology.cell_name() in ("interval", "triangle", "tetrahedron"):
             return exact_degree
         return in_box if has_parallel_cells(self.spaces.mesh) else 5
 
     def _value(self, value: Scalar) -> Expr:
-        """A number as a constant of the form, so that a new number compiles nothing anew."""
+        """Turn a number into a constant, so that the form need not be compiled for each number."""
         if not arguments.is_number(value):
             return value
         return fem.Constant(self.spaces.mesh, float(value))
@@ -510,143 +447,39 @@ class Body:
 
 
 @check_same_arguments
-def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl.Measure:
-    """Surface measure of a part of the boundary, for `Body.surface_load` and other forms.
-
-    Args:
-        mesh: the mesh.
-        where: marker, which takes points as columns (3, n) and has to hold at every vertex of a
-            facet; or local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
-        quadrature_degree: of the facet integrals.
-
-    Raises:
-        ValueError: if no exterior facet is marked, the marker fails or does not return truth
-            values, or a number does not belong to a facet.
-    """
-    arguments.check_mesh_type(mesh)
-    arguments.check_integer("quadrature_degree", quadrature_degree, 0)
-    dimension = mesh.topology.dim - 1
-    facets = locate_exterior_facets(mesh, where)
-    if mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
-        raise ValueError("the marker holds on no exterior facet of the mesh: nothing to load")
-    tags = meshtags(mesh, dimension, facets, np.ones(len(facets), dtype=np.int32))
-    return ufl.Measure(
-        "ds",
-        domain=mesh,
-        subdomain_data=tags,
-        subdomain_id=1,
-        metadata={"quadrature_degree": quadrature_degree},
-    )
-
-
-@check_same_arguments
-def prescribe(
-    space: fem.FunctionSpace,
-    component: int | Literal["pressure"],
-    where: Part,
-    value: float | fem.Constant = 0.0,
-) -> fem.DirichletBC:
-    """Prescribes one displacement component at all nodes, mid-side ones too, of a part.
-
-        held = Reduction.dirichlet(U, [prescribe(U, 1, lambda x: np.isclose(x[1], 0))])
-        held = Reduction.dirichlet(U, [prescribe(U, k, facet_tags.find(BASE)) for k in (0, 1)])
-
-    Args:
-        space: trial space.
-        component: counted from 0; or "pressure" of a hybrid space, whose nodes are the vertices.
-        where: marker of the nodes' positions as columns (3, n); or local numbers of facets, as
-            `MeshTags.find` gives them, or a mask of all.
-        value: of the component; the value of a `fem.Constant` may change later.
-
-    Raises:
-        ValueError: if there is no such node or no such component, the marker fails or does not
-            return truth values, or the value is not a finite number.
-    """
-    arguments.check_space(space)
-    hybrid = is_hybrid(space)
-    fluid = hybrid and component == "pressure"
-    field = SubSpace.pressure(space) if fluid else SubSpace.displacements(space)
-    components = field.unknowns.shape[1]
-    if not (fluid or (arguments.is_number(component) and component in range(components))):
-        raise ValueError(f"component {component}: the space has {components}, counted from 0")
-    now = value.value if isinstance(value, fem.Constant) else value
-    arguments.check_number("the prescribed value", now)
-    axis = 0 if fluid else int(component)
-    if arguments.is_user_function(where):
-        nodes = locate_any_nodes(field.space, "the prescribed nodes", where)
-    else:
-        # nodes given in place of facets are hardly ever all of the boundary's
-        facets = locate_exterior_facets(space.mesh, where, skip_interior=False)
-        if space.mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
-            raise ValueError("the prescribed part has no facet")
-        nodes = fem.locate_dofs_topological(field.space, space.mesh.topology.dim - 1, facets)
-    dofs = field.unknowns[nodes, axis]
-    part = space.sub(int(fluid)) if hybrid else space
-    if part.num_sub_spaces:
-        part = part.sub(axis)
-    held = default_scalar_type(now) if now is value else value
-    return fem.dirichletbc(held, np.ascontiguousarray(dofs), part)
-
-
-@check_same_arguments
-def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
-    """Load vector of a concentrated force at each node that a marker selects.
-
-    It is the same for every test space with W_i(x_i) = 1.
-
-    Args:
-        space: trial space.
-        where: marker of the nodes' positions as columns (3, n).
-        force: (components,), on each of the nodes.
-
-    Raises:
-        ValueError: if there is no such node, the marker fails or does not return truth values, or
-            the force has another number of components than the space, or one that is not finite.
-    """
-    arguments.check_space(space)
-    comm, field = space.mesh.comm, SubSpace.displacements(space)
-    arguments.check_vector("nodal force", force, field.unknowns.shape[1])
-    nodes = locate_any_nodes(field.space, "the loaded nodes", where)
-    nodes = nodes[nodes < len(field.owned_unknowns)]
-    values = np.zeros(field.owned_unknowns.shape)
-    values[nodes] = force
-    load = PETSc.Vec().createMPI(field.full_sizes, comm=comm)
-    load.setArray(field.embed(values.ravel()))
-    return load
-
-
-@check_same_arguments
 def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
-    """Diagonal matrix (n, n) of the row sums of a mass matrix.
+    """Lump a mass matrix to the diagonal matrix (n, n) of its row sums.
 
-    They are integrals of density times test function: positive with piecewise-linear weights
+    Row sums are integrals of density times test function: positive with piecewise-linear weights
     (A/12 and A/4 on a 6-node triangle, V/32 and 7V/48 on a 10-node tetrahedron), zero at the
     vertices of the standard triangle.
 
-    In explicit dynamics combine it with a symmetric stiffness, preferably that of the `Sibling`,
-    whose own mass has positive row sums, too. With the unsymmetric stiffness the upper spectrum is
-    complex, and undamped vibrations grow whatever the time step (section V9 of the study).
+    In explicit dynamics combine the lumped mass with a symmetric stiffness, preferably that of the
+    `Sibling`, whose mass has positive row sums, too. With the unsymmetric stiffness the upper
+    spectrum is complex, and undamped vibrations grow whatever the time step (section V9 of the
+    study).
 
     Args:
         M: mass (n, n), free.
         space: trial space.
 
     Raises:
-        ValueError: if a row sum is not positive (it names the nodes), or the matrix is not one of
-            the space.
+        ValueError: if a row sum is not positive (the message names nodes), or the matrix does not
+            belong to the space.
     """
     arguments.check_space(space)
     check_problem({"the mass matrix": M}, space=space)
     if is_hybrid(space):
         raise ValueError("a pressure has no mass: lump that of Spaces.petrov_galerkin(mesh)")
     mass = M.getRowSum()
-    bad = mass.array_r <= _ZERO_MASS * M.getDiagonal().array_r
-    nodes = np.unique(np.flatnonzero(bad) // space.dofmap.index_map_bs)
+    lacks_mass = mass.array_r <= _MASS_ROUND_OFF * M.getDiagonal().array_r
+    nodes = np.unique(np.flatnonzero(lacks_mass) // space.dofmap.index_map_bs)
     if count := space.mesh.comm.allreduce(len(nodes), MPI.SUM):
-        places = space.mesh.comm.allgather(space.tabulate_dof_coordinates()[nodes[:3]])
+        positions = space.mesh.comm.allgather(space.tabulate_dof_coordinates()[nodes[:3]])
+        examples = format_points(np.concatenate(positions)[:3])
         raise ValueError(
-            f"{count} nodes have no positive lumped mass, among them those at "
-            f"{format_points(np.concatenate(places)[:3])}: row sums serve piecewise-linear weights"
+            f"{count} nodes have no positive lumped mass, among them those at {examples}: row sums "
+            "serve piecewise-linear weights"
         )
     lumped = PETSc.Mat().createAIJ(M.getSizes(), nnz=1, comm=M.comm)
     lumped.setDiagonal(mass)
@@ -654,14 +487,14 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     return replace(AssemblyRecord.read(M), lumped=True).attach(lumped)
 
 
-def _constant(value: Scalar) -> bool:
+def _is_constant(value: Scalar) -> bool:
     if isinstance(value, fem.Function):
         return value.function_space.ufl_element().embedded_superdegree == 0
     return arguments.is_number(value) or isinstance(value, fem.Constant)
 
 
-def _largest(ratio: Scalar, comm: MPI.Comm) -> float:
-    values = arguments.available_values(ratio)
+def _max_value(coefficient: Scalar, comm: MPI.Comm) -> float:
+    values = arguments.available_values(coefficient)
     return float(comm.allreduce(values.max(initial=-np.inf), MPI.MAX))
 
 

@@ -1,14 +1,14 @@
-"""Nodal forces: their redistribution matrix T, their reading at nodes, pressures, sawtooth.
+"""Nodal forces: the transfer matrix T, forces and fluxes at nodes, pressures, sawtooth.
 
-Three measures of contact pressure (and shear) are in use, and they must never be mixed:
+Three measures of contact pressure (and shear) must not be mixed:
 
 1. the nodal force itself;
-2. the nodal force over the integral of the node's own test function over the surface;
+2. the nodal force over the integral of the node's test function over the surface;
 3. the nodal force over the geometric tributary area of the node: facets are halved once, and the
-   area of each sub-facet is shared equally by its corners.
+   area of each sub-facet is divided equally between its corners.
 
-Which of them is even with which element, and why reactions are fluxes, is in the guide's page on
-theory ("Reactions and fluxes").
+The guide's page on theory shows with which element each measure is even, and why reactions are
+fluxes ("Reactions and fluxes").
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,9 @@ from ufl.core.expr import Expr
 from pw_elements.algebra import is_finite
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import arguments, check_same_arguments, collective_errors
-from pw_elements.elasticity.body import Body, Scalar, boundary_measure
+from pw_elements.elasticity.body import Body
+from pw_elements.elasticity.boundary import boundary_measure
+from pw_elements.elasticity.material import Scalar
 from pw_elements.spaces import (
     Marker,
     Part,
@@ -37,33 +39,36 @@ from pw_elements.spaces import (
     assemble_vector,
     gather_from_owners,
     is_hybrid,
-    locate_any_nodes,
     locate_exterior_facets,
     macro_element,
     quadratic_element,
+    require_nodes,
     scalar_space,
 )
 
-# Shares of a mid-side node's Galerkin force that stay with it and go to either vertex
-_STAYS = 3 / 4
-_GOES = 1 / 8
+# Parts of a mid-side node's Galerkin force that T leaves there, and that it gives to each vertex
+_KEPT_PART = 3 / 4
+_VERTEX_PART = 1 / 8
+# Weight integral over tributary area below which a node has no weight
+_ZERO_WEIGHT = 1e-9
 
 Area = Literal["geometric", "weight"]
 
 
 @check_same_arguments
 def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
-    """Matrix T, (n, n), that evens out the nodal forces of the standard quadratic element.
+    """Assemble the matrix T, (n, n), that makes nodal forces of the standard element even.
 
-    Three quarters of a mid-side node's force stay with it and an eighth goes to either vertex; on
+    Three quarters of a mid-side node's force stay at the node and an eighth goes to each vertex; on
     quadrilaterals and hexahedra T is the tensor product of this rule for intervals. Under uniform
-    tractions on straight sides the result is the nodal forces of the piecewise-linear weights: T
-    f_G = f_PW on every cell.
+    tractions on straight sides the results are the nodal forces of the piecewise-linear weights:
+    T f_G = f_PW on every cell.
 
-    On straight-sided triangles with constant D and t, in plane stress or strain, K_PW = T K_G, too:
-    the guide's page on theory has the proof. On other cells T K_G is another stiffness, though both
-    even out forces. A transformation of this form, but with 1/5 in place of 1/8, gives quadratic
-    mortar methods their dual multipliers (A. Popp et al., https://doi.org/10.1137/110848190).
+    On straight-sided triangles with constant elasticity and thickness, in plane stress or strain,
+    K_PW = T K_G as well; the guide's page on theory has the proof. On other cells T K_G differs
+    from K_PW, though both make forces even. Quadratic mortar methods construct dual multipliers by
+    a transformation of this form, with 1/5 in place of 1/8 (A. Popp et al.,
+    https://doi.org/10.1137/110848190).
 
         even = force_transfer(U) * reactions(K, a, f)  # of the standard element
 
@@ -78,40 +83,50 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
 
 
 def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
-    """T^T, (n, n), or T^-T, which has the same pattern: see `force_transfer`."""
+    """Assemble T^T, (n, n), or T^-T, of the T of `force_transfer`."""
     arguments.check_space(space)
-    element, whole = space.element.basix_element, space.ufl_element()
+    basix_element, element = space.element.basix_element, space.ufl_element()
     cell = space.mesh.topology.cell_name()
-    if whole != quadratic_element(cell, tuple(whole.reference_value_shape)):
+    if element != quadratic_element(cell, tuple(element.reference_value_shape)):
         raise ValueError("the force transfer T exists for quadratic Lagrange spaces only")
-    # what the middle of an interval keeps and gives: T = [1, b; 0, a], and so is its inverse
-    keeps = (1 / _STAYS, -_GOES / _STAYS) if inverse else (_STAYS, _GOES)
-    shares = sp.csr_matrix(_shares(element, *keeps)).tocoo()
+    # on an interval T = [1, b; 0, a] for vertex and middle, and T^-1 = [1, -b/a; 0, 1/a]
+    a, b = _KEPT_PART, _VERTEX_PART
+    parts = (1 / a, -b / a) if inverse else (a, b)
+    cell_T = sp.csr_matrix(_cell_transfer(basix_element, *parts)).tocoo()
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     cells, owned = space.dofmap.list, index_map.size_local
-    goes, comes = cells[:, shares.row].ravel(), cells[:, shares.col].ravel()
-    own = comes < owned  # some cell here has each of them, and whatever they give to
-    transposed, first = np.unique(np.stack([comes[own], goes[own]]), axis=1, return_index=True)
-    value = np.tile(shares.data, len(cells))[own][first]
-    column = index_map.local_to_global(transposed[1].astype(np.int32))
+    target, source = cells[:, cell_T.row].ravel(), cells[:, cell_T.col].ravel()
+    is_owned = source < owned  # this process has a cell with each owned source and its targets
+    entries = np.stack([source[is_owned], target[is_owned]])
+    entries, index = np.unique(entries, axis=1, return_index=True)
+    value = np.tile(cell_T.data, len(cells))[is_owned][index]
+    column = index_map.local_to_global(entries[1].astype(np.int32))
     shape = (owned, index_map.size_global)
-    rows = sp.kron(sp.csr_matrix((value, (transposed[0], column)), shape), np.eye(block), "csr")
-    local = (owned * block, index_map.size_global * block)
+    rows = sp.kron(sp.csr_matrix((value, (entries[0], column)), shape), np.eye(block), "csr")
+    sizes = (owned * block, index_map.size_global * block)
     csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
-    return PETSc.Mat().createAIJ((local, local), bsize=block, csr=csr, comm=space.mesh.comm)
+    return PETSc.Mat().createAIJ((sizes, sizes), bsize=block, csr=csr, comm=space.mesh.comm)
 
 
-def _shares(element: basix.finite_element.FiniteElement, keeps: float, gives: float) -> Array:
-    """T of one cell: of the node of each column, what goes to the node of each row."""
-    each = [len(np.ravel(dofs)) for dofs in element.entity_dofs]
-    inside = np.repeat(np.arange(len(each)), each)  # dimension of each node's entity
+def _cell_transfer(
+    element: basix.finite_element.FiniteElement, kept_part: float, vertex_part: float
+) -> Array:
+    """Return T of one cell, (nodes, nodes): column j has the parts of node j's force.
+
+    Args:
+        element: quadratic Lagrange element.
+        kept_part: of an interval's middle node, left there.
+        vertex_part: of an interval's middle node, given to each vertex.
+    """
+    counts = [len(np.ravel(dofs)) for dofs in element.entity_dofs]
+    dimension_of_node = np.repeat(np.arange(len(counts)), counts)  # of the node's entity
     T = np.zeros((element.dim, element.dim))
-    for dimension, of_dimension in enumerate(element.entity_dofs):
-        for entity, dofs in enumerate(of_dimension):
+    for dimension, entities in enumerate(element.entity_dofs):
+        for entity, dofs in enumerate(entities):
             closure = element.entity_closure_dofs[dimension][entity]
             for dof in dofs:  # in the middle of the entity, along each of its directions
-                kept = inside[closure]
-                T[closure, dof] = keeps**kept * gives ** (dimension - kept)
+                n_kept = dimension_of_node[closure]  # directions in which the force stays
+                T[closure, dof] = kept_part**n_kept * vertex_part ** (dimension - n_kept)
     return T
 
 
@@ -130,16 +145,16 @@ class BoundaryForces:
 
 @check_same_arguments
 def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> BoundaryForces:
-    """Nodal forces at the nodes that a marker selects, sorted by their coordinates.
+    """Gather nodal forces at the nodes that a marker selects, sorted by their coordinates.
 
         held = forces_along(U, reactions(K, a, f), lambda x: np.isclose(x[0], 0))
         axes.plot(held.position[:, 1], held.force)
 
-    Every process gets the whole line.
+    Every process gets all nodes.
 
     Args:
         space: trial space.
-        forces: vector (n,) of nodal forces.
+        forces: nodal forces (n,).
         where: marker of the nodes' positions as columns (3, n).
 
     Raises:
@@ -151,26 +166,26 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
         arguments.check_petsc_vector("the vector of forces", forces, "the space", space)
     if not is_finite(forces):
         raise ValueError("the vector of forces is not finite")
-    nodes = locate_any_nodes(space, "the line", where)
+    nodes = require_nodes(space, "the line", where)
     values = forces.array_r.reshape(-1, space.dofmap.index_map_bs)
-    return BoundaryForces(*_in_order(space, nodes, values)[:2])
+    return BoundaryForces(*_gather_sorted(space, nodes, values)[:2])
 
 
 @dataclass(frozen=True)
 class SurfaceNodes:
     """Nodes of a part of the boundary, in the order of `order_by_position`, on every process.
 
-    Areas are lengths times thickness in the plane, and of the whole circumference in
+    Areas are lengths times thickness in the plane, and those of the whole circumference in
     axisymmetry.
 
     Args:
         position: (m, dim).
-        own_area: (m,), integral of each node's test function.
-        tributary_area: (m,), integral of the piecewise-linear function of each node.
+        weight_area: (m,), integral of each node's test (weight) function.
+        tributary_area: (m,), integral of each node's piecewise-linear function.
         edges: (e, 3), mid-side node and both corners of each edge of the surface.
-        rim: (m,), nodes at the ends of the line or on the edge of the face.
-        node: (m,), global numbers in the space, valid for this number of processes.
-        facets: (f, k), the nodes of each facet, in Basix' order (corners first).
+        rim: (m,), whether a node is at the end of the line or on the edge of the face.
+        node: (m,), global numbers in the space, which depend on the number of processes.
+        facets: (f, k), nodes of each facet in Basix' order, corners first.
     """
 
     position: Array
@@ -184,61 +199,64 @@ class SurfaceNodes:
     @classmethod
     @check_same_arguments
     def from_body(cls, body: Body, where: Part, stretch: Expr | None = None) -> "SurfaceNodes":
-        """Nodes of a part of the boundary.
+        """Collect the nodes of a part of a body's boundary.
 
         A `ContactPair` with the same marker has the same nodes if the marker ends at vertices.
 
         Args:
-            body: whose boundary it is.
+            body: the body.
             where: marker of points as columns (3, n), which has to hold at every vertex of a facet;
-                or local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
-            stretch: deformed over undeformed area, as `stretch` gives it, for areas of the deformed
-                boundary; by default those of the undeformed one.
+                or local numbers of facets, as `MeshTags.find` gives them; or a mask of all local
+                facets.
+            stretch: deformed over undeformed area, from `SurfaceNodes.stretch`, for areas of the
+                deformed boundary; by default areas are undeformed.
 
         Raises:
-            ValueError: if there are none, the marker fails or does not return truth values, or a
-                number is none of a facet.
+            ValueError: if there are no such facets, the marker fails or does not return truth
+                values, or a number does not belong to a facet.
         """
         arguments.check_type("body", body, Body, "Body(spaces, material, state) makes one")
         arguments.check_type("stretch", stretch, Expr | None, "SurfaceNodes.stretch(u) makes it")
         depth = body._depth() if stretch is None else body._depth() * stretch
-        return cls.from_scalar_spaces(_scalar(body.spaces.displacements), where, depth)
+        return cls.from_scalar_spaces(_component_spaces(body.spaces.displacements), where, depth)
 
     @classmethod
     @check_same_arguments
     def from_scalar_spaces(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
-        """Nodes of a part of the boundary of a scalar problem.
+        """Collect the nodes of a part of the boundary of a scalar problem.
 
         Args:
             spaces: of the scalar.
-            where: part of the boundary, as in `of`.
+            where: part of the boundary, as in `from_body`.
             depth: factor of the lengths or areas of the mesh, such as a thickness or 2 pi r.
 
         Raises:
-            ValueError: as `of`, or if the spaces are not scalar.
+            ValueError: in the same cases as `from_body`, and if the spaces are not scalar.
         """
         arguments.check_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
         if spaces.trial.ufl_element().reference_value_shape != ():
             raise ValueError("the spaces have components: it takes those of a scalar")
         depth = arguments.check_positive_coefficient("depth", depth, spaces.mesh.comm)
-        position, own, node = _areas(spaces, where, depth)
-        other, tributary = position, own
+        position, weight_area, node = _gather_weight_areas(spaces, where, depth)
+        linear_position, linear_area = position, weight_area
         if spaces.test.ufl_element() != macro_element(spaces.mesh.topology.cell_name()):
-            other, tributary, _ = _areas(Spaces.petrov_galerkin(spaces.mesh, 0), where, depth)
-        if not tributary.min(initial=np.inf) > 0:
+            linear_position, linear_area, _ = _gather_weight_areas(
+                Spaces.petrov_galerkin(spaces.mesh, 0), where, depth
+            )
+        if not linear_area.min(initial=np.inf) > 0:
             raise ValueError("the depth or thickness is not positive: a node there has no area")
-        facets = _facets(spaces.trial, where, node)
-        edges, rim_nodes = _edges(facets, spaces.mesh)
+        facets = _gather_facets(spaces.trial, where, node)
+        edges, rim_nodes = _edges_and_rim(facets, spaces.mesh)
         rim = np.isin(np.arange(len(position)), rim_nodes)
-        shares = tributary[cKDTree(other).query(position)[1]]
-        return cls(position, own, shares, edges, rim, node, facets)
+        tributary_area = linear_area[cKDTree(linear_position).query(position)[1]]
+        return cls(position, weight_area, tributary_area, edges, rim, node, facets)
 
     @staticmethod
     def stretch(u: fem.Function) -> Expr:
-        """Deformed over undeformed area, or length in the plane, of a surface.
+        """Return deformed over undeformed area of a surface, or length in the plane.
 
-        Contact forces over weights on the undeformed and on the deformed surface are the nominal
-        and the true pressure:
+        Contact forces over undeformed areas are the nominal pressure, over deformed areas the true
+        pressure:
 
             spaces = Spaces.petrov_galerkin(mesh, 0)
             nominal = SurfaceNodes.from_scalar_spaces(spaces, top).pressure(pair.force_normal)
@@ -246,80 +264,89 @@ class SurfaceNodes:
             true = deformed.pressure(pair.force_normal)
 
         Args:
-            u: displacements, or these and a pressure, with the values of when areas are taken.
+            u: displacements, or displacements and a pressure; areas depend on its values when they
+                are computed.
         """
         arguments.check_type("u", u, fem.Function, "as_function(U, a) makes a function of a vector")
         space = u.function_space
-        moved = ufl.split(u)[0] if is_hybrid(space) else u
-        if moved.ufl_shape != (space.mesh.geometry.dim,):
-            raise ValueError(f"the displacement has the shape {moved.ufl_shape}: give a vector")
-        F = ufl.Identity(space.mesh.geometry.dim) + ufl.grad(moved)
-        area = ufl.det(F) * ufl.inv(F).T * ufl.FacetNormal(space.mesh)
-        return ufl.sqrt(ufl.inner(area, area))
+        displacement = ufl.split(u)[0] if is_hybrid(space) else u
+        shape = displacement.ufl_shape
+        if shape != (space.mesh.geometry.dim,):
+            raise ValueError(f"the displacement has the shape {shape}: give a vector")
+        F = ufl.Identity(space.mesh.geometry.dim) + ufl.grad(displacement)
+        area_vector = ufl.det(F) * ufl.inv(F).T * ufl.FacetNormal(space.mesh)
+        return ufl.sqrt(ufl.inner(area_vector, area_vector))
 
     def pressure(self, force: Array) -> Array:
-        """Measure 2 of forces (m,) or (m, components); NaN where a node has no weight.
+        """Compute nodal forces over the integrals of test functions (measure 2).
 
         Args:
             force: nodal forces (m,) or (m, components).
 
+        Returns:
+            Pressures of the same shape; NaN where the integral is zero.
+
         Raises:
-            ValueError: if they are not one for each node.
+            ValueError: if there is not one force for each node.
         """
-        force = self._checked(force)
-        weightless = self.weight_area < 1e-9 * self.tributary_area
-        area = np.where(weightless, np.nan, self.weight_area)
+        force = self._check_nodal_values(force)
+        has_no_weight = self.weight_area < _ZERO_WEIGHT * self.tributary_area
+        area = np.where(has_no_weight, np.nan, self.weight_area)
         return (force.T / area).T
 
     def tributary_pressure(self, force: Array) -> Array:
-        """Measure 3 of forces (m,) or (m, components).
+        """Compute nodal forces over tributary areas (measure 3).
 
         Args:
             force: nodal forces (m,) or (m, components).
 
+        Returns:
+            Pressures of the same shape.
+
         Raises:
-            ValueError: if they are not one for each node.
+            ValueError: if there is not one force for each node.
         """
-        force = self._checked(force)
+        force = self._check_nodal_values(force)
         return (force.T / self.tributary_area).T
 
     def sawtooth(self, force: Array, closed: Mask | None = None) -> float:
-        """Median ratio of mid-side nodes' forces to the mean of both corners'.
+        """Compute the median ratio of a mid-side node's force to the mean of both corners' forces.
 
-        2 in the plane for the standard element under uniform pressure, 1 for even forces; NaN
-        without an edge to judge by.
+        The ratio is 2 in the plane for the standard element under uniform pressure, 1 for even
+        forces, and NaN if no edge counts.
 
         Args:
-            force: (m,), raw normal nodal forces, measure 1.
-            closed: (m,), nodes in contact; edges that have an open or a rim node do not count.
+            force: (m,), normal nodal forces (measure 1).
+            closed: (m,), nodes in contact; edges with an open node or a rim node do not count.
 
         Raises:
-            ValueError: if they are not one for each node.
+            ValueError: if there is not one value for each node.
         """
-        middle, mean = self._inner(force, closed)
+        middle, mean = self._edge_values(force, closed)
         with np.errstate(divide="ignore"):  # corners of 10-node tetrahedra
             return float(np.median(middle / mean)) if len(middle) else np.nan
 
     def unevenness(self, values: Array, closed: Mask | None = None) -> float:
-        """Median size of mid-side value less the mean of both corners', over the median value.
+        """Compute the median second difference along edges, over the median value.
 
-        A second difference: zero for values (m,) (forces or pressures) that vary linearly.
+        The second difference is the mid-side value less the mean of both corners' values: zero for
+        forces or pressures that vary linearly. The result is NaN if no edge counts.
 
         Args:
             values: forces or pressures (m,).
-            closed: (m,), nodes in contact; edges that have an open or a rim node do not count.
+            closed: (m,), nodes in contact; edges with an open node or a rim node do not count.
 
         Raises:
-            ValueError: if they are not one for each node.
+            ValueError: if there is not one value for each node.
         """
-        middle, mean = self._inner(values, closed)
+        middle, mean = self._edge_values(values, closed)
         if not len(middle):
             return np.nan
         return float(np.median(np.abs(middle - mean)) / np.median(np.abs(middle + mean) / 2))
 
-    def _inner(self, values: Array, closed: Mask | None) -> tuple[Array, Array]:
-        """Mid-side values, and means of both corners', of edges that count."""
-        values = self._checked(values, scalar=True)
+    def _edge_values(self, values: Array, closed: Mask | None) -> tuple[Array, Array]:
+        """Return mid-side values, and means of both corners' values, of edges that count."""
+        values = self._check_nodal_values(values, scalar=True)
         counts = ~self.rim
         if closed is not None:
             closed = np.asarray(closed)
@@ -329,109 +356,133 @@ class SurfaceNodes:
         edges = self.edges[counts[self.edges].all(axis=1)]
         return values[edges[:, 0]], values[edges[:, 1:]].mean(axis=1)
 
-    def _checked(self, values: Array, scalar: bool = False) -> Array:
-        """Raises ValueError if there is not one value, or one vector, for each node."""
+    def _check_nodal_values(self, values: Array, scalar: bool = False) -> Array:
+        """Return values as an array; raise ValueError unless there is one row for each node."""
+        count = len(self.position)
         try:
-            given, count = np.asarray(values), len(self.position)
+            array = np.asarray(values)
         except ValueError:  # rows of different lengths
-            given, count = np.empty(0, dtype=object), len(self.position)
-        if given.dtype.kind not in "iuf" or given.ndim not in ((1,) if scalar else (1, 2)):
+            array = np.empty(0, dtype=object)
+        if array.dtype.kind not in "iuf" or array.ndim not in ((1,) if scalar else (1, 2)):
             raise ValueError(
-                f"values are {given.dtype} of the shape {given.shape}: they have to be numbers "
+                f"values are {array.dtype} of the shape {array.shape}: they have to be numbers "
                 f"({count},)" + ("" if scalar else f" or ({count}, components)")
             )
-        if len(given) != count:
+        if len(array) != count:
             raise ValueError(
-                f"{len(given)} values for the {count} nodes of the surface: the "
+                f"{len(array)} values for the {count} nodes of the surface: the "
                 "marker of a contact pair has to end at vertices to have the surface's nodes"
             )
-        return given
+        return array
 
 
 def order_by_position(position: Array, tie_break: Array | None = None) -> npt.NDArray[np.intp]:
-    """Order of nodes (m, dim) by their first coordinate, then the next.
+    """Return the order (m,) of nodes by their first coordinate, then by the next ones.
 
-    Round-off of mid-side positions depends on the partition; the order does not. Nodes that
-    coincide are in the order of a second position `beside`, if it is given.
+    The order does not depend on the partition, although round-off of mid-side positions does.
+
+    Args:
+        position: (m, dim).
+        tie_break: (m, k), keys for nodes that coincide.
     """
-    size = np.ptp(position, axis=0).max(initial=0.0) if len(position) else 0.0
+    extent = np.ptp(position, axis=0).max(initial=0.0) if len(position) else 0.0
     keys = position if tie_break is None else np.hstack([position, tie_break])
-    return np.lexsort(np.round(keys / (size or 1.0), 9).T[::-1])
+    return np.lexsort(np.round(keys / (extent or 1.0), 9).T[::-1])
 
 
 def facet_nodes(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
-    """Local numbers (f, k) of the nodes of exterior facets, in the order of Basix' own facets."""
-    cells, places = locate_facets_in_cells(space, facets)
-    return np.asarray(space.dofmap.list[cells[:, None], places])
+    """Return local numbers (f, k) of the nodes of exterior facets, in Basix' order."""
+    cells, cell_dofs = locate_facets_in_cells(space, facets)
+    return np.asarray(space.dofmap.list[cells[:, None], cell_dofs])
 
 
 def locate_facets_in_cells(
     space: fem.FunctionSpace, facets: LocalIndices
 ) -> tuple[LocalIndices, LocalIndices]:
-    """Cell (f,) of each exterior facet, and places (f, k) of its nodes there."""
+    """Return the cell (f,) of each exterior facet, and its nodes (f, k) among the cell's nodes."""
     dim = space.mesh.topology.dim
     topology, layout = space.mesh.topology, space.dofmap.dof_layout
     topology.create_connectivity(dim - 1, dim)
     topology.create_connectivity(dim, dim - 1)
-    of_facet = topology.connectivity(dim - 1, dim)
-    of_cell = topology.connectivity(dim, dim - 1)
-    count = len(basix.topology(space.mesh.basix_cell())[dim - 1])
-    cells = of_facet.array[of_facet.offsets[facets]]
-    local = (of_cell.array.reshape(-1, count)[cells] == facets[:, None]).argmax(axis=1)
-    closure = np.array([layout.entity_closure_dofs(dim - 1, k) for k in range(count)])
-    return cells, closure[local]
+    cells_of_facet = topology.connectivity(dim - 1, dim)
+    facets_of_cell = topology.connectivity(dim, dim - 1)
+    n_facets = len(basix.topology(space.mesh.basix_cell())[dim - 1])
+    cells = cells_of_facet.array[cells_of_facet.offsets[facets]]
+    local_facet = (facets_of_cell.array.reshape(-1, n_facets)[cells] == facets[:, None]).argmax(
+        axis=1
+    )
+    closure = np.array([layout.entity_closure_dofs(dim - 1, k) for k in range(n_facets)])
+    return cells, closure[local_facet]
 
 
 def facets_with_all_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
-    """Local numbers of exterior facets of owned cells with all nodes among global ones (m,)."""
+    """Return local numbers of exterior facets all of whose nodes are among global ones (m,)."""
     index_map, topology = space.dofmap.index_map, space.mesh.topology
     local = index_map.global_to_local(nodes)
-    among = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
-    among[local[local >= 0]] = True
+    is_selected = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
+    is_selected[local[local >= 0]] = True
     topology.create_connectivity(topology.dim - 1, topology.dim)
     facets = exterior_facet_indices(topology)
-    return np.asarray(facets[among[facet_nodes(space, facets)].all(axis=1)])
+    return np.asarray(facets[is_selected[facet_nodes(space, facets)].all(axis=1)])
 
 
-def _areas(spaces: Spaces, where: Part, depth: Scalar) -> tuple[Array, Array, Indices]:
-    """Positions (m, dim), integrals (m,) of test functions, and numbers of a surface's nodes."""
+def _gather_weight_areas(
+    spaces: Spaces, where: Part, depth: Scalar
+) -> tuple[Array, Array, Indices]:
+    """Gather the nodes of a surface from all processes.
+
+    Returns:
+        Positions (m, dim), integrals (m,) of test functions, and global numbers (m,).
+    """
     space, mesh = spaces.trial, spaces.mesh
-    weights = depth * ufl.TestFunction(spaces.test) * boundary_measure(mesh, where)
-    area = assemble_vector(weights).array_r
+    form = depth * ufl.TestFunction(spaces.test) * boundary_measure(mesh, where)
+    integrals = assemble_vector(form).array_r
     facets = locate_exterior_facets(mesh, where)
     nodes = fem.locate_dofs_topological(space, mesh.topology.dim - 1, facets)
-    position, areas, node = _in_order(space, nodes, area)
-    return position[:, : mesh.geometry.dim], areas, node
+    position, area, node = _gather_sorted(space, nodes, integrals)
+    return position[:, : mesh.geometry.dim], area, node
 
 
-def _in_order(
+def _gather_sorted(
     space: fem.FunctionSpace, nodes: LocalIndices, values: Array
 ) -> tuple[Array, Array, Indices]:
-    """Positions (m, 3) of all processes' nodes, owners' values there, and global numbers."""
-    index_map = space.dofmap.index_map
+    """Gather nodes from all processes, sorted by position.
+
+    Args:
+        space: whose nodes they are.
+        nodes: local numbers; ghosts are skipped.
+        values: (owned nodes, ...).
+
+    Returns:
+        Positions (m, 3), values (m, ...), and global numbers (m,).
+    """
+    index_map, comm = space.dofmap.index_map, space.mesh.comm
     nodes = nodes[nodes < index_map.size_local]
     numbers = nodes + np.int64(index_map.local_range[0])
-    own = space.tabulate_dof_coordinates()[nodes], values[nodes], numbers
-    position, *rest = (np.concatenate(space.mesh.comm.allgather(part)) for part in own)
+    local_parts = space.tabulate_dof_coordinates()[nodes], values[nodes], numbers
+    position, values, numbers = (np.concatenate(comm.allgather(part)) for part in local_parts)
     order = order_by_position(position)
-    return position[order], rest[0][order], rest[1][order]
+    return position[order], values[order], numbers[order]
 
 
-def _facets(space: fem.FunctionSpace, where: Part, node: Indices) -> Indices:
-    """Facets (f, k) of all processes as places of their nodes among `node` (m,)."""
+def _gather_facets(space: fem.FunctionSpace, where: Part, node: Indices) -> Indices:
+    """Gather the facets (f, k) of all processes, as indices of their nodes into `node` (m,)."""
     facets = facet_nodes(space, locate_exterior_facets(space.mesh, where))
     numbers = space.dofmap.index_map.local_to_global(facets.ravel()).reshape(facets.shape)
     order = np.argsort(node)
-    every = np.concatenate(space.mesh.comm.allgather(numbers))
-    return np.unique(order[np.searchsorted(node, every, sorter=order)], axis=0)
+    all_facets = np.concatenate(space.mesh.comm.allgather(numbers))
+    return np.unique(order[np.searchsorted(node, all_facets, sorter=order)], axis=0)
 
 
-def _edges(facets: Indices, mesh: Mesh) -> tuple[Indices, Indices]:
-    """Edges (e, 3), mid-side node first, and nodes of the rim: ends that no two facets share."""
+def _edges_and_rim(facets: Indices, mesh: Mesh) -> tuple[Indices, Indices]:
+    """Return edges (e, 3), mid-side node first, and the nodes of ends that only one facet has."""
     dim = mesh.topology.dim
-    sub = basix.topology(basix.cell.subentity_types(mesh.basix_cell())[dim - 1][0])
-    corners = len(sub[0])
-    edges = np.concatenate([facets[:, [corners + e, *ends]] for e, ends in enumerate(sub[1])])
+    facet_type = basix.cell.subentity_types(mesh.basix_cell())[dim - 1][0]
+    facet_topology = basix.topology(facet_type)
+    corners = len(facet_topology[0])
+    edges = np.concatenate(
+        [facets[:, [corners + e, *ends]] for e, ends in enumerate(facet_topology[1])]
+    )
     edges[:, 1:].sort(axis=1)
     ends = edges if dim == 3 else facets[:, :corners].reshape(-1, 1)
     rim, count = np.unique(ends, axis=0, return_counts=True)
@@ -444,8 +495,8 @@ class NodalFlux:
 
     Args:
         surface: the nodes, their positions, areas, edges and rim.
-        reaction: (m,) or (m, components), the flow into the body at each node.
-        flux: (m,) or (m, components), the same per area; NaN where a node has no area.
+        reaction: (m,) or (m, components), flow into the body at each node.
+        flux: (m,) or (m, components), reaction over area; NaN where a node has no area.
     """
 
     surface: SurfaceNodes
@@ -457,25 +508,25 @@ class NodalFlux:
 def nodal_flux(
     spaces: Spaces, reactions: PETSc.Vec, where: Part, area: Area = "geometric", depth: Scalar = 1.0
 ) -> NodalFlux:
-    """Flux into a body at the nodes of a boundary where its field is prescribed.
+    """Compute the flux into a body at the nodes of a boundary where its field is prescribed.
 
         K, f = assemble_matrix(k * inner(grad(u), grad(v)) * dx), assemble_vector(q * v * dx)
         a = solve(K, f, Reduction.dirichlet(spaces.trial, conditions))
         heat = nodal_flux(spaces, reactions(K, a, f), lambda x: np.isclose(x[0], 0.0))
         heat.surface.position, heat.flux
 
-    Over geometric areas a standard quadratic element's reactions zigzag, unless they are evened out
-    before: `force_transfer(space) * reactions`.
+    A standard quadratic element's reactions over geometric areas oscillate between vertices and
+    mid-side nodes; `force_transfer(space) * reactions` makes them even.
 
-    Where the part ends at another one with prescribed values, the reactions at the nodes on its rim
+    If the part borders on another one with prescribed values, the reactions at the nodes on its rim
     belong to both: leave them out (`surface.rim`), or treat both parts as one.
 
     Args:
         spaces: of the field, scalar or with components.
         reactions: vector (n,), of `reactions` or `PetrovGalerkinProblem.reactions`.
         where: part of the boundary, as in `boundary_measure`.
-        area: by which reactions are divided: "geometric", the node's share of the surface, or
-            "weight", the integral of its test function: the same for piecewise-linear weights.
+        area: divisor of the reactions: "geometric", the node's tributary area, or "weight", the
+            integral of its test function. Both are equal for piecewise-linear weights.
         depth: factor of the lengths or areas of the mesh, such as a thickness or 2 pi r.
 
     Raises:
@@ -491,17 +542,17 @@ def nodal_flux(
         raise ValueError(f"area {area!r}: it is 'geometric' or 'weight'")
     if not is_finite(reactions):
         raise ValueError("the vector of reactions is not finite")
-    surface = SurfaceNodes.from_scalar_spaces(_scalar(spaces), where, depth)
+    surface = SurfaceNodes.from_scalar_spaces(_component_spaces(spaces), where, depth)
     values = reactions.array_r.reshape(-1, space.dofmap.index_map_bs)
     reaction = gather_from_owners(space, surface.node, values)
     if not space.num_sub_spaces:
         reaction = reaction[:, 0]
-    read = surface.pressure if area == "weight" else surface.tributary_pressure
-    return NodalFlux(surface, reaction, read(reaction))
+    divide = surface.pressure if area == "weight" else surface.tributary_pressure
+    return NodalFlux(surface, reaction, divide(reaction))
 
 
-def _scalar(spaces: Spaces) -> Spaces:
-    """The spaces of a component; nodes are numbered alike."""
+def _component_spaces(spaces: Spaces) -> Spaces:
+    """Return the scalar spaces of one component, with the same numbers of nodes."""
     if not spaces.trial.num_sub_spaces:
         return spaces
     trial = scalar_space(spaces.trial)

@@ -1,10 +1,11 @@
-"""Where displacements alone fail nearly incompressible bodies: bulk over shear stiffness.
+"""Limits of displacement elements for nearly incompressible bodies: bulk over shear stiffness.
 
-With piecewise-linear weights the stiffness of displacements becomes singular, or its determinant
-changes sign, as the bulk modulus grows over the shear modulus. On straight triangles and
-quadrilaterals and on parallelepipeds it never does, because K = T K_G or nearly so; on other cells
-it does from the limits below on. They are those of a map (`tests/library/near_incompressible.py`,
-and the guide's page on theory, "Nearly incompressible bodies").
+With piecewise-linear weights and without a pressure, the stiffness becomes singular, or its
+determinant changes sign, when the bulk modulus is large compared with the shear modulus. On
+straight triangles and quadrilaterals and on parallelepipeds this never happens, because K = T K_G
+or nearly so; on other cells it happens above the limits below, which a map shows
+(`tests/library/near_incompressible.py`, and the guide's page on theory, "Nearly incompressible
+bodies").
 """
 
 import logging
@@ -24,14 +25,14 @@ from pw_elements.checks import format_points
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import compile_form
 
-# Bulk over shear modulus up to which K is safe. Curved cells: 50, that is nu = 0.49; the least
-# singular value, over the standard element's, is 0.13 there, and det K < 0 was met from 140 on
-# (0.4965). Straight tetrahedra, and hexahedra that are no parallelepipeds: 250 (0.498), with 0.1;
-# det K < 0 was met from 5000 on (0.4999), singular values of 0.002 from 1000 on (0.4995).
+# Bulk over shear modulus up to which K is far from singular. Curved cells: 50 (nu = 0.49), where
+# the least singular value over the standard element's is 0.13; det K < 0 occurs from 140 (0.4965).
+# Straight tetrahedra, and hexahedra other than parallelepipeds: 250 (0.498), where it is 0.1;
+# values of 0.002 occur from 1000 (0.4995), det K < 0 from 5000 (0.4999).
 MAX_RATIO_CURVED = 50.0
 MAX_RATIO_STRAIGHT = 250.0
-# Distance of a node from where it would be in a cell with straight edges, over the longest edge;
-# the same of a corner and a parallelepiped
+# Distance of a node from its position in a cell with straight edges, over the largest extent of a
+# cell; and of a corner from its position in a parallelepiped, over the longest edge component
 STRAIGHT_TOLERANCE = 1e-8
 PARALLEL_TOLERANCE = 1e-12
 
@@ -87,22 +88,22 @@ def has_parallel_cells(mesh: Mesh) -> bool:
 
 
 class TangentRatio:
-    """Bulk over shear stiffness of a residual's tangent, cell by cell, where u is.
+    """Bulk over shear stiffness of a residual's tangent in each cell, at the present values of u.
 
-    Changes H F of the deformation gradient F, with a constant symmetric H in a cell, belong to
-    displacements H (x + u - c), c being the cell's midpoint. The cell's work in the direction exp(t
-    H) F has the second derivative by t
+    A change H F of the deformation gradient F, with a constant symmetric H in a cell, belongs to
+    displacements H (x + u - c), where c is the cell's midpoint. Along exp(t H) F the cell's work
+    has the second derivative with respect to t
 
         m(H) = dR(H (x + u - c); H (x + u - c)) + R(H^2 (x + u - c))
 
-    with the residual's integrals R over the cell; the second term is what keeps a volume that is
-    kept from counting as stiff or soft under pressure. The bulk stiffness is that of H = I, the
-    shear stiffness the mean over all H without trace. For linear elasticity the ratio is that of
-    bulk and shear modulus.
+    with the residual R integrated over the cell. The second term ensures that a pressure makes
+    motions that preserve the volume neither stiff nor soft. The bulk stiffness is m(I), the shear
+    stiffness the mean of m over all H without trace. In linear elasticity the ratio is that of bulk
+    and shear modulus.
 
     Args:
-        form: the residual (rank 1), of displacements alone.
-        u: the unknown.
+        form: residual (rank 1), of displacements alone.
+        u: unknown function.
 
     Raises:
         ValueError: if the form of the measure cannot be compiled.
@@ -113,12 +114,12 @@ class TangentRatio:
         self._mesh, dim = space.mesh, space.mesh.geometry.dim
         self._midpoint = fem.Function(fem.functionspace(self._mesh, ("DG", 0, (dim,))))
         self._direction = fem.Constant(self._mesh, np.zeros((dim, dim)))
-        place = ufl.SpatialCoordinate(self._mesh) + u
-        at = interpolation_points(self._midpoint.function_space)
-        self._deformed = fem.Expression(place, at)
+        x = ufl.SpatialCoordinate(self._mesh) + u
+        points = interpolation_points(self._midpoint.function_space)
+        self._deformed = fem.Expression(x, points)
         cells = self._mesh.topology.index_map(self._mesh.topology.dim).size_local
         self._cells = np.arange(cells, dtype=np.int32)
-        H, arm = self._direction, place - self._midpoint
+        H, arm = self._direction, x - self._midpoint
         inner = ufl.Form([part for part in form.integrals() if part.integral_type() == "cell"])
         (weight,), trial = inner.arguments(), ufl.TrialFunction(space)
         tangent = ufl.algorithms.expand_derivatives(ufl.derivative(inner, u, trial))
@@ -129,12 +130,12 @@ class TangentRatio:
         self._work = compile_form(ufl.Form(parts), 1, "the work of cells")
         self._numbers = self._work.function_spaces[0].dofmap.map().ravel()[self._cells]
 
-    def of_cells(self) -> Array:
-        """Return the ratio (cells,) of this process' cells; 0 where the shear stiffness is none."""
+    def compute(self) -> Array:
+        """Return the ratio (cells,) of this process' cells; 0 without positive shear stiffness."""
         dim = self._mesh.geometry.dim
         dofs = self._midpoint.function_space.dofmap.list[self._cells, 0]
-        middle = self._deformed.eval(self._mesh, self._cells)
-        self._midpoint.x.array.reshape(-1, dim)[dofs] = np.reshape(middle, (-1, dim))
+        midpoints = self._deformed.eval(self._mesh, self._cells)
+        self._midpoint.x.array.reshape(-1, dim)[dofs] = np.reshape(midpoints, (-1, dim))
         self._midpoint.x.scatter_forward()
         volume, shears = np.eye(dim) / np.sqrt(dim), []
         for i, j in combinations(range(dim), 2):
@@ -143,31 +144,31 @@ class TangentRatio:
         for k in range(1, dim):
             diagonal = np.append(np.ones(k), [-k, *[0.0] * (dim - k - 1)])
             shears.append(np.diag(diagonal / np.linalg.norm(diagonal)))
-        of_volume = self._modulus(volume)
-        of_shear = np.mean([self._modulus(H) for H in shears], axis=0)
-        positive = of_shear > 0
-        lame = np.where(positive, of_volume - of_shear, 0.0)
-        shear = np.where(positive, of_shear, 1.0)
-        # m is dim lambda + 2 mu, and 2 mu
-        return np.where(positive, 2 * lame / (dim * shear) + 2 / 3, 0.0)
+        m_volume = self._second_derivative(volume)  # dim lambda + 2 mu
+        m_shear = np.mean([self._second_derivative(H) for H in shears], axis=0)  # 2 mu
+        is_positive = m_shear > 0
+        dim_lambda = np.where(is_positive, m_volume - m_shear, 0.0)
+        two_mu = np.where(is_positive, m_shear, 1.0)
+        return np.where(is_positive, 2 * dim_lambda / (dim * two_mu) + 2 / 3, 0.0)
 
-    def _modulus(self, direction: Array) -> Array:
-        self._direction.value = direction
+    def _second_derivative(self, H: Array) -> Array:
+        """Return the second derivative m(H) of the work of each cell, (cells,)."""
+        self._direction.value = H
         return np.array(fem.assemble_vector(self._work).array[self._numbers])
 
 
 class TangentRatioMonitor:
-    """Tells once when a tangent leaves the range in which displacements alone serve.
+    """Warns once when the tangent's bulk stiffness exceeds the limit of displacement elements.
 
     Args:
-        form: the residual, in displacements alone with piecewise-linear weights.
-        u: the unknown.
+        form: residual, of displacements alone with piecewise-linear weights.
+        u: unknown function.
     """
 
     def __init__(self, form: ufl.Form, u: fem.Function) -> None:
         self._mesh = u.function_space.mesh
         self._limit = max_bulk_over_shear(self._mesh)
-        self._told, self._ratio = False, None
+        self._has_warned, self._ratio = False, None
         if np.isfinite(self._limit):
             try:
                 self._ratio = TangentRatio(form, u)
@@ -176,26 +177,27 @@ class TangentRatioMonitor:
                 log_on_root(self._mesh.comm, logging.INFO, words, ".contact")
 
     def is_beyond_limit(self) -> bool:
-        """Return whether the tangent where u is has too large a bulk stiffness; log it once."""
+        """Return whether the tangent at u has too large a bulk stiffness; log it the first time."""
         if self._ratio is None:
             return False
-        comm, ratio = self._mesh.comm, self._ratio.of_cells()
+        comm, ratio = self._mesh.comm, self._ratio.compute()
         largest = comm.allreduce(ratio.max(initial=0.0), MPI.MAX)
         if largest <= self._limit:
             return False
-        if not self._told:
+        if not self._has_warned:
             cells = np.flatnonzero(ratio > self._limit)
-            own = self._mesh.geometry.x[cell_nodes(self._mesh)[cells]].mean(axis=1)
-            middle = np.concatenate(comm.allgather(own[:, : self._mesh.geometry.dim]))
+            local_midpoints = self._mesh.geometry.x[cell_nodes(self._mesh)[cells]].mean(axis=1)
+            dim = self._mesh.geometry.dim
+            midpoints = np.concatenate(comm.allgather(local_midpoints[:, :dim]))
             log_on_root(
                 comm,
                 logging.WARNING,
                 f"the tangent's bulk stiffness is up to {largest:.3g} times its shear stiffness, "
-                f"in {len(middle)} cells, first around {format_points(middle[:3])}, more than "
-                f"{self._limit:g} times. With displacements and piecewise-linear weights on such "
-                f"cells {HYBRID_SPACES_REMEDY}. "
+                f"in {len(midpoints)} cells, first around {format_points(midpoints[:3])}, more "
+                f"than {self._limit:g} times. With displacements and piecewise-linear weights on "
+                f"such cells {HYBRID_SPACES_REMEDY}. "
                 "Signs of determinants do not tell instability there",
                 ".contact",
             )
-            self._told = True
+            self._has_warned = True
         return True

@@ -1,5 +1,6 @@
 """Linear solvers: factors, Krylov methods and multigrid."""
 
+from pw_elements.solvers.automatic import Solver, choose_solver, compute_with_fallback
 from pw_elements.solvers.direct import (
     Direct,
     FreePressure,
@@ -14,12 +15,7 @@ from pw_elements.solvers.direct import (
 from pw_elements.solvers.iterative import (
     NO_SUPPORTS_MESSAGE,
     Iterative,
-    RigidComponents,
-    Solver,
     as_krylov_solver,
-    choose_solver,
-    compute_with_fallback,
-    has_free_rigid_motion,
     solve_with_ksp,
 )
 from pw_elements.solvers.matrices import (
@@ -41,3 +37,4 @@ from pw_elements.solvers.matrices import (
     to_aij,
 )
 from pw_elements.solvers.multigrid import Multigrid
+from pw_elements.solvers.rigid_components import RigidComponents, has_free_rigid_motion

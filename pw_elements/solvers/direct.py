@@ -1,7 +1,8 @@
-"""Linear solvers: what `solve`, `solve_contact`, `vibration_modes` and `buckling` take as `solver`.
+"""Interfaces of linear solvers, and the direct one.
 
-A `LinearSolver` is a statement, such as `Direct({"mat_mumps_icntl_14": 50})`; `prepare` binds it
-to one matrix. Any object with these methods is one: nothing asks for its class.
+`solve`, `solve_contact`, `vibration_modes` and `buckling` take a `LinearSolver` as `solver`. It
+holds settings alone, such as `Direct({"mat_mumps_icntl_14": 50})`; `prepare` binds it to a matrix.
+Any object with the methods of the protocols serves; its class does not matter.
 """
 
 import logging
@@ -25,18 +26,20 @@ from pw_elements.progress import log_on_root
 
 Options: TypeAlias = Mapping[str, str | int | float | bool]
 
-# A known solution comes back with a relative error of condition number x round-off: above
-# this, fewer than four digits of any answer would be meant.
-_LOST = 1e-4
-# Condition of what corrects old factors; residual over round-off, and solutions that refine it
-_SINGULAR = 1e8
-_ROUND_OFF = 10 * float(np.finfo(float).eps)
-_REFINED = 4
-# Options that say how often something is repeated, which PETSc's -3 makes endless; those of the
-# outermost method, which ends when it has converged, and the most of any other
-_COUNT = re.compile(r"(max_it|restart|cycles|steps|_l?its)$")
-_OUTER_COUNTS = ("ksp_max_it", "ksp_gmres_restart")
-_MOST_INNER_STEPS = 1000
+# Relative error of a known solution, some condition number x round-off, above which fewer than
+# four digits of any solution would be right
+_MAX_SOLUTION_ERROR = 1e-4
+# Correction of factors for changed rows: condition number of its small dense matrix, residual over
+# |A| |x| + |b| that counts as round-off, and steps of iterative refinement
+_MAX_CORRECTION_CONDITION = 1e8
+_RESIDUAL_ROUND_OFF = 10 * float(np.finfo(float).eps)
+_MAX_REFINEMENTS = 4
+# Options that limit repetitions, where PETSc takes -3 for no limit
+_COUNT_OPTION = re.compile(r"(max_it|restart|cycles|steps|_l?its)$")
+# Those of the outermost method, which ends when it has converged
+_OUTER_COUNT_OPTIONS = ("ksp_max_it", "ksp_gmres_restart")
+# Largest value of all others
+_MAX_INNER_STEPS = 1000
 
 
 class SingularSystem(RuntimeError):
@@ -44,28 +47,28 @@ class SingularSystem(RuntimeError):
 
 
 class FreePressure(SingularSystem):
-    """The pressure of an incompressible body that is held all around is known up to a constant."""
+    """The pressure of an incompressible body, held all around, is known up to a constant."""
 
-    def __init__(self, words: str = "") -> None:
+    def __init__(self, message: str = "") -> None:
         super().__init__(
-            words
+            message
             or "an incompressible body whose whole boundary is held has a pressure that is known "
             'up to a constant: prescribe it at a vertex, prescribe(space, "pressure", where)'
         )
 
 
 class NotConverged(RuntimeError):
-    """Newton's method, or an iterative linear solver, has not reached its tolerance."""
+    """Newton's method or an iterative linear solver has not reached its tolerance."""
 
 
 @dataclass(frozen=True)
 class SolverReport:
-    """How a problem was solved, and at what cost.
+    """Method and cost of a solution.
 
     Args:
-        method: in words, "LU by mumps" say.
-        factorisations: how many matrices have been factorised.
-        krylov_iterations: of an iterative solver, or solves that corrected old factors.
+        method: in words, such as "LU by mumps".
+        factorisations: number of matrices factorised.
+        krylov_iterations: of an iterative solver; of a direct one, solves that corrected factors.
     """
 
     method: str
@@ -98,45 +101,54 @@ class SolverReport:
 
 
 class PreparedSolver(Protocol):
-    """A solver of systems with one matrix, whose entries may change between solutions.
+    """Solver of systems with one matrix, whose entries may change between solutions.
 
-    `solve` and contact need `solve`, `solve_changed`, `report`, `orientations` and `release` of
-    it; eigenvalue problems and Newton's method `ksp` and `set_up` besides. For contact of two
-    bodies at large sliding it also has `take`, as `Factors` do.
+    `solve` and contact use `solve`, `solve_with_changed_rows`, `report`, `determinant_signs` and
+    `release`; eigenvalue problems and Newton's method also use `ksp` and `set_up`. Contact of two
+    bodies at large sliding needs a method `set_matrix` as well, see `Factors`.
     """
 
     ksp: PETSc.KSP
 
     @property
     def report(self) -> SolverReport:
-        """What has been done so far."""
+        """Method, and cost of all solutions so far."""
 
     @property
     def determinant_signs(self) -> tuple[int, ...]:
-        """Signs of the determinants met so far, in order; none if the solver knows none."""
+        """Signs of the determinants so far, in order; empty if the solver computes none."""
 
     @property
     def negative_pivots(self) -> int | None:
-        """Number of negative eigenvalues of a symmetric matrix; None if the solver knows not."""
+        """Number of negative eigenvalues of a symmetric matrix; None if it is not known."""
 
     def set_up(self) -> None:
-        """Makes `ksp` ready for the matrix as it is now, or raises SingularSystem."""
+        """Prepare `ksp` for the matrix as it is now; raise SingularSystem for a singular one."""
 
     def solve(self, rhs: PETSc.Vec) -> PETSc.Vec:
-        """Solution (n,) for the matrix as it is now; SingularSystem if there is not just one."""
+        """Return the solution (n,) for the matrix as it is now.
+
+        Raises:
+            SingularSystem: if there is no unique solution.
+        """
 
     def solve_with_changed_rows(self, rhs: PETSc.Vec, rows: Indices) -> PETSc.Vec | None:
-        """Solution after rows (global, this process') have changed, if that is cheaper; or None."""
+        """Return the solution after some rows have changed, or None if `solve` is to be used.
+
+        Args:
+            rhs: right-hand side (n,).
+            rows: global numbers of this process' rows that have changed.
+        """
 
     def release(self) -> None:
-        """Frees what it holds, on all processes."""
+        """Free memory on all processes."""
 
 
 class LinearSolver(Protocol):
-    """How linear systems are solved."""
+    """Settings of a method for linear systems."""
 
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> PreparedSolver:
-        """Binds the solver to a square matrix (n, n); it factorises when it first has to.
+        """Bind the solver to a square matrix (n, n), which it factorises on first use.
 
         Args:
             matrix: square (n, n).
@@ -145,44 +157,45 @@ class LinearSolver(Protocol):
 
 
 class MatrixFreeSolver(Protocol):
-    """A `LinearSolver` that takes the free stiffness and supports, and needs no reduced matrix.
+    """A `LinearSolver` that takes the free stiffness and supports, not a reduced matrix.
 
-    Right-hand sides and solutions are zero where displacements are prescribed. In contact, whose
-    matrix is another one in each iteration, nothing but the Krylov method is the solver's own: what
-    it prepares has a method
+    Right-hand sides and solutions are zero where displacements are prescribed. Contact changes the
+    matrix in each iteration and uses only the Krylov method of such a solver: the object that it
+    prepares has a method
 
-        iterate(product, precondition, right, size)
+        iterate(product, precondition, rhs, max_residual)
 
-    in place of `solve_changed`. Both functions map arrays of this process' unknowns; it returns an
-    x with |right - product(x)| <= size, or raises NotConverged. The preconditioner is multigrid.
+    in place of `solve_with_changed_rows`. Both functions map arrays of this process' unknowns. It
+    returns an x with |rhs - product(x)| <= max_residual, or raises NotConverged. The preconditioner
+    is multigrid.
     """
 
     matrix_free: ClassVar[bool]  # true
 
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False, supports: Any = None) -> Any:  # noqa: ANN401
-        """Binds the solver to a free matrix (n, n); gives a `PreparedSolver`.
+        """Bind the solver to a free matrix (n, n); return a `PreparedSolver`.
 
-        Supports are those of `Reduction.dirichlet`; None where the reduction is another one.
+        Supports are those of `Reduction.dirichlet`, or None for another reduction.
         """
 
 
 def is_matrix_free(solver: object) -> TypeGuard[MatrixFreeSolver]:
-    """Whether a solver takes the free matrix and supports, and does without a reduced one."""
+    """Return whether a solver takes the free matrix and supports, not a reduced matrix."""
     return bool(getattr(solver, "matrix_free", False))
 
 
 @dataclass(frozen=True)
 class Direct:
-    """Factorisation, LU or, for symmetric matrices, LDL^T; by MUMPS unless options say otherwise.
+    """Factorisation: LU, or LDL^T of symmetric matrices; by MUMPS unless options say otherwise.
 
     Args:
         options: PETSc options of the solver without prefix and hyphen, such as
-            `{"mat_mumps_icntl_14": 50}` or `{"pc_factor_mat_solver_type": "superlu_dist"}`. Other
-            packages than MUMPS tell neither zero pivots (a singular matrix is recognised all the
-            same) nor the determinant, so that contact does not check uniqueness.
+            `{"mat_mumps_icntl_14": 50}` or `{"pc_factor_mat_solver_type": "superlu_dist"}`.
+            Packages other than MUMPS report neither zero pivots (a singular matrix is recognised
+            all the same) nor determinants, so that contact does not check uniqueness.
 
     Raises:
-        TypeError, ValueError: for invalid options; once it solves, for those that are not used.
+        TypeError, ValueError: for invalid options; at the first solution, for unused ones.
     """
 
     options: Options = field(default_factory=dict)
@@ -193,11 +206,11 @@ class Direct:
 
     @check_same_arguments
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "Factors":
-        """Binds the solver to a square matrix (n, n).
+        """Bind the solver to a square matrix (n, n).
 
         Args:
             matrix: square (n, n).
-            symmetric: whether the matrix is symmetric, so that LDL^T will do.
+            symmetric: whether the matrix is symmetric, so that LDL^T is used.
 
         Raises:
             TypeError, ValueError: if it is not such a matrix, or PETSc refuses the options.
@@ -209,14 +222,14 @@ class Direct:
 
 
 class Factors:
-    """Factors of a matrix: made anew where it has changed, corrected where few of its rows have.
+    """Factors of a matrix, computed again after changes and corrected after few changed rows.
 
-    The guide's page on theory says how ("Large systems").
+    The guide's page on theory describes the correction ("Large systems").
     """
 
     def __init__(self, matrix: PETSc.Mat, symmetric: bool, options: Options) -> None:
         self._options = options
-        self._orientations: list[int] = []
+        self._determinant_signs: list[int] = []
         self._factorisations = self._iterations = 0
         self.ksp = PETSc.KSP().create(matrix.comm)
         self.ksp.setOperators(matrix)
@@ -230,16 +243,16 @@ class Factors:
             set_options(self.ksp, options)
         package = self._preconditioner.getFactorSolverType()
         self._method = f"{'LDL^T' if symmetric else 'LU'} by {package}"
-        self._mumps = package == "mumps"
+        self._uses_mumps = package == "mumps"
         self.set_matrix(matrix)
 
     def set_matrix(self, matrix: PETSc.Mat) -> None:
-        """Goes on with another matrix of the same size, whose pattern may be another one."""
-        self._matrix, self._failed = matrix, False
+        """Take another matrix of the same size, whose sparsity pattern may differ."""
+        self._matrix, self._has_failed = matrix, False
         self._preconditioner.reset()
         self.ksp.setOperators(matrix)
         self._preconditioner.setFactorSetUpSolverType()
-        if self._mumps:
+        if self._uses_mumps:
             factor = self._preconditioner.getFactorMatrix()
             factor.setMumpsIcntl(24, 1)  # null pivots are counted, not divided by
             factor.setMumpsIcntl(33, 1)  # determinant
@@ -250,41 +263,46 @@ class Factors:
 
     @property
     def determinant_signs(self) -> tuple[int, ...]:
-        """Signs of the determinants of all matrices factorised so far, as far as MUMPS did it."""
-        return tuple(self._orientations)
+        """Signs of the determinants of all matrices that MUMPS has factorised, in order."""
+        return tuple(self._determinant_signs)
 
     @property
     def negative_pivots(self) -> int | None:
-        """Number of negative eigenvalues of a symmetric matrix (its inertia), by MUMPS alone."""
-        if not self._mumps:
+        """Number of negative eigenvalues of a symmetric matrix; None unless MUMPS is used."""
+        if not self._uses_mumps:
             return None
         return int(self._preconditioner.getFactorMatrix().getInertia()[0])
 
     def set_up(self) -> None:
-        """Factorises the matrix as it is now; raises SingularSystem if the factors do not serve."""
-        if self._failed:  # PETSc keeps the error of an analysis that NaN made fail
+        """Factorise the matrix as it is now.
+
+        Raises:
+            SingularSystem: if the factors do not reproduce a known solution.
+        """
+        if self._has_failed:  # PETSc keeps the error of an analysis that NaN made fail
             self.set_matrix(self._matrix)
         self._preconditioner.setReusePreconditioner(False)
-        self._most = 0.0  # columns
-        self._columns: list[PETSc.Mat] = []
-        self._rows: Indices = np.empty(0, dtype=PETSc.IntType)  # S, of all processes
-        begun, comm, n = perf_counter(), self._matrix.comm.tompi4py(), self._matrix.getSize()[0]
+        self._max_changed_rows = 0.0
+        self._inverse_columns: list[PETSc.Mat] = []
+        self._changed_rows: Indices = np.empty(0, dtype=PETSc.IntType)  # S, of all processes
+        start, comm = perf_counter(), self._matrix.comm.tompi4py()
+        n = self._matrix.getSize()[0]
         with name_options_in_errors(self._options):
             self.ksp.setUp()
         self._factorisations += 1
-        self._failed = True
-        self._check()
-        self._failed = False
+        self._has_failed = True
+        self._check_factors()
+        self._has_failed = False
         refuse_unused_options(self.ksp, self._options)
-        words = f"{self._method} of {n} unknowns: {perf_counter() - begun:.2f} s"
+        words = f"{self._method} of {n} unknowns: {perf_counter() - start:.2f} s"
         log_on_root(comm, logging.DEBUG, words, ".linear_solver")
-        if self._mumps:
+        if self._uses_mumps:
             factor = self._preconditioner.getFactorMatrix()
             operations, entries = factor.getMumpsRinfog(3), factor.getMumpsInfog(29)
             entries = entries if entries > 0 else -1e6 * entries  # in millions if it is negative
-            self._most = min(operations / (2 * entries), entries / (2 * n))
-            self._factorised = int(np.sign(factor.getMumpsRinfog(12)))
-            self._orientations.append(self._factorised)
+            self._max_changed_rows = min(operations / (2 * entries), entries / (2 * n))
+            self._factors_sign = int(np.sign(factor.getMumpsRinfog(12)))
+            self._determinant_signs.append(self._factors_sign)
 
     def solve(self, rhs: PETSc.Vec) -> PETSc.Vec:
         self.set_up()
@@ -293,57 +311,69 @@ class Factors:
         return self._solution.copy()
 
     def solve_with_changed_rows(self, rhs: PETSc.Vec, rows: Indices) -> PETSc.Vec | None:
-        """Solution by the last factors; None if new ones cost less, or it is not exact."""
+        """Correct the last factors for changed rows, and solve.
+
+        Args:
+            rhs: right-hand side (n,).
+            rows: global numbers of this process' rows that have changed.
+
+        Returns:
+            The solution; None if new factors cost less, or the correction is not accurate.
+        """
         A, comm = self._matrix, self._matrix.comm.tompi4py()
-        new = np.setdiff1d(np.concatenate(comm.allgather(rows)), self._rows)
-        if len(self._rows) + len(new) > self._most:
+        new_rows = np.setdiff1d(np.concatenate(comm.allgather(rows)), self._changed_rows)
+        if len(self._changed_rows) + len(new_rows) > self._max_changed_rows:
             return None
         self._preconditioner.setReusePreconditioner(True)
-        first, last = A.getOwnershipRange()
-        if len(new):
-            self._columns.append(self._inverted(new))
-            self._rows = np.append(self._rows, new).astype(PETSc.IntType)
-        own = (self._rows >= first) & (self._rows < last)
-        here = self._rows[own] - first
-        part = A.createSubMatrix(PETSc.IS().createGeneral(self._rows[own], comm=A.comm))
-        changed = np.zeros((len(own), len(own)))
-        products = [part.matMult(Z) for Z in self._columns]
-        changed[own] = np.hstack([np.empty((len(here), 0)), *(p.getDenseArray() for p in products)])
-        comm.Allreduce(MPI.IN_PLACE, changed, MPI.SUM)
-        if len(own) and not np.linalg.cond(changed, 1) < _SINGULAR:
+        begin, end = A.getOwnershipRange()
+        if len(new_rows):
+            self._inverse_columns.append(self._solve_unit_columns(new_rows))
+            self._changed_rows = np.append(self._changed_rows, new_rows).astype(PETSc.IntType)
+        is_owned = (self._changed_rows >= begin) & (self._changed_rows < end)
+        local_rows = self._changed_rows[is_owned] - begin
+        row_set = PETSc.IS().createGeneral(self._changed_rows[is_owned], comm=A.comm)
+        A_rows = A.createSubMatrix(row_set)
+        capacitance = np.zeros((len(is_owned), len(is_owned)))  # rows S of A times columns Z
+        products = [A_rows.matMult(Z) for Z in self._inverse_columns]
+        capacitance[is_owned] = np.hstack(
+            [np.empty((len(local_rows), 0)), *(p.getDenseArray() for p in products)]
+        )
+        comm.Allreduce(MPI.IN_PLACE, capacitance, MPI.SUM)
+        if len(is_owned) and not np.linalg.cond(capacitance, 1) < _MAX_CORRECTION_CONDITION:
             return None
-        x, rest, step = self._solution.copy(), rhs.duplicate(), rhs.duplicate()
-        largest = PETSc.NormType.INFINITY
-        size, known = A.norm(largest), rhs.norm(largest)
-        for refined in range(_REFINED):
-            if refined:
-                self.ksp.solve(rest, step)
+        x, residual, correction = self._solution.copy(), rhs.duplicate(), rhs.duplicate()
+        infinity = PETSc.NormType.INFINITY
+        matrix_norm, rhs_norm = A.norm(infinity), rhs.norm(infinity)
+        for step in range(_MAX_REFINEMENTS):
+            if step:
+                self.ksp.solve(residual, correction)
                 self._iterations += 1
-                x.axpy(1.0, step)
-            A.mult(x, rest)
-            wrong = np.zeros(len(own))
-            wrong[own] = (rhs.array_r - rest.array_r)[here]
-            comm.Allreduce(MPI.IN_PLACE, wrong, MPI.SUM)
-            weights, at = np.linalg.solve(changed, wrong), 0
-            for Z in self._columns:
-                x.array[:] += Z.getDenseArray() @ weights[at : at + Z.getSize()[1]]
-                at += Z.getSize()[1]
-            A.mult(x, rest)
-            rest.aypx(-1.0, rhs)
-            if rest.norm(largest) <= _ROUND_OFF * (size * x.norm(largest) + known):
+                x.axpy(1.0, correction)
+            A.mult(x, residual)
+            row_residual = np.zeros(len(is_owned))
+            row_residual[is_owned] = (rhs.array_r - residual.array_r)[local_rows]
+            comm.Allreduce(MPI.IN_PLACE, row_residual, MPI.SUM)
+            weights, column = np.linalg.solve(capacitance, row_residual), 0
+            for Z in self._inverse_columns:
+                x.array[:] += Z.getDenseArray() @ weights[column : column + Z.getSize()[1]]
+                column += Z.getSize()[1]
+            A.mult(x, residual)
+            residual.aypx(-1.0, rhs)
+            size = matrix_norm * x.norm(infinity) + rhs_norm
+            if residual.norm(infinity) <= _RESIDUAL_ROUND_OFF * size:
                 self._solution = x
-                sign = int(np.linalg.slogdet(changed)[0])
-                self._orientations.append(sign * self._factorised)
+                sign = int(np.linalg.slogdet(capacitance)[0])
+                self._determinant_signs.append(sign * self._factors_sign)
                 return x.copy()
         return None
 
-    def _inverted(self, rows: Indices) -> PETSc.Mat:
-        """The inverse's columns of rows of all processes, by the last factors."""
-        (first, last), sizes = self._matrix.getOwnershipRange(), self._matrix.getSizes()[0]
+    def _solve_unit_columns(self, rows: Indices) -> PETSc.Mat:
+        """Return columns (n, k) of the factors' inverse, for rows (k,) of all processes."""
+        (begin, end), sizes = self._matrix.getOwnershipRange(), self._matrix.getSizes()[0]
         shape = sizes, (PETSc.DECIDE, len(rows))
         ones, Z = (PETSc.Mat().createDense(shape, comm=self._matrix.comm) for _ in range(2))
-        column = np.flatnonzero((rows >= first) & (rows < last))
-        ones.getDenseArray()[rows[column] - first, column] = 1.0
+        column = np.flatnonzero((rows >= begin) & (rows < end))
+        ones.getDenseArray()[rows[column] - begin, column] = 1.0
         for matrix in (ones, Z):
             matrix.assemble()
         self.ksp.matSolve(ones, Z)
@@ -354,18 +384,19 @@ class Factors:
     def release(self) -> None:
         self.ksp.destroy()
 
-    def _check(self) -> None:
-        """Raises SingularSystem if MUMPS met zero pivots, or a known solution does not return."""
-        known = self._matrix.createVecRight()
-        first, last = known.getOwnershipRange()
-        known.setArray(np.cos(np.arange(first, last, dtype=float)))  # no rigid motion, nor any mode
-        back = known.duplicate()
-        self.ksp.solve(self._matrix * known, back)
-        back.axpy(-1.0, known)
-        error = back.norm() / known.norm()
-        if self._mumps and (none := self._preconditioner.getFactorMatrix().getMumpsInfog(28)) > 0:
-            raise SingularSystem(f"the system matrix is singular, it has {none} zero pivots")
-        if not error <= _LOST:
+    def _check_factors(self) -> None:
+        """Raise SingularSystem for zero pivots, or if a known solution is not reproduced."""
+        exact = self._matrix.createVecRight()
+        # neither a rigid motion nor another mode
+        exact.setArray(np.cos(np.arange(*exact.getOwnershipRange(), dtype=float)))
+        computed = exact.duplicate()
+        self.ksp.solve(self._matrix * exact, computed)
+        computed.axpy(-1.0, exact)
+        error = computed.norm() / exact.norm()
+        factor = self._preconditioner.getFactorMatrix() if self._uses_mumps else None
+        if factor is not None and (zero_pivots := factor.getMumpsInfog(28)) > 0:
+            raise SingularSystem(f"the system matrix is singular, it has {zero_pivots} zero pivots")
+        if not error <= _MAX_SOLUTION_ERROR:
             raise SingularSystem(
                 "the system matrix is singular or too badly conditioned, a known solution came "
                 f"back with the relative error {error:.1e}"
@@ -382,21 +413,21 @@ def check_options(options: object) -> None:
         arguments.check_type(
             f"option {name!r}", value, kinds, "it has to be a string, number or bool"
         )
-        if _COUNT.search(name):
-            _check_count(name, value)
+        if _COUNT_OPTION.search(name):
+            _check_repetitions(name, value)
 
 
-def _check_count(name: str, value: str | float) -> None:
-    """Raise ValueError for numbers of repetitions of which PETSc would make an endless loop."""
-    of_outer_method = name.lstrip("-") in _OUTER_COUNTS
+def _check_repetitions(name: str, value: str | float) -> None:
+    """Raise ValueError for a number of repetitions that PETSc would turn into an endless loop."""
+    is_outer = name.lstrip("-") in _OUTER_COUNT_OPTIONS
     try:
         count = arguments.check_integer(name, int(value) if isinstance(value, str) else value, 1)
     except ValueError:
         count = 0
-    if count < 1 or (count > _MOST_INNER_STEPS and not of_outer_method):
-        most = "" if of_outer_method else f" and at most {_MOST_INNER_STEPS}"
+    if count < 1 or (count > _MAX_INNER_STEPS and not is_outer):
+        limit = "" if is_outer else f" and at most {_MAX_INNER_STEPS}"
         raise ValueError(
-            f"option {name} = {value!r}: it has to be a whole number, at least 1{most}. PETSc "
+            f"option {name} = {value!r}: it has to be a whole number, at least 1{limit}. PETSc "
             "takes some others for no limit, and methods within a preconditioner do not look "
             "whether they have converged"
         )
@@ -404,14 +435,16 @@ def _check_count(name: str, value: str | float) -> None:
 
 @contextmanager
 def name_options_in_errors(options: Options) -> Iterator[None]:
-    """Makes of PETSc's error in a block, which options have caused, one that names them."""
+    """Turn an error of PETSc in the block into a ValueError that names the user's options."""
     try:
         yield
     except PETSc.Error as error:
         if not options:
             raise
-        said = str(error).strip().splitlines()[-1]
-        raise ValueError(f"PETSc cannot solve with the options {dict(options)}: {said}") from error
+        reason = str(error).strip().splitlines()[-1]
+        raise ValueError(
+            f"PETSc cannot solve with the options {dict(options)}: {reason}"
+        ) from error
 
 
 def refuse_unused_options(ksp: PETSc.KSP, options: Options) -> None:
@@ -422,7 +455,7 @@ def refuse_unused_options(ksp: PETSc.KSP, options: Options) -> None:
 
 
 def set_options(ksp: PETSc.KSP, options: Options) -> None:
-    """Gives options to a solver under a prefix that is the same for the same options."""
+    """Set options of a solver, under a prefix that is the same for equal options."""
     words = sorted(f"{name} {value}" for name, value in options.items())
     prefix = f"pw_{blake2b(' '.join(words).encode(), digest_size=6).hexdigest()}_"
     database = PETSc.Options(prefix)

@@ -1,8 +1,8 @@
-"""Matrix formats and products that petsc4py has not, null spaces, and what is held.
+"""Matrix formats and products that petsc4py lacks, null spaces, and constraints without assembly.
 
-What supports or contact hold is taken out of vectors; nothing of K is changed or copied.
-
-Nodes may also be joined to others by springs, a matrix B: then the operator has K + B for K.
+Supports and contact constrain directions at nodes. A projection removes these from vectors; K is
+neither changed nor copied. Springs that join nodes are a matrix B: the operator then has K + B in
+place of K.
 """
 
 from collections.abc import Sequence
@@ -22,16 +22,16 @@ from pw_elements._compat import single_entry_matrix
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.spaces import AssemblyRecord
 
-# Rows of a matrix in blocks (a multiple of any block) that are converted at once, to save memory,
-# and the most parts in which it is done, for their sum takes time
-_ROWS_AT_ONCE = 12_000
-_MOST_PARTS = 32
-# Rows that are factorised as dense ones at once, to save memory
-_DENSE_AT_ONCE = 20_000
-# Up to so many modes are handled as one dense block: sparse algebra would take longer
-_FEW_MODES = 60
-# Displacements and forces in a mode of unit size that are none
-_ROUND_OFF = 1e-13
+# Rows of a blocked matrix (a multiple of any block size) that are converted at once, to save
+# memory, and the largest number of such parts, whose products have to be added
+_CONVERTED_ROWS = 12_000
+_MAX_CONVERSIONS = 32
+# Rows of a dense QR factorisation, to save memory
+_DENSE_QR_ROWS = 20_000
+# Largest number of modes for dense algebra, which is faster there than sparse algebra
+_MAX_DENSE_MODES = 60
+# Displacements and forces, in a mode of unit size, that are round-off
+_MODE_ROUND_OFF = 1e-13
 
 
 def is_blocked(matrix: PETSc.Mat) -> bool:
@@ -39,36 +39,41 @@ def is_blocked(matrix: PETSc.Mat) -> bool:
 
 
 def galerkin_product(K: PETSc.Mat, P: PETSc.Mat, rows: Indices | None = None) -> PETSc.Mat:
-    """P^T K P; P may have rows for some of K's alone, whose global numbers (k,) on it are `rows`.
+    """Compute P^T K P.
 
-    PETSc has no product of matrices in blocks: parts of them are converted.
+    PETSc has no product of blocked matrices: they are converted part by part.
+
+    Args:
+        K: (n, n), blocked or not.
+        P: (n, m), or (k, m) with the rows `rows` only.
+        rows: (k,), global numbers in K of this process' rows of P.
     """
     if not is_blocked(K) and rows is None:
         product = K.ptap(P)
-        made = product.copy()
-        product.destroy()  # which keeps what it was made by
-        return made
-    comm, own = K.comm, np.arange(*P.getOwnershipRange())
-    numbers = own if rows is None else rows
-    most = comm.tompi4py().allreduce(len(own), MPI.MAX)
-    at_once = _ROWS_AT_ONCE * max(1, -(-most // (_ROWS_AT_ONCE * _MOST_PARTS)))
-    chosen, total = index_set(numbers, comm), None
-    columns = index_set(np.arange(*P.getOwnershipRangeColumn()), comm)
-    for begin in range(0, most, at_once):
-        part = slice(begin, begin + at_once)
-        of_K, of_P = index_set(numbers[part], comm), index_set(own[part], comm)
-        K_part, P_part = K.createSubMatrix(of_K, chosen), P.createSubMatrix(of_P, columns)
-        plain = K_part.convert("aij", PETSc.Mat())
+        result = product.copy()
+        product.destroy()  # it keeps its factors alive, the copy does not
+        return result
+    comm, P_rows = K.comm, np.arange(*P.getOwnershipRange())
+    K_rows = P_rows if rows is None else rows
+    n_rows = comm.tompi4py().allreduce(len(P_rows), MPI.MAX)
+    step = _CONVERTED_ROWS * max(1, -(-n_rows // (_CONVERTED_ROWS * _MAX_CONVERSIONS)))
+    K_columns, total = index_set(K_rows, comm), None
+    P_columns = index_set(np.arange(*P.getOwnershipRangeColumn()), comm)
+    for begin in range(0, n_rows, step):
+        part = slice(begin, begin + step)
+        K_set, P_set = index_set(K_rows[part], comm), index_set(P_rows[part], comm)
+        K_part, P_part = K.createSubMatrix(K_set, K_columns), P.createSubMatrix(P_set, P_columns)
+        aij = K_part.convert("aij", PETSc.Mat())
         destroy_objects(K_part)
-        half = plain.matMult(P)
-        some = P_part.transposeMatMult(half)
+        K_P = aij.matMult(P)
+        term = P_part.transposeMatMult(K_P)
         if total is None:
-            total = some.copy()
-            destroy_objects(some)
+            total = term.copy()
+            destroy_objects(term)
         else:
-            add_scaled(total, 1.0, some)
-        destroy_objects(plain, half, P_part, of_K, of_P)
-    destroy_objects(chosen, columns)
+            add_scaled(total, 1.0, term)
+        destroy_objects(aij, K_P, P_part, K_set, P_set)
+    destroy_objects(K_columns, P_columns)
     return total
 
 
@@ -83,7 +88,15 @@ def add_scaled(
     destroy_term: bool = True,
     same_pattern: bool = False,
 ) -> None:
-    """Adds a multiple of a matrix, destroyed at its `last` use; if `within`, the pattern stays."""
+    """Add factor times a matrix to `total`, in place.
+
+    Args:
+        total: sum.
+        factor: of the term.
+        term: matrix to add.
+        destroy_term: destroy the term afterwards.
+        same_pattern: whether `total` has all entries of the term.
+    """
     structure = PETSc.Mat.Structure
     pattern = (
         structure.SUBSET_NONZERO_PATTERN if same_pattern else structure.DIFFERENT_NONZERO_PATTERN
@@ -93,35 +106,42 @@ def add_scaled(
         destroy_objects(term)
 
 
-def destroy_objects(*things: PETSc.Object) -> None:
-    """Frees what Python alone would not on several processes, see `collect_garbage`.
+def destroy_objects(*objects: PETSc.Object) -> None:
+    """Destroy PETSc objects, which Python alone does not free on several processes.
 
-    What Python objects inside of PETSc's hold is freed by neither, unless those go first by this.
+    A PETSc object keeps the Python object inside it, and all that this refers to, until it is
+    destroyed here; `collect_garbage` does not reach them.
     """
-    for thing in things:
-        thing.destroy()
+    for petsc_object in objects:
+        petsc_object.destroy()
 
 
 def collect_garbage(like: PETSc.Object) -> None:
-    """Frees objects that have gone out of use and live where this one does; collective.
+    """Free unused PETSc objects of the communicator of `like`; collective.
 
-    On several processes petsc4py leaves them alone until then: Python may drop them in any order.
+    On several processes petsc4py defers their destruction, as Python may drop them in any order.
     """
     PETSc.garbage_cleanup(like.comm)
 
 
 def block_diagonal_matrix(blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> PETSc.Mat:
-    """Matrix of blocks (nodes, b, b) along its diagonal; `sizes` local and global."""
+    """Assemble a matrix of blocks (nodes, b, b) on its diagonal; `sizes` are local and global."""
     n, b = blocks.shape[:2]
-    first = comm.tompi4py().exscan(n) or 0
+    offset = comm.tompi4py().exscan(n) or 0
     indptr = b * np.arange(n * b + 1, dtype=PETSc.IntType)
-    columns = np.arange(first * b, (first + n) * b).reshape(n, 1, b).repeat(b, axis=1)
+    columns = np.arange(offset * b, (offset + n) * b).reshape(n, 1, b).repeat(b, axis=1)
     csr = (indptr, columns.ravel().astype(PETSc.IntType), blocks.ravel())
     return PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=comm)
 
 
 def selection_matrix(free: Mask, rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
-    """Columns of the identity of the owned rows that are free; others are left out, or zero."""
+    """Return the columns of the identity that belong to free rows.
+
+    Args:
+        free: (owned rows,).
+        rows: vector with the layout of the rows.
+        renumbered: leave out the columns of other rows; otherwise they are zero.
+    """
     comm = rows.comm.tompi4py()
     count = int(free.sum()) if renumbered else len(free)
     number = np.cumsum(free) - 1 if renumbered else np.arange(count)
@@ -138,145 +158,160 @@ def python_matrix(
 
 
 def to_aij(matrix: PETSc.Mat) -> PETSc.Mat:
-    """The matrix, or a copy of one stored in blocks, in the format that products need."""
+    """Return the matrix, or a copy in PETSc's AIJ format if it is blocked, for products."""
     if not is_blocked(matrix):
         return matrix
     return AssemblyRecord.read(matrix).attach(matrix.convert("aij", PETSc.Mat()))
 
 
 def qr_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Array:
-    """R of QR factorisations of all processes' rows (n, modes): of modes that hang together.
+    """Return R of a QR factorisation of all processes' rows (n, modes).
 
-    It is a dense one where modes are few. A Gram matrix would lose what is small.
+    Many modes are factorised by groups that share rows. The Gram matrix R^T R would lose small
+    entries.
     """
-    if isinstance(rows, np.ndarray) or rows.shape[1] <= _FEW_MODES:
-        return _dense_triangle(rows, comm)
-    rows.data[np.abs(rows.data) < _ROUND_OFF] = 0.0
+    if isinstance(rows, np.ndarray) or rows.shape[1] <= _MAX_DENSE_MODES:
+        return _dense_qr_triangle(rows, comm)
+    rows.data[np.abs(rows.data) < _MODE_ROUND_OFF] = 0.0
     rows.eliminate_zeros()
     rows = rows[np.diff(rows.indptr) > 0]
-    count, part = connected_components(sum(comm.allgather(abs(rows).T @ abs(rows))), directed=False)
-    of_row = part[rows.indices[rows.indptr[:-1]]]
-    order = np.argsort(of_row, kind="stable")
-    ends = np.searchsorted(of_row[order], np.arange(count + 1))
-    rows, found = rows[order], []
+    count, group = connected_components(
+        sum(comm.allgather(abs(rows).T @ abs(rows))), directed=False
+    )
+    group_of_row = group[rows.indices[rows.indptr[:-1]]]
+    order = np.argsort(group_of_row, kind="stable")
+    ends = np.searchsorted(group_of_row[order], np.arange(count + 1))
+    rows, triangles = rows[order], []
     for k in range(count):
-        modes = np.flatnonzero(part == k)
-        R = _dense_triangle(rows[ends[k] : ends[k + 1]][:, modes], comm)
-        places = np.repeat(np.arange(len(R)), len(modes)), np.tile(modes, len(R))
-        found.append(sp.csr_array((R.ravel(), places), (len(R), rows.shape[1])))
-    return sp.vstack(found, "csr")
+        modes = np.flatnonzero(group == k)
+        R = _dense_qr_triangle(rows[ends[k] : ends[k + 1]][:, modes], comm)
+        indices = np.repeat(np.arange(len(R)), len(modes)), np.tile(modes, len(R))
+        triangles.append(sp.csr_array((R.ravel(), indices), (len(R), rows.shape[1])))
+    return sp.vstack(triangles, "csr")
 
 
-def _dense_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> Array:
+def _dense_qr_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> Array:
     R = np.zeros((0, rows.shape[1]))
-    for first in range(0, rows.shape[0], _DENSE_AT_ONCE):
-        some = _dense(rows[first : first + _DENSE_AT_ONCE])
-        R = np.asarray(np.linalg.qr(np.vstack([R, some]), mode="r"))
+    for begin in range(0, rows.shape[0], _DENSE_QR_ROWS):
+        dense = _to_dense(rows[begin : begin + _DENSE_QR_ROWS])
+        R = np.asarray(np.linalg.qr(np.vstack([R, dense]), mode="r"))
     return np.asarray(np.linalg.qr(np.concatenate(comm.allgather(R)), mode="r"))
 
 
-def _dense(rows: sp.csr_array | Array) -> Array:
+def _to_dense(rows: sp.csr_array | Array) -> Array:
     return rows if isinstance(rows, np.ndarray) else rows.toarray()
 
 
 def null_space(rows: sp.csr_array | Array, tolerance: float) -> Array:
-    """Orthonormal motions (k, modes) that rows of unit size take to nothing."""
+    """Return an orthonormal basis (k, modes) of the null space of rows (n, modes) of unit size."""
     n = rows.shape[1]
-    found = [np.zeros((0, n))]
-    few = n <= _FEW_MODES
-    for modes in [np.arange(n)] if few else group_connected_nodes(abs(rows).T @ abs(rows)):
-        own = _dense(rows if few else rows[:, modes])
-        dense = np.vstack([own, np.zeros((len(modes), len(modes)))])
-        _, values, vectors = np.linalg.svd(dense, full_matrices=False)
-        none = vectors[values < tolerance * np.sqrt(n)]
-        found.append(np.zeros((len(none), n)))
-        found[-1][:, modes] = none
-    return np.concatenate(found)
+    bases = [np.zeros((0, n))]
+    is_dense = n <= _MAX_DENSE_MODES
+    for modes in [np.arange(n)] if is_dense else group_connected_nodes(abs(rows).T @ abs(rows)):
+        columns = _to_dense(rows if is_dense else rows[:, modes])
+        padded = np.vstack([columns, np.zeros((len(modes), len(modes)))])
+        _, values, vectors = np.linalg.svd(padded, full_matrices=False)
+        null_vectors = vectors[values < tolerance * np.sqrt(n)]
+        basis = np.zeros((len(null_vectors), n))
+        basis[:, modes] = null_vectors
+        bases.append(basis)
+    return np.concatenate(bases)
 
 
 def group_connected_nodes(graph: npt.ArrayLike) -> list[Indices]:
-    """Nodes of each connected part of a graph, given by a matrix (nodes, nodes)."""
-    count, part = connected_components(graph, directed=False)
-    return [np.flatnonzero(part == k) for k in range(count)]
+    """Return the nodes of each connected component of a graph, a matrix (nodes, nodes)."""
+    count, component = connected_components(graph, directed=False)
+    return [np.flatnonzero(component == k) for k in range(count)]
 
 
 def diagonal_blocks(matrix: PETSc.Mat, block: int) -> tuple[Indices, Array]:
-    """Local numbers (k,) of the nodes with entries on the diagonal, and their blocks there."""
+    """Return local numbers (k,) of the nodes with diagonal blocks, and these (k, block, block)."""
     indptr, column, value = matrix.getValuesCSR()
     row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     column = column - matrix.getOwnershipRange()[0]
-    own = (column // block == row // block) & (column >= 0)
-    row, column, value = row[own], column[own], value[own]
-    nodes, at = np.unique(row // block, return_inverse=True)
+    is_diagonal = (column // block == row // block) & (column >= 0)
+    row, column, value = row[is_diagonal], column[is_diagonal], value[is_diagonal]
+    nodes, index = np.unique(row // block, return_inverse=True)
     blocks = np.zeros((len(nodes), block, block))
-    blocks[at, row % block, column % block] = value
+    blocks[index, row % block, column % block] = value
     return nodes.astype(np.int64), blocks
 
 
 @dataclass(frozen=True)
 class Supports:
-    """Which degrees of freedom (owned dofs,) of a space are free, the others being prescribed."""
+    """Mask of the free degrees of freedom (owned dofs,) of a space; all others are prescribed."""
 
     space: fem.FunctionSpace
     free: Mask
 
 
 class ConstraintProjection:
-    """Takes the held parts out of vectors: whole unknowns, and directions at some nodes."""
+    """Removes constrained parts from vectors: whole unknowns, and directions at some nodes."""
 
     def __init__(self, free: Mask, block: int) -> None:
         self._free, self._block = free.reshape(-1, block), block
         self._prescribed: Indices = np.flatnonzero(~free)
-        none = np.empty(0)
-        self.constrain(none.astype(np.int64), none.reshape(0, block, block), none)
+        empty = np.empty(0)
+        self.constrain(empty.astype(np.int64), empty.reshape(0, block, block), empty)
 
     def constrain(self, nodes: Indices, projectors: Array, stiffnesses: Array) -> None:
-        """Holds directions at local nodes (m,) by projectors, with stiffness (m,); others by 1."""
-        self._nodes, self._held, self._weight = nodes, projectors, stiffnesses[:, None]
-        self._of_free = projectors * self._free[nodes][:, None, :]
+        """Constrain directions at nodes, besides prescribed unknowns, whose stiffness is one.
+
+        Args:
+            nodes: (m,), local numbers.
+            projectors: (m, block, block), onto the constrained directions.
+            stiffnesses: (m,), of the constrained directions.
+        """
+        self._nodes, self._projectors, self._stiffnesses = nodes, projectors, stiffnesses[:, None]
+        self._free_part = projectors * self._free[nodes][:, None, :]  # of unknowns not prescribed
 
     def remove_constrained(self, values: Array) -> None:
-        """Leaves what is free of a vector (owned dofs,)."""
+        """Set the constrained part of a vector (owned dofs,) to zero, in place."""
         values[self._prescribed] = 0.0
         if len(self._nodes):
-            at = values.reshape(-1, self._block)
-            at[self._nodes] -= np.einsum("nij,nj->ni", self._of_free, at[self._nodes])
+            vectors = values.reshape(-1, self._block)
+            vectors[self._nodes] -= np.einsum("nij,nj->ni", self._free_part, vectors[self._nodes])
 
     def add_constrained(self, values: Array, source: Array) -> None:
-        """Adds what is held of a given vector, weighted."""
+        """Add to a vector the constrained part of `source`, times its stiffness, in place."""
         values[self._prescribed] += source[self._prescribed]
         if len(self._nodes):
-            at, to = source.reshape(-1, self._block), values.reshape(-1, self._block)
-            back = np.einsum("nij,nj->ni", self._of_free, at[self._nodes])
-            to[self._nodes] += self._weight * back
+            sources, vectors = source.reshape(-1, self._block), values.reshape(-1, self._block)
+            constrained = np.einsum("nij,nj->ni", self._free_part, sources[self._nodes])
+            vectors[self._nodes] += self._stiffnesses * constrained
 
     def constrained_blocks(
         self, extra_nodes: Sequence[int] | Indices = ()
     ) -> tuple[Indices, Array, Array]:
-        """Nodes with anything held, and `others`; projectors onto what is free; weighted rest."""
-        held = np.union1d(np.flatnonzero(~self._free.all(axis=1)), self._nodes)
-        some = np.union1d(held, np.asarray(extra_nodes, dtype=np.int64))
-        blocks = np.eye(self._block) * self._free[some][:, None, :]
-        rest = np.eye(self._block) - blocks
-        at = np.searchsorted(some, self._nodes)
-        blocks[at] -= self._held
-        rest[at] += self._weight[:, :, None] * self._held
-        return some, blocks, rest
+        """Return the nodes (k,) with a constraint, and `extra_nodes`, with two blocks for each.
+
+        Returns:
+            The nodes, in ascending order; projectors (k, block, block) onto free directions; and
+            projectors onto constrained ones times their stiffness.
+        """
+        constrained = np.union1d(np.flatnonzero(~self._free.all(axis=1)), self._nodes)
+        nodes = np.union1d(constrained, np.asarray(extra_nodes, dtype=np.int64))
+        free = np.eye(self._block) * self._free[nodes][:, None, :]
+        weighted = np.eye(self._block) - free
+        index = np.searchsorted(nodes, self._nodes)
+        free[index] -= self._projectors
+        weighted[index] += self._stiffnesses[:, :, None] * self._projectors
+        return nodes, free, weighted
 
     def free_projectors(self, nodes: Indices) -> Array:
-        """Projectors onto what is free at some nodes (k,), in ascending order."""
-        every = np.tile(np.eye(self._block), (len(nodes), 1, 1))
-        nodes, free, _ = self.constrained_blocks()
-        mine = np.isin(nodes, nodes)
-        every[np.searchsorted(nodes, nodes[mine])] = free[mine]
-        return every
+        """Return projectors (k, block, block) onto free directions at nodes (k,), ascending."""
+        projectors = np.tile(np.eye(self._block), (len(nodes), 1, 1))
+        constrained, free, _ = self.constrained_blocks()
+        is_asked = np.isin(constrained, nodes)
+        projectors[np.searchsorted(nodes, constrained[is_asked])] = free[is_asked]
+        return projectors
 
 
 @dataclass(eq=False)
 class ConstrainedOperator:
-    """Pi s (K + B) s Pi + (1 - Pi), for `PETSc.Mat.createPython`; B are springs, if there are any.
+    """Operator Pi s (K + B) s Pi + (1 - Pi), for `PETSc.Mat.createPython`.
 
-    The scales s are one where none are given.
+    Pi is the projection, s the scales (1 if there are none) and B the springs, if there are any.
     """
 
     K: PETSc.Mat
@@ -291,14 +326,14 @@ class ConstrainedOperator:
         self._apply("multTranspose", x, y)
 
     def _apply(self, product: str, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        kept = self._work
-        x.copy(kept)
-        self.projection.remove_constrained(kept.array)
+        projected = self._work
+        x.copy(projected)
+        self.projection.remove_constrained(projected.array)
         if self.scales is not None:
-            kept.array *= self.scales.array_r
-        getattr(self.K, product)(kept, y)
+            projected.array *= self.scales.array_r
+        getattr(self.K, product)(projected, y)
         if self.springs is not None:
-            getattr(self.springs, f"{product}Add")(kept, y, y)
+            getattr(self.springs, f"{product}Add")(projected, y, y)
         self.projection.remove_constrained(y.array)
         if self.scales is not None:
             y.array *= self.scales.array_r
@@ -306,4 +341,4 @@ class ConstrainedOperator:
 
     @cached_property
     def _work(self) -> PETSc.Vec:
-        return self.K.createVecRight()  # contact hardly needs it
+        return self.K.createVecRight()  # created on first use, as contact hardly needs it

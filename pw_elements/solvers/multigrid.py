@@ -1,9 +1,9 @@
 """Two-level p-multigrid: quadratic functions on the fine level, linear ones on the coarse.
 
 With P the interpolation of vertex values to all nodes, P^T K P is the stiffness of linear
-elements, for standard and new elements alike. Nothing of K is copied or changed by supports:
-what they (or contact) hold is taken out of vectors by a projection, Pi K Pi + (1 - Pi). Springs
-between nodes are added to K.
+elements, for standard and new elements alike. Supports and contact neither change nor copy K: a
+projection removes constrained parts from vectors, Pi K Pi + (1 - Pi). Springs between nodes are
+added to K.
 """
 
 from mpi4py import MPI
@@ -32,17 +32,20 @@ from pw_elements.solvers.matrices import (
 )
 from pw_elements.spaces import scalar_space
 
-# Part of the held nodes whose change is worth a new coarse level, and new aggregates below it
-_RENEWED = 0.1
-_AGGREGATED = 0.5
-# Change of a projector that counts: open to closed is one
-_TURNED = 0.3
+# Part of the constrained nodes whose change makes a new coarse matrix worthwhile, and new
+# aggregates of algebraic multigrid below it
+_REBUILD_FRACTION = 0.1
+_REAGGREGATE_FRACTION = 0.5
+# Change of a node's projector that counts; from open to closed it changes by one
+_PROJECTOR_CHANGE = 0.3
 
 
 def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indices, PETSc.Mat]:
-    """Linear functions on a space's mesh, and the matrix of their values at its nodes.
+    """Create the space of linear functions on a space's mesh, and their interpolation P.
 
-    Between them the local node at each owned vertex.
+    Returns:
+        The linear space; the local node of `space` at each owned vertex; and P (n, n_linear), the
+        values of linear functions at the nodes of `space`.
     """
     mesh, cells, block = space.mesh, space.dofmap.list, space.dofmap.index_map_bs
     shape = tuple(space.ufl_element().reference_value_shape)
@@ -51,37 +54,37 @@ def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, I
     node = np.empty(index_map.size_local + index_map.num_ghosts, dtype=np.int64)
     corner = [dofs[0] for dofs in space.element.basix_element.entity_dofs[0]]
     node[linear.dofmap.list] = cells[:, corner]
-    fine, coarse = (scalar_space(each) if block > 1 else each for each in (space, linear))
-    every = interpolation_matrix(coarse, fine)
-    every.assemble()
-    indptr, indices, data = every.getValuesCSR()
+    fine, coarse = (scalar_space(V) if block > 1 else V for V in (space, linear))
+    scalar_P = interpolation_matrix(coarse, fine)
+    scalar_P.assemble()
+    indptr, indices, data = scalar_P.getValuesCSR()
     shape = len(indptr) - 1, index_map.size_global
     rows = sp.csr_array((np.round(data, 12), indices, indptr), shape)
-    rows.eliminate_zeros()  # at corners that a node does not see
+    rows.eliminate_zeros()  # at vertices whose function is zero at the node
     rows = sp.kron(rows, sp.eye_array(block), "csr")
     csr = *(part.astype(PETSc.IntType) for part in (rows.indptr, rows.indices)), rows.data
     P = PETSc.Mat().createAIJ((vector_sizes(space), vector_sizes(linear)), csr=csr, comm=mesh.comm)
-    destroy_objects(every)
+    destroy_objects(scalar_P)
     return linear, node[: index_map.size_local], P
 
 
-def near_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
-    """Rigid motions; None for fields that are no displacements, of which constants are known."""
+def rigid_body_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
+    """Create the rigid motions; None for a field that is no displacement, with constants alone."""
     block, dim = linear.dofmap.index_map_bs, linear.mesh.geometry.dim
     if block != dim or dim == 1:
         return None
     sizes = vector_sizes(linear)
-    places = PETSc.Vec().createMPI(sizes, bsize=block, comm=linear.mesh.comm)
-    places.setArray(linear.tabulate_dof_coordinates()[: sizes[0] // dim, :dim].ravel())
-    return PETSc.NullSpace().createRigidBody(places)
+    coordinates = PETSc.Vec().createMPI(sizes, bsize=block, comm=linear.mesh.comm)
+    coordinates.setArray(linear.tabulate_dof_coordinates()[: sizes[0] // dim, :dim].ravel())
+    return PETSc.NullSpace().createRigidBody(coordinates)
 
 
 class LinearLevel:
-    """The coarse level: P^T K P of linear functions, K being free, less what is held on each level.
+    """Coarse level: the matrix of linear functions, without what is constrained on either level.
 
-    The matrix is P^T Pi K Pi P between the vertices' projections, with multiples of one where these
-    hold. It is made once; then only the part near nodes that are held at times is exchanged. The
-    interpolation from vertices to nodes is without what is held on either side.
+    The matrix is Pi_c P^T Pi K Pi P Pi_c, with the projections Pi of nodes and Pi_c of vertices,
+    and multiples of one in the directions that Pi_c removes. It is assembled once; later only the
+    part near nodes that contact may constrain is replaced. The interpolation is Pi P Pi_c.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports, fine: ConstraintProjection) -> None:
@@ -90,190 +93,205 @@ class LinearLevel:
         self._block = space.dofmap.index_map_bs
         linear, self._vertex_node, self._P = linear_interpolation(space)
         free = supports.free.reshape(-1, self._block)[self._vertex_node].ravel()
-        self._held = ConstraintProjection(free, self._block)
+        self._coarse = ConstraintProjection(free, self._block)
         at_vertices, at_nodes = self._P.createVecs()
         for vector, mask in ((at_vertices, free), (at_nodes, supports.free)):
             vector.setArray(mask.astype(float))
         self._P.diagonalScale(at_nodes, at_vertices)
-        self._near_null = near_null_space(linear)
-        self._moved = _Interpolation(self._P, fine, self._held)
-        self.interpolation = python_matrix(self._P.getSizes(), self._moved, K.comm)
+        self._near_null_space = rigid_body_null_space(linear)
+        self._projected_P = _ProjectedInterpolation(self._P, fine, self._coarse)
+        self.interpolation = python_matrix(self._P.getSizes(), self._projected_P, K.comm)
         self.springs: PETSc.Mat | None = None
-        self._near: _Near | None = None
+        self._contact_rows: _ContactRows | None = None
         self._matrix: PETSc.Mat | None = None
-        self._exchanged: PETSc.Mat | None = None  # the part of it that is
+        self._replaceable: PETSc.Mat | None = None  # the part of the matrix that contact changes
 
-    def watch(self, nodes: Indices) -> None:
-        if self._near is None:
-            self._near = _Near(self._P, self._space, nodes)
+    def set_contact_nodes(self, nodes: Indices) -> None:
+        """Set the local nodes that contact may constrain; only the first call has an effect."""
+        if self._contact_rows is None:
+            self._contact_rows = _ContactRows(self._P, self._space, nodes)
             self._matrix = None
 
-    def renew(self) -> None:
-        self._near = self._matrix = None
+    def discard_matrix(self) -> None:
+        self._contact_rows = self._matrix = None
 
-    def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
-        """Holds at the vertices what is held at local nodes (m,), always the same ones."""
+    def constrain(self, nodes: Indices, projectors: Array, stiffnesses: Array) -> None:
+        """Constrain the vertices among the local nodes (m,), which are the same in each call."""
         vertex = np.flatnonzero(np.isin(self._vertex_node, nodes))
         order = np.argsort(nodes)
-        at = order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
-        self._held.constrain(vertex, held[at], weight[at])
+        index = order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
+        self._coarse.constrain(vertex, projectors[index], stiffnesses[index])
 
     def matrix(self) -> PETSc.Mat:
-        """The matrix under what is held now, always the same object."""
-        near, comm, columns = self._near, self._K.comm, self._P.getSizes()[1]
-        again = self._matrix is not None  # and has places for what is exchanged
+        """Return the matrix under the present constraints, always the same object."""
+        contact, comm, columns = self._contact_rows, self._K.comm, self._P.getSizes()[1]
+        has_pattern = self._matrix is not None  # with entries for the replaceable part
         if self._matrix is None:
             self._matrix = galerkin_product(self._K, self._P)
-            self._exchanged = galerkin_product(self._K, near.P, near.rows) if near else None
-        if self._exchanged is not None:
-            add_scaled(self._matrix, -1.0, self._exchanged, same_pattern=again)
-        free = self._held.free_projectors(np.arange(len(self._vertex_node)))
+            self._replaceable = (
+                galerkin_product(self._K, contact.P, contact.rows) if contact else None
+            )
+        if self._replaceable is not None:
+            add_scaled(self._matrix, -1.0, self._replaceable, same_pattern=has_pattern)
+        free = self._coarse.free_projectors(np.arange(len(self._vertex_node)))
         part = None
         if self.springs is not None:
             part = galerkin_product(self.springs, self._P)
-            add_scaled(self._matrix, 1.0, part, destroy_term=False, same_pattern=again)
-        elif near is not None:
+            add_scaled(self._matrix, 1.0, part, destroy_term=False, same_pattern=has_pattern)
+        elif contact is not None:
             left = block_diagonal_matrix(
-                self._fine.free_projectors(near.nodes), near.P.getSizes()[0], comm
+                self._fine.free_projectors(contact.nodes), contact.P.getSizes()[0], comm
             )
             right = block_diagonal_matrix(free, columns, comm)
-            half = left.matMult(near.P)
-            P = half.matMult(right)  # what linear functions move near contact
-            part = galerkin_product(self._K, P, near.rows)
-            destroy_objects(left, right, half, P)
-            add_scaled(self._matrix, 1.0, part, destroy_term=False, same_pattern=again)
-        size = self._matrix.getDiagonal().sum() / columns[1]
-        rest = block_diagonal_matrix(size * (np.eye(self._block) - free), columns, comm)
-        add_scaled(self._matrix, 1.0, rest, destroy_term=False, same_pattern=again)
+            left_P = left.matMult(contact.P)
+            P = left_P.matMult(right)  # Pi P Pi_c near contact
+            part = galerkin_product(self._K, P, contact.rows)
+            destroy_objects(left, right, left_P, P)
+            add_scaled(self._matrix, 1.0, part, destroy_term=False, same_pattern=has_pattern)
+        mean_stiffness = self._matrix.getDiagonal().sum() / columns[1]
+        diagonal = block_diagonal_matrix(
+            mean_stiffness * (np.eye(self._block) - free), columns, comm
+        )
+        add_scaled(self._matrix, 1.0, diagonal, destroy_term=False, same_pattern=has_pattern)
         if part is not None:
-            add_scaled(part, 1.0, rest)
-        self._exchanged = rest if part is None else part
+            add_scaled(part, 1.0, diagonal)
+        self._replaceable = diagonal if part is None else part
         self._matrix.setBlockSize(self._block)
-        if self._near_null is not None:
-            self._matrix.setNearNullSpace(self._near_null)
+        if self._near_null_space is not None:
+            self._matrix.setNearNullSpace(self._near_null_space)
         return self._matrix
 
 
-class _Interpolation:
-    """Pi P Pi_c, for `PETSc.Mat.createPython`."""
+class _ProjectedInterpolation:
+    """Interpolation Pi P Pi_c, for `PETSc.Mat.createPython`."""
 
     def __init__(
         self, P: PETSc.Mat, fine: ConstraintProjection, coarse: ConstraintProjection
     ) -> None:
         self._P, self._fine, self._coarse = P, fine, coarse
-        self._on_coarse, self._on_fine = P.createVecs()
+        self._coarse_work, self._fine_work = P.createVecs()
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        x.copy(self._on_coarse)
-        self._coarse.remove_constrained(self._on_coarse.array)
-        self._P.mult(self._on_coarse, y)
+        x.copy(self._coarse_work)
+        self._coarse.remove_constrained(self._coarse_work.array)
+        self._P.mult(self._coarse_work, y)
         self._fine.remove_constrained(y.array)
 
     def multAdd(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec, z: PETSc.Vec) -> None:
-        self.mult(_, x, self._on_fine)
-        z.array[:] = y.array_r + self._on_fine.array_r
+        self.mult(_, x, self._fine_work)
+        z.array[:] = y.array_r + self._fine_work.array_r
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        x.copy(self._on_fine)
-        self._fine.remove_constrained(self._on_fine.array)
-        self._P.multTranspose(self._on_fine, y)
+        x.copy(self._fine_work)
+        self._fine.remove_constrained(self._fine_work.array)
+        self._P.multTranspose(self._fine_work, y)
         self._coarse.remove_constrained(y.array)
 
 
-class _Near:
-    """Nodes whose interpolation may be held, and those that they couple to.
+class _ContactRows:
+    """Rows of the interpolation at nodes near contact.
 
-    Nodes (k,) are local and ascending; P has their rows of the interpolation, which are `rows`.
+    Args:
+        P: interpolation (n, n_linear).
+        space: fine space.
+        contact_nodes: local numbers of the nodes that contact may constrain.
+
+    Attributes:
+        nodes: (k,), local and ascending: nodes of all cells around nodes that share a vertex
+            function with a contact node.
+        rows: (k block,), global numbers of these nodes' unknowns.
+        P: these rows of the interpolation.
     """
 
-    def __init__(self, P: PETSc.Mat, space: fem.FunctionSpace, held: Indices) -> None:
+    def __init__(self, P: PETSc.Mat, space: fem.FunctionSpace, contact_nodes: Indices) -> None:
         index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
         owned = index_map.size_local
         fine, coarse = P.createVecLeft(), P.createVecRight()
-        fine.array.reshape(-1, block)[held] = 1.0
+        fine.array.reshape(-1, block)[contact_nodes] = 1.0
         P.multTranspose(fine, coarse)
-        P.mult(coarse, fine)  # all nodes that see a vertex which a held node sees
-        touched = la.vector(index_map, 1)
-        touched.array[:] = 0.0
-        touched.array[:owned] = fine.array_r.reshape(-1, block).max(axis=1) > 0
-        touched.array[held] = 1.0
-        touched.scatter_forward()
+        P.mult(coarse, fine)  # positive at nodes that share a vertex function with a contact node
+        is_near = la.vector(index_map, 1)
+        is_near.array[:] = 0.0
+        is_near.array[:owned] = fine.array_r.reshape(-1, block).max(axis=1) > 0
+        is_near.array[contact_nodes] = 1.0
+        is_near.scatter_forward()
         topology = space.mesh.topology
         cells = space.dofmap.list[: topology.index_map(topology.dim).size_local]
-        around = cells[(touched.array[cells] > 0).any(axis=1)]
-        touched.array[:] = 0.0
-        touched.array[around] = 1.0
-        touched.scatter_reverse(la.InsertMode.add)
-        self.nodes: Indices = np.flatnonzero(touched.array[:owned]).astype(np.int64)
+        nodes_around = cells[(is_near.array[cells] > 0).any(axis=1)]
+        is_near.array[:] = 0.0
+        is_near.array[nodes_around] = 1.0
+        is_near.scatter_reverse(la.InsertMode.add)
+        self.nodes: Indices = np.flatnonzero(is_near.array[:owned]).astype(np.int64)
         numbers = self.nodes + index_map.local_range[0]
         self.rows: Indices = (numbers[:, None] * block + np.arange(block)).ravel()
-        rows, columns = (
-            index_set(some, P.comm) for some in (self.rows, np.arange(*P.getOwnershipRangeColumn()))
-        )
+        rows = index_set(self.rows, P.comm)
+        columns = index_set(np.arange(*P.getOwnershipRangeColumn()), P.comm)
         self.P: PETSc.Mat = P.createSubMatrix(rows, columns)
         destroy_objects(fine, coarse, rows, columns)
 
 
-class _NodeBlocks:
-    """Inverse of the diagonal blocks of Pi K Pi + (1 - Pi), for a `PETSc.PC` in Python."""
+class _NodeBlockInverse:
+    """Inverse of the diagonal blocks of Pi (K + B) Pi + (1 - Pi), for a `PETSc.PC` in Python."""
 
     def __init__(self, K: PETSc.Mat, block: int) -> None:
         self._K, self._block = K, block
-        finite = bool(np.isfinite(self._inverse()).all())
-        if not K.comm.tompi4py().allreduce(finite, MPI.LAND):
+        is_finite = bool(np.isfinite(self._inverse_blocks()).all())
+        if not K.comm.tompi4py().allreduce(is_finite, MPI.LAND):
             raise ValueError("a node has no stiffness")
-        self._every = PETSc.PC().create(K.comm)
-        self._every.setOperators(K)
-        self._every.setType("pbjacobi")
-        self._every.setUp()
+        self._unconstrained = PETSc.PC().create(K.comm)
+        self._unconstrained.setOperators(K)
+        self._unconstrained.setType("pbjacobi")
+        self._unconstrained.setUp()
         self._nodes: Indices = np.empty(0, dtype=np.int64)
-        self._other: Array = np.empty((0, block, block))
+        self._constrained_inverse: Array = np.empty((0, block, block))
 
     def update(self, projection: ConstraintProjection, springs: PETSc.Mat | None) -> None:
-        """Takes over what is held, and the blocks of springs."""
-        nodes, sprung = ((), 0.0) if springs is None else diagonal_blocks(springs, self._block)
-        self._nodes, free, rest = projection.constrained_blocks(nodes)
-        own = np.linalg.inv(self._inverse()[self._nodes])
-        own[np.searchsorted(self._nodes, nodes)] += sprung
-        self._other = np.asarray(np.linalg.inv(free @ own @ free + rest))
+        """Compute the blocks at constrained nodes, and at those with springs, again."""
+        nodes, stiffness = ((), 0.0) if springs is None else diagonal_blocks(springs, self._block)
+        self._nodes, free, weighted = projection.constrained_blocks(nodes)
+        blocks = np.linalg.inv(self._inverse_blocks()[self._nodes])
+        blocks[np.searchsorted(self._nodes, nodes)] += stiffness
+        self._constrained_inverse = np.asarray(np.linalg.inv(free @ blocks @ free + weighted))
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._every.apply(x, y)
-        given = x.array_r.reshape(-1, self._block)[self._nodes]
-        image = np.einsum("nij,nj->ni", self._other, given)
+        self._unconstrained.apply(x, y)
+        vectors = x.array_r.reshape(-1, self._block)[self._nodes]
+        image = np.einsum("nij,nj->ni", self._constrained_inverse, vectors)
         y.array.reshape(-1, self._block)[self._nodes] = image
 
-    def _inverse(self) -> Array:
-        """Inverse blocks (nodes, block, block) of K, which PETSc keeps: not to be changed."""
+    def _inverse_blocks(self) -> Array:
+        """Return the inverse blocks (nodes, block, block) of K; PETSc's memory, read only."""
         inverse: Array = self._K.invertBlockDiagonal()
         return inverse.reshape(-1, self._block, self._block)
 
 
 class Multigrid:
-    """The levels for one free matrix, and PETSc's preconditioner that runs through them.
+    """Two levels for one free matrix, and the set-up of PETSc's multigrid preconditioner.
 
-    Smoother: Chebyshev polynomial of degree 2 with the inverse blocks of nodes. On the coarse level
-    one cycle of algebraic multigrid that knows the rigid motions.
+    The smoother is a Chebyshev polynomial of degree 2 with the inverse blocks of nodes. The coarse
+    level takes one cycle of algebraic multigrid that knows the rigid motions. A blocked K
+    multiplies twice as fast. The operator is Pi (K + B) Pi + (1 - Pi), with springs B of
+    `constrain`.
 
-    K in blocks multiplies twice as fast. The operator is Pi (K + B) Pi + (1 - Pi) with the springs
-    B of `hold`. A node without stiffness is a ValueError.
+    Raises:
+        ValueError: if a node has no stiffness.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
         self._block = supports.space.dofmap.index_map_bs
-        copied = self._block > 1 and not is_blocked(K)
-        self.block_matrix = K.convert("baij", PETSc.Mat()) if copied else K
+        needs_copy = self._block > 1 and not is_blocked(K)
+        self.block_matrix = K.convert("baij", PETSc.Mat()) if needs_copy else K
         self._projection = ConstraintProjection(supports.free, self._block)
-        self._masked = ConstrainedOperator(self.block_matrix, self._projection)
-        self.operator = python_matrix(K.getSizes(), self._masked, K.comm)
-        self._smoother = _NodeBlocks(self.block_matrix, self._block)
+        self._constrained = ConstrainedOperator(self.block_matrix, self._projection)
+        self.operator = python_matrix(K.getSizes(), self._constrained, K.comm)
+        self._smoother = _NodeBlockInverse(self.block_matrix, self._block)
         self._linear = LinearLevel(K, supports, self._projection)
         self._smoother.update(self._projection, None)
-        self._held_before: Array | None = None  # when the coarse level was made
-        self._aggregated: Array | None = None  # and when aggregates below it were
+        self._coarse_projectors: Array | None = None  # for which the coarse matrix was assembled
+        self._aggregate_projectors: Array | None = None  # and for which its aggregates were chosen
         self._coarse: PETSc.Mat | None = None
         self._preconditioner: PETSc.PC | None = None
-        self._estimated = False
+        self._has_eigenvalues = False
 
     @property
     def coarse_matrix(self) -> PETSc.Mat:
@@ -287,27 +305,27 @@ class Multigrid:
         coarse = self._preconditioner.getMGCoarseSolve()
         coarse.setOperators(self.coarse_matrix)
         coarse.setUp()
-        if not self._estimated:
+        if not self._has_eigenvalues:
             self._preconditioner.setUp()
             smoother = self._preconditioner.getMGSmoother(1)
             operators = smoother.getOperators()
             for operator in operators:
-                operator.stateIncrease()  # or it would keep eigenvalues
+                operator.stateIncrease()  # or PETSc keeps the old eigenvalues
             smoother.setUp()
-            # it would keep the vectors with which it has estimated them
+            # PETSc would keep the vectors of the estimate
             smoother.reset()
             smoother.setOperators(*operators)
-            self._estimated = True
+            self._has_eigenvalues = True
 
     def refresh(self) -> None:
-        """Has everything made anew of what K has become."""
-        self._linear.renew()
-        self._estimated = False
-        self._forget(hierarchy=True)
+        """Mark all that depends on K stale, after K has changed."""
+        self._linear.discard_matrix()
+        self._has_eigenvalues = False
+        self._discard_coarse_matrix(with_aggregates=True)
 
     def re_estimate_eigenvalues(self) -> None:
-        """Has the smoother's eigenvalues estimated anew, for what is solved now."""
-        self._estimated = False
+        """Estimate the smoother's eigenvalues for the present constraints."""
+        self._has_eigenvalues = False
         self.set_up_levels()
 
     def set_up(self, preconditioner: PETSc.PC) -> None:
@@ -332,36 +350,42 @@ class Multigrid:
         stiffnesses: Array,
         springs: PETSc.Mat | None = None,
     ) -> None:
-        """Holds directions at local nodes (m,), always the same ones, besides the supports.
+        """Constrain directions at contact nodes, besides the supports, by projection or springs.
 
-        Projectors (m, dim, dim) are onto what is held, weights (m,) its stiffness; springs hold it
-        if they are given, (n, n), always or never. The coarse level is made anew where it would
-        differ at more than some of them.
+        The coarse matrix is assembled again if the projectors have changed at more than a tenth of
+        the constrained nodes.
+
+        Args:
+            nodes: (m,), local numbers, the same in each call.
+            projectors: (m, dim, dim), onto the constrained directions.
+            stiffnesses: (m,), of the constrained directions.
+            springs: (n, n), which constrain the directions in place of the projection; given in
+                all calls or in none.
         """
-        self._masked.springs = springs
+        self._constrained.springs = springs
         if springs is None:
             self._projection.constrain(nodes, projectors, stiffnesses)
-            self._linear.watch(nodes)
-        first = self._held_before is None
-        if self._held_before is None or self._aggregated is None:
-            self._held_before = self._aggregated = np.zeros_like(projectors)
-        some = np.abs(projectors).max(axis=(1, 2), initial=0.0) > 0
-        since, other = (
-            np.abs(projectors - before).max(axis=(1, 2), initial=0.0) > _TURNED
-            for before in (self._aggregated, self._held_before)
+            self._linear.set_contact_nodes(nodes)
+        is_first_call = self._coarse_projectors is None
+        if self._coarse_projectors is None or self._aggregate_projectors is None:
+            self._coarse_projectors = self._aggregate_projectors = np.zeros_like(projectors)
+        is_constrained = np.abs(projectors).max(axis=(1, 2), initial=0.0) > 0
+        aggregates_differ, coarse_differs = (
+            np.abs(projectors - reference).max(axis=(1, 2), initial=0.0) > _PROJECTOR_CHANGE
+            for reference in (self._aggregate_projectors, self._coarse_projectors)
         )
-        counts = np.array([some.sum(), other.sum(), since.sum()])
+        counts = np.array([is_constrained.sum(), coarse_differs.sum(), aggregates_differ.sum()])
         self.block_matrix.comm.tompi4py().Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
         self._smoother.update(self._projection, springs)
-        if first or counts[1] > _RENEWED * counts[0]:
-            self._held_before = projectors
+        if is_first_call or counts[1] > _REBUILD_FRACTION * counts[0]:
+            self._coarse_projectors = projectors
             self._linear.springs = springs
             if springs is None:
-                self._linear.hold(nodes, projectors, stiffnesses)
-            anew = first or counts[2] > _AGGREGATED * counts[0]
-            if anew:
-                self._aggregated = projectors
-            self._forget(hierarchy=anew)
+                self._linear.constrain(nodes, projectors, stiffnesses)
+            with_aggregates = is_first_call or counts[2] > _REAGGREGATE_FRACTION * counts[0]
+            if with_aggregates:
+                self._aggregate_projectors = projectors
+            self._discard_coarse_matrix(with_aggregates)
         self.set_up_levels()
 
     def release(self) -> None:
@@ -369,9 +393,9 @@ class Multigrid:
             destroy_objects(self._preconditioner)
         destroy_objects(self.operator, self._linear.interpolation)
 
-    def _forget(self, hierarchy: bool) -> None:
-        """Has the coarse level made anew; the hierarchy goes, too, or keeps its aggregates."""
-        if hierarchy and self._coarse is not None and self._preconditioner is not None:
+    def _discard_coarse_matrix(self, with_aggregates: bool) -> None:
+        """Have the coarse matrix assembled again, and its aggregates chosen again on demand."""
+        if with_aggregates and self._coarse is not None and self._preconditioner is not None:
             self._preconditioner.getMGCoarseSolve().reset()
         self._coarse = None
         collect_garbage(self.block_matrix)

@@ -26,10 +26,10 @@ from pw_elements.spaces.parts import (
     Part,
     evaluate_marker,
     local_numbers,
-    locate_any_nodes,
     locate_exterior_facets,
     locate_nodes,
     piecewise_constants_by_tag,
+    require_nodes,
 )
 from pw_elements.spaces.spaces import (
     Spaces,

@@ -1,10 +1,10 @@
-"""Free assembly of forms, with the rules that their functions need.
+"""Assembly of forms without boundary conditions, with suitable quadrature rules.
 
-Weights on tetrahedra need points on sub-cells FFCx knows nothing of. Stiffnesses need four points
-instead of twelve: stresses of quadratic displacements are linear in straight cells, and the means
-of slopes at the vertices integrate their products exactly. For all other elements FFCx takes the
-right rule by itself: that of the halved cell wherever a test or trial function is piecewise linear.
-So it does on the faces of tetrahedra.
+Weight functions on tetrahedra need quadrature points on sub-cells that FFCx does not know.
+Stiffnesses need four points instead of twelve: stresses of quadratic displacements are linear in
+straight cells, and the mean slopes at the vertices integrate their products exactly. For all other
+elements, and on the faces of tetrahedra, FFCx chooses the right rule itself: the rule of the halved
+cell wherever a test or trial function is piecewise linear.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,7 @@ from pw_elements.checks import arguments, check_same_arguments
 from pw_elements.progress import report_activity
 from pw_elements.spaces.elements import TwelveCellElement, twelve_cell_rule, vertex_rule
 
-# Key under which the metadata of a body's integrals hold its state of stress
+# Key of the state of stress in the metadata of a body's integrals
 STRESS_STATE_KEY = "stress_state"
 
 T = TypeVar("T", PETSc.Mat, PETSc.Vec)
@@ -44,52 +44,58 @@ T = TypeVar("T", PETSc.Mat, PETSc.Vec)
 
 @dataclass(frozen=True)
 class AssemblyRecord:
-    """What a matrix or vector was assembled from, so that mismatched ones can be refused."""
+    """Origin of a matrix or vector, by which mismatched ones are refused.
 
-    form: fem.Form | None = None  # compiled; None of what was made by hand
-    sibling: Any = None  # that transformed it; None of what was assembled plainly
-    stress_states: frozenset[str] = (
-        frozenset()
-    )  # of stress, of the bodies of the forms; if these tell
-    lumped: bool = False  # a diagonal of nodal masses, which suit any weights
+    Args:
+        form: compiled; None for objects that were made by hand.
+        sibling: the `Sibling` that has transformed the object; None for any other object.
+        stress_states: states of stress of the bodies of the form, if they are known.
+        lumped: whether it is a diagonal mass matrix, which suits any weight functions.
+    """
+
+    form: fem.Form | None = None
+    sibling: Any = None
+    stress_states: frozenset[str] = frozenset()
+    lumped: bool = False
 
     @classmethod
     def from_form(cls, compiled: fem.Form, form: ufl.Form) -> "AssemblyRecord":
-        states = {integral.metadata().get(STRESS_STATE_KEY) for integral in form.integrals()}
-        return cls(compiled, stress_states=frozenset(states - {None}))
+        stress_states = {part.metadata().get(STRESS_STATE_KEY) for part in form.integrals()}
+        return cls(compiled, stress_states=frozenset(stress_states - {None}))
 
     @classmethod
-    def read(cls, thing: PETSc.Mat | PETSc.Vec) -> "AssemblyRecord":
-        return thing.getAttr("assembled") or cls()
+    def read(cls, tensor: PETSc.Mat | PETSc.Vec) -> "AssemblyRecord":
+        """Return the record attached to a matrix or vector; an empty one if there is none."""
+        return tensor.getAttr("assembled") or cls()
 
-    def attach(self, thing: T) -> T:
-        """The thing, of which this is known from now on; the form lives as long as it does."""
-        thing.setAttr("assembled", self)
-        return thing
+    def attach(self, tensor: T) -> T:
+        """Attach the record, and so the form, to a matrix or vector, which is returned."""
+        tensor.setAttr("assembled", self)
+        return tensor
 
     @property
     def mesh(self) -> Any:  # noqa: ANN401
-        """C++ mesh of the form, None if it is not known."""
+        """C++ mesh of the form; None if it is not known."""
         return None if self.form is None else self.form.function_spaces[0].mesh
 
     @property
     def test_space(self) -> Any:  # noqa: ANN401
-        """Space of the test functions, None if there are none or they do not count."""
+        """C++ space of the test functions; None if it is not known or any would suit."""
         return None if self.form is None or self.lumped else self.form.function_spaces[0]
 
 
 @check_same_arguments
 def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
-    """Matrix of a bilinear form, all rows and columns free.
+    """Assemble the matrix of a bilinear form, without boundary conditions.
 
     Integrals of piecewise-linear functions over tetrahedra get the quadrature rule that they need.
-    The form (and by it mesh and spaces) lives as long as the matrix.
+    The matrix keeps the form, and so mesh and spaces, alive.
 
     Args:
         form: of trial and test functions.
-        blocked: stores a vector field's matrix by nodal blocks (PETSc's BAIJ), in 0.7 of the
-            memory. `Iterative` works with these, and copies a matrix in another format; all else
-            converts them. Without effect on scalar and hybrid spaces.
+        blocked: store a vector field's matrix by nodal blocks (PETSc's BAIJ), in 0.7 of the
+            memory. `Iterative` works with this format and copies a matrix in another one; all
+            other functions convert it. Without effect on scalar and hybrid spaces.
 
     Raises:
         TypeError: if it is not a UFL form.
@@ -107,7 +113,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
 
 @check_same_arguments
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
-    """Vector (n,) of a linear form, contributions of all processes added.
+    """Assemble the vector (n,) of a linear form, summed over all processes.
 
     Integrals of piecewise-linear functions over tetrahedra get the quadrature rule that they need.
 
@@ -127,7 +133,7 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
 
 @check_same_arguments
 def assemble_scalar(form: ufl.Form) -> float:
-    """Value of a functional (an energy, an error's square), summed over all processes.
+    """Compute the value of a functional (an energy, say), summed over all processes.
 
         area = assemble_scalar(1.0 * boundary_measure(mesh, where))
 
@@ -145,44 +151,53 @@ def assemble_scalar(form: ufl.Form) -> float:
     return float(compiled.mesh.comm.allreduce(fem.assemble_scalar(compiled), MPI.SUM))
 
 
-def compile_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
+def compile_form(form: ufl.Form, rank: int, name: str) -> fem.Form:
+    """Check a form and compile it; `name` is the name in messages of what it assembles.
+
+    Raises:
+        TypeError: if it is not a UFL form.
+        ValueError: if it has another rank, mixes meshes, has no mesh, has several measures of one
+            kind, or cannot be compiled.
+    """
     arguments.check_type(
         "the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form"
     )
     kinds = {0: "a number (no test function)", 1: "linear", 2: "bilinear"}
-    found = len(form.arguments())
-    if found != rank:
+    n_arguments = len(form.arguments())
+    if n_arguments != rank:
         needed = f"a {kinds[rank]} form" if rank else "a form without test functions"
-        raise ValueError(f"{of} needs {needed}; this one is {kinds.get(found, found)}")
+        kind = kinds.get(n_arguments, n_arguments)
+        raise ValueError(f"{name} needs {needed}; this one is {kind}")
     spaces = [argument.ufl_function_space() for argument in form.arguments()]
     for space in spaces:
         arguments.check_space(space, "the space of a form's argument")
     functions = [f for f in form.coefficients() if isinstance(f, fem.Function)]
-    meshes = [thing.mesh for thing in (*spaces, *(f.function_space for f in functions))]
+    meshes = [space.mesh for space in (*spaces, *(f.function_space for f in functions))]
     domains = form.ufl_domains()
     if any(mesh is not meshes[0] for mesh in meshes) or len(domains) != 1:
         raise ValueError("the form mixes meshes: its functions and measures have to share one")
     if (mesh := domains[0].ufl_cargo()) is None:
         raise ValueError("the form belongs to no mesh: give its measure a domain")
-    for kind, marked in form.subdomain_data()[domains[0]].items():
-        if any(other is not marked[0] for other in marked):
+    for integral_type, tags in form.subdomain_data()[domains[0]].items():
+        if any(part is not tags[0] for part in tags):
+            entities = integral_type.replace("_", " ")
             raise ValueError(
-                f"the form has several measures of {kind.replace('_', ' ')}s, of which DOLFINx "
-                "takes one: assemble a form of each and add the results"
+                f"the form has several measures of {entities}s, of which DOLFINx takes one: "
+                "assemble a form of each and add the results"
             )
-    plain = _with(
+    plain = _replace_metadata(
         form, lambda part: {k: v for k, v in part.metadata().items() if k != STRESS_STATE_KEY}
     )
-    ruled = add_sub_cell_rules(plain)
+    with_rules = add_sub_cell_rules(plain)
     try:
         with report_activity(mesh.comm, "compiling a form"):
-            return fem.form(ruled)
+            return fem.form(with_rules)
     except Exception as error:
         raise ValueError(f"the form cannot be compiled: {error}") from error
 
 
 def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
-    """Measure dx for integrals of test functions, also in DOLFINx's own assembly.
+    """Create a measure dx for integrals of test functions, also in DOLFINx's own assembly.
 
         dx = cell_measure(W, 2)
         load = fem.assemble_vector(fem.form(f * ufl.TestFunction(W) * dx))
@@ -194,41 +209,44 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
     arguments.check_space(space)
     arguments.check_integer("degree", degree, 0)
     metadata: dict[str, Any] = {"quadrature_degree": degree}
-    if _halved_tetrahedra(space.ufl_element()):
-        metadata |= _custom(*twelve_cell_rule(degree))
+    if _tetrahedral_macro_elements(space.ufl_element()):
+        metadata |= _custom_rule(*twelve_cell_rule(degree))
     return ufl.Measure("dx", domain=space.mesh, metadata=metadata)
 
 
 def add_sub_cell_rules(form: ufl.Form) -> ufl.Form:
-    """The form, with points on sub-cells in integrals over tetrahedra whose functions need them."""
-    return _with(form, _ruled)
+    """Return the form with quadrature points on sub-cells of tetrahedra wherever it needs them."""
+    return _replace_metadata(form, _sub_cell_metadata)
 
 
 def add_estimated_degrees(form: ufl.Form) -> ufl.Form:
-    """The form with UFL's estimate of the degree written into measures that state none.
+    """Return the form with UFL's estimate of the degree in measures that give none.
 
-    A derivative of the form then has the same points, of which Newton's method has its order.
+    A derivative of the form then has the same quadrature points, as Newton's method needs for
+    quadratic convergence.
     """
 
-    def stated(part: ufl.Integral) -> dict[str, Any]:
-        known: dict[str, Any] = part.metadata()
-        if known.keys() & {"quadrature_degree", "quadrature_rule"}:
-            return known
-        return {**known, "quadrature_degree": _estimated_degree(part)}
+    def metadata_with_degree(part: ufl.Integral) -> dict[str, Any]:
+        metadata: dict[str, Any] = part.metadata()
+        if metadata.keys() & {"quadrature_degree", "quadrature_rule"}:
+            return metadata
+        return {**metadata, "quadrature_degree": _estimated_degree(part)}
 
-    return _with(form, stated)
+    return _replace_metadata(form, metadata_with_degree)
 
 
-def _with(form: ufl.Form, metadata: Callable[[ufl.Integral], dict[str, Any]]) -> ufl.Form:
+def _replace_metadata(
+    form: ufl.Form, metadata: Callable[[ufl.Integral], dict[str, Any]]
+) -> ufl.Form:
     return ufl.Form([part.reconstruct(metadata=metadata(part)) for part in form.integrals()])
 
 
-def _ruled(integral: ufl.Integral) -> dict[str, Any]:
-    """The metadata of an integral, with points on sub-cells if it needs and has none."""
+def _sub_cell_metadata(integral: ufl.Integral) -> dict[str, Any]:
+    """Return the metadata of an integral, with points on sub-cells if it needs and lacks them."""
     metadata: dict[str, Any] = integral.metadata()
     rule = metadata.get("quadrature_rule", "default")
-    halved = any(map(_halved_tetrahedra, extract_elements(integral)))
-    if integral.integral_type() != "cell" or rule == "custom" or not halved:
+    has_sub_cells = any(map(_tetrahedral_macro_elements, extract_elements(integral)))
+    if integral.integral_type() != "cell" or rule == "custom" or not has_sub_cells:
         return metadata
     if rule != "default":
         raise ValueError(
@@ -238,52 +256,56 @@ def _ruled(integral: ufl.Integral) -> dict[str, Any]:
     degree = metadata.get("quadrature_degree", -1)
     if degree < 0:
         degree = _estimated_degree(integral)
-    if degree == 1 and _is_linear_times_slopes(integral):
-        return {**metadata, **_custom(*vertex_rule())}
-    return {**metadata, **_custom(*twelve_cell_rule(degree))}
+    if degree == 1 and _has_only_slopes_of_weights(integral):
+        return {**metadata, **_custom_rule(*vertex_rule())}
+    return {**metadata, **_custom_rule(*twelve_cell_rule(degree))}
 
 
-def _is_linear_times_slopes(integral: ufl.Integral) -> bool:
-    """Whether it has slopes of one function that is the mean of three cuts, times linear ones."""
+def _has_only_slopes_of_weights(integral: ufl.Integral) -> bool:
+    """Return whether `vertex_rule` is exact: linear functions times slopes of one weight function.
+
+    The weight function has to be the mean of three cuts, and must not occur without derivative.
+    """
     functions = [*extract_arguments(integral), *extract_coefficients(integral)]
-    halved = [f for f in functions if _halved_tetrahedra(f.ufl_element())]
-    if len(halved) > 1 or _estimated_degree(integral) > 1:
+    weights = [f for f in functions if _tetrahedral_macro_elements(f.ufl_element())]
+    if len(weights) > 1 or _estimated_degree(integral) > 1:
         return False
     nodes = (
-        node for part in _prepared(integral) for node in unique_pre_traversal(part.integrand())
+        node
+        for part in _expand_for_ffcx(integral)
+        for node in unique_pre_traversal(part.integrand())
     )
-    valued = {
+    underived = {
         operand for node in nodes if not isinstance(node, Grad) for operand in node.ufl_operands
     }
-    means = all(
-        isinstance(e, TwelveCellElement) for e in _halved_tetrahedra(halved[0].ufl_element())
-    )
-    return means and halved[0] not in valued
+    elements = _tetrahedral_macro_elements(weights[0].ufl_element())
+    are_means = all(isinstance(element, TwelveCellElement) for element in elements)
+    return are_means and weights[0] not in underived
 
 
 def _estimated_degree(integral: ufl.Integral) -> int:
-    parts = _prepared(integral)
+    parts = _expand_for_ffcx(integral)
     return max(int(part.metadata()["estimated_polynomial_degree"]) for part in parts)
 
 
-def _prepared(integral: ufl.Integral) -> list[ufl.Integral]:
-    """The integrals that FFCx makes of it, of derivatives of functions alone."""
+def _expand_for_ffcx(integral: ufl.Integral) -> list[ufl.Integral]:
+    """Return the integrals as FFCx compiles them, with derivatives applied to functions alone."""
     data = compute_form_data(
         ufl.Form([integral]), do_apply_integral_scaling=True, do_append_everywhere_integrals=False
     )
     return [part for group in data.integral_data for part in group.integrals]
 
 
-def _custom(points: Array, weights: Array) -> dict[str, Any]:
-    return {  # tuples, for UFL's signature of a form abbreviates arrays
+def _custom_rule(points: Array, weights: Array) -> dict[str, Any]:
+    return {  # tuples, as UFL's signature of a form abbreviates arrays
         "quadrature_rule": "custom",
         "quadrature_points": tuple(tuple(map(float, x)) for x in points),
         "quadrature_weights": tuple(map(float, weights)),
     }
 
 
-def _halved_tetrahedra(element: basix.ufl._ElementBase) -> list[basix.ufl._BasixElement]:
-    """The weights on tetrahedra that an element is, or holds; the twelve cells halve all."""
+def _tetrahedral_macro_elements(element: basix.ufl._ElementBase) -> list[basix.ufl._BasixElement]:
+    """Return all piecewise-linear elements on tetrahedra within an element, or itself."""
     return [
         part
         for part in extract_sub_elements([element])

@@ -1,12 +1,12 @@
 """The elements: quadratic trial functions and piecewise-linear weight functions.
 
-Weight functions are built from the four principles of section 3 of the paper:
-1) a weight function lives on the sub-cells around its node only, 2) it is linear on each
-of them, 3) it is continuous, 4) it is 1 at its node and 0 at all others.
-Principles 2 and 3 name a space, Basix's macro polynomials of degree 1; principle 4 names
-its basis, point evaluation at the nodes of the quadratic element; principle 1 then follows.
-On tetrahedra the weights are the mean over the three cuts of the octahedron inside: they are linear
-on twelve tetrahedra, see the guide's page on theory ("The element").
+Weight functions follow the four principles of section 3 of the paper: a weight function 1) is zero
+outside the sub-cells around its node, 2) is linear on each sub-cell, 3) is continuous, 4) is 1 at
+its node and 0 at all others. Principles 2 and 3 define a space, Basix's macro polynomials of
+degree 1; principle 4 defines its basis, dual to point evaluation at the nodes of the quadratic
+element; principle 1 then follows. On tetrahedra the weights are the mean over the three ways to cut
+the octahedron inside: they are linear on twelve sub-cells, see the guide's page on theory ("The
+element").
 """
 
 import functools
@@ -28,38 +28,43 @@ from basix import (
 
 from pw_elements.arrays import Array, Mask
 
-_CELL = CellType.tetrahedron
-# Points nearer to a side than this, of cells of size one, lie on it
-_ON_SIDE = 1e-10
+_TETRAHEDRON = CellType.tetrahedron
+# Distance from a side, in the reference cell, below which a point lies on it
+_SIDE_TOLERANCE = 1e-10
 
 CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 
 def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
-    """Quadrature points (12 n, 3) and weights (12 n,) of the reference tetrahedron.
+    """Return quadrature points (12 n, 3) and weights (12 n,) on the reference tetrahedron.
 
-    All points lie within the twelve cells. Basix's default rules of degree 4, 5 and 7 have some on
-    a cell's sides, where slopes are two-valued.
+    All points lie within the twelve sub-cells. Basix's default rules of degree 4, 5 and 7 have
+    points on sides, where slopes are two-valued, and are replaced by another scheme.
     """
-    points, weights = basix.make_quadrature(_CELL, degree)
-    if not _within(points).all():
-        points, weights = basix.make_quadrature(_CELL, degree, rule=QuadratureType.xiao_gimbutas)
-    hats = np.column_stack([1 - points.sum(axis=1), points])
+    points, weights = basix.make_quadrature(_TETRAHEDRON, degree)
+    if not _is_inside(points).all():
+        scheme = QuadratureType.xiao_gimbutas
+        points, weights = basix.make_quadrature(_TETRAHEDRON, degree, rule=scheme)
+    barycentric = np.column_stack([1 - points.sum(axis=1), points])
     corners, _, _ = _twelve_cells()
-    size = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
-    return (hats @ corners).reshape(-1, 3), np.outer(size, weights).ravel()
+    determinant = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
+    return (barycentric @ corners).reshape(-1, 3), np.outer(determinant, weights).ravel()
 
 
 def vertex_rule() -> tuple[Array, Array]:
-    """Vertices (4, 3) and weights (4,) that integrate linear functions times slopes of weights.
+    """Return vertices (4, 3) and weights (4,) for linear functions times slopes of weights.
 
-    There `TwelveCellElement` has the slopes' means, each weighted with its vertex' linear function.
+    At a vertex `TwelveCellElement` tabulates the mean slope, weighted with the vertex' linear
+    function, so that the rule is exact.
     """
-    return basix.geometry(_CELL), np.full(4, 1 / 24)
+    return basix.geometry(_TETRAHEDRON), np.full(4, 1 / 24)
 
 
 class TwelveCellElement(basix.ufl._BasixElement):
-    """The one-cut element as the mean of the three cuts; points of FFCx's own rules are refused."""
+    """Mean of the piecewise-linear elements of the three cuts of a tetrahedron.
+
+    Points of FFCx's own quadrature rules, which suit one cut only, are refused.
+    """
 
     def __repr__(self) -> str:
         return f"{super().__repr__()}, mean of the three cuts"
@@ -71,41 +76,51 @@ class TwelveCellElement(basix.ufl._BasixElement):
         return super().__hash__()
 
     def tabulate(self, nderivs: int, points: Array) -> Array:
-        """Values and derivatives at points (n, 3): (derivatives, n, 10).
+        """Tabulate values and derivatives at points (n, 3); return (derivatives, n, 10).
 
-        Slopes on a side between two of the twelve cells are those of one of them, and at the points
-        of `vertex_rule` means. Points of rules that are not equally many in each of the twelve
-        cells are a ValueError.
+        The slope on a side between two sub-cells is the slope in one of them; at the points of
+        `vertex_rule` slopes are weighted means.
+
+        Raises:
+            ValueError: for quadrature points that are not equally many in each sub-cell.
         """
         _, inverse, nodal = _twelve_cells()
-        hats = np.einsum("cij,qi->cqj", inverse, np.column_stack([np.ones(len(points)), points]))
-        depth = hats.min(axis=2)
+        barycentric = np.einsum(
+            "cij,qi->cqj", inverse, np.column_stack([np.ones(len(points)), points])
+        )
+        depth = barycentric.min(axis=2)
         _check_points(nderivs, points, depth)
-        cell, own = depth.argmax(axis=0), np.arange(len(points))
+        cell, point = depth.argmax(axis=0), np.arange(len(points))
         table = np.zeros((math.comb(nderivs + 3, 3), len(points), nodal.shape[2]))
-        table[0] = np.einsum("qj,qjn->qn", hats[cell, own], nodal[cell])
+        table[0] = np.einsum("qj,qjn->qn", barycentric[cell, point], nodal[cell])
         if nderivs > 0:
             slopes = np.einsum("cij,cjn->icn", inverse[:, 1:], nodal)
             table[1:4] = slopes[:, cell]
             if np.array_equal(points, vertex_rule()[0]):
-                middles, sizes = twelve_cell_rule(1)
-                hats = 24 * sizes * np.vstack([1 - middles.sum(axis=1), middles.T])
+                centres, volumes = twelve_cell_rule(1)
+                hats = 24 * volumes * np.vstack([1 - centres.sum(axis=1), centres.T])
                 table[1:4] = np.einsum("qc,icn->iqn", hats, slopes)
         return table
 
 
 def _check_points(nderivs: int, points: Array, depth: Array) -> None:
-    """Depth (12, n): least barycentric coordinate of the points in each of the twelve cells."""
-    within = _within(points)
-    # values may be asked for anywhere, by an interpolation say, but for the rules that FFCx takes:
-    # those of the cell and of the one-cut cell
-    rules = [] if nderivs else _rules().get(len(points), [])
-    taken = any(np.allclose(points, rule, atol=_ON_SIDE) for rule in rules)
-    if not (within.any() if nderivs else taken):
+    """Raise ValueError for quadrature points that would integrate the element wrongly.
+
+    Args:
+        nderivs: order of the derivatives that are tabulated.
+        points: (n, 3).
+        depth: (12, n), least barycentric coordinate of the points in each sub-cell.
+    """
+    is_inside = _is_inside(points)
+    # values may be tabulated at any points, for an interpolation say, except at those of FFCx's
+    # rules for the whole and the one-cut cell
+    rules = [] if nderivs else _ffcx_rules().get(len(points), [])
+    is_rule = any(np.allclose(points, rule, atol=_SIDE_TOLERANCE) for rule in rules)
+    if not (is_inside.any() if nderivs else is_rule):
         return
-    inner = depth[:, within] > _ON_SIDE
-    counts = inner.sum(axis=1)
-    if np.any(counts != counts[0]) or counts.sum() != within.sum():
+    is_in_cell = depth[:, is_inside] > _SIDE_TOLERANCE
+    counts = is_in_cell.sum(axis=1)
+    if np.any(counts != counts[0]) or counts.sum() != is_inside.sum():
         raise ValueError(
             "piecewise-linear functions on tetrahedra are linear on twelve sub-cells, and these "
             "points are not equally many in each: an integral would be wrong. Assemble with "
@@ -114,37 +129,40 @@ def _check_points(nderivs: int, points: Array, depth: Array) -> None:
         )
 
 
-def _within(points: Array) -> Mask:
-    """Which points (n, 3) are neither on a side of the reference tetrahedron nor outside."""
-    return np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _ON_SIDE
+def _is_inside(points: Array) -> Mask:
+    """Return which points (n, 3) lie inside the reference tetrahedron, not on a side."""
+    return np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _SIDE_TOLERANCE
 
 
 @functools.cache
-def _rules() -> dict[int, list[Array]]:
+def _ffcx_rules() -> dict[int, list[Array]]:
+    """Return the points (n, 3) of FFCx's rules on the whole and the one-cut tetrahedron, by n."""
     rules: dict[int, list[Array]] = {}
     schemes = (QuadratureType.default, QuadratureType.gauss_jacobi)
     polysets = (PolysetType.standard, PolysetType.macroedge)
     for scheme, polyset, degree in itertools.product(schemes, polysets, range(31)):
-        points, _ = basix.make_quadrature(_CELL, degree, rule=scheme, polyset_type=polyset)
+        points, _ = basix.make_quadrature(_TETRAHEDRON, degree, rule=scheme, polyset_type=polyset)
         rules.setdefault(len(points), []).append(points)
     return rules
 
 
 @functools.cache
 def _twelve_cells() -> tuple[Array, Array, Array]:
-    """Corners (12, 4, 3), maps (12, 4, 4) from (1, x) to barycentric coordinates; weights there.
+    """Return geometry and weight functions of the twelve sub-cells of the reference tetrahedron.
 
-    The ten weights are (12, 4, 10); node 10 is the octahedron's centre.
+    Returns:
+        Corners (12, 4, 3); maps (12, 4, 4) from (1, x) to barycentric coordinates; and values
+        (12, 4, 10) of the ten weight functions at the corners. Node 10 is the octahedron's centre.
     """
-    edges = [frozenset(edge) for edge in basix.topology(_CELL)[1]]
+    edges = [frozenset(edge) for edge in basix.topology(_TETRAHEDRON)[1]]
     middle = {edge: 4 + number for number, edge in enumerate(edges)}
     centre, cells = 10, []
     for v in range(4):
-        others = [w for w in range(4) if w != v]
-        around = tuple(middle[frozenset((v, w))] for w in others)
-        opposite = tuple(middle[frozenset(pair)] for pair in itertools.combinations(others, 2))
-        cells += [(v, *around), (centre, *around), (centre, *opposite)]
-    nodes = basix.create_element(ElementFamily.P, _CELL, 2).points
+        vertices = [w for w in range(4) if w != v]
+        adjacent = tuple(middle[frozenset((v, w))] for w in vertices)
+        opposite = tuple(middle[frozenset(pair)] for pair in itertools.combinations(vertices, 2))
+        cells += [(v, *adjacent), (centre, *adjacent), (centre, *opposite)]
+    nodes = basix.create_element(ElementFamily.P, _TETRAHEDRON, 2).points
     corners = np.vstack([nodes, nodes[4:].mean(axis=0)])[np.array(cells)]
     weights = np.vstack([np.eye(10), np.repeat([0.0, 1 / 6], (4, 6))])[np.array(cells)]
     return corners, np.linalg.inv(np.concatenate([np.ones((12, 4, 1)), corners], axis=2)), weights
@@ -152,20 +170,30 @@ def _twelve_cells() -> tuple[Array, Array, Array]:
 
 @functools.cache
 def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
-    """Piecewise-linear weight functions on the cell halved once, Eq. (15) to Eq. (20).
+    """Create the element of piecewise-linear weight functions, Eq. (15) to Eq. (20).
 
-    On tetrahedra they are the mean over the three ways to cut the octahedron inside, linear on
-    twelve sub-cells, and do not depend on the order of the vertices. Integrals need a quadrature
-    rule for these: `assemble_matrix` and `assemble_vector` choose it themselves; DOLFINx's own
-    assembly needs `cell_measure`, without which it raises an error. `Function.eval` and DOLFINx's
-    interpolation use the one-cut element, which has the same values at nodes and on faces.
+    The functions are linear on the parts of the cell halved once; on quadrilaterals and hexahedra
+    bilinear or trilinear. On tetrahedra they are the mean over the three ways to cut the octahedron
+    inside, linear on twelve sub-cells, and do not depend on the order of the vertices. Integrals
+    over these need a special quadrature rule: `assemble_matrix` and `assemble_vector` choose it;
+    DOLFINx's own assembly needs `cell_measure`, without which it raises an error. `Function.eval`
+    and DOLFINx's interpolation use the one-cut element, which has the same values at nodes and on
+    faces.
 
-    Quadrilaterals and hexahedra are bilinear or trilinear on their parts. The nodes and their order
-    are those of the quadratic Lagrange element; the value shape is () or (d,).
+    Nodes have the order of the quadratic Lagrange element.
+
+    Args:
+        cell: name of the cell, as DOLFINx gives it.
+        shape: of the values, () or (d,).
+
+    Raises:
+        ValueError: for any other cell than intervals, triangles, quadrilaterals, tetrahedra and
+            hexahedra.
     """
-    kind = _cell(cell)
+    kind = _cell_type(cell)
     quadratic = basix.create_element(ElementFamily.P, kind, 2, LagrangeVariant.gll_warped)
-    space, x, M = np.eye(quadratic.dim), quadratic.x, quadratic.M  # all that is linear on sub-cells
+    # the whole macro space of functions that are linear on sub-cells
+    space, x, M = np.eye(quadratic.dim), quadratic.x, quadratic.M
     identity, smooth, macro = MapType.identity, SobolevSpace.H1, PolysetType.macroedge
     element = basix.ufl.custom_element(
         kind, [], space, x, M, 0, identity, smooth, False, 1, 1, polyset_type=macro
@@ -179,40 +207,41 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
 
 @functools.cache
 def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
-    """Quadratic Lagrange shape functions, the trial functions of the paper's elements."""
-    _cell(cell)
+    """Create the quadratic Lagrange element, whose functions are the paper's trial functions."""
+    _cell_type(cell)
     return basix.ufl.element("Lagrange", cell, 2, shape=shape or None)
 
 
 class _HalvedTensorElement(basix.ufl._BasixElement):
-    """Macro element on an interval, quadrilateral or hexahedron, tabulated as products of hats.
+    """Macro element on intervals, quadrilaterals and hexahedra, tabulated as products of hats.
 
-    Basix 0.9 tabulates wrong macro derivatives on these cells: in each upper half it subtracts
-    in unsigned arithmetic, and a slope of -6 comes out as 1e20. Values and simplices are right.
-    FFCx tabulates through this class.
+    FFCx tabulates through this class, as Basix 0.9 tabulates wrong macro derivatives on these
+    cells: in each upper half it subtracts in unsigned arithmetic, so that a slope of -6 becomes
+    1e20. Its values, and all on simplices, are right.
     """
 
     def __repr__(self) -> str:
-        # part of a form's signature: what was compiled with the wrong slopes is not found again
+        # in a form's signature, so that a cached form compiled with wrong slopes is not reused
         return f"{super().__repr__()}, by sub-cells"
 
     def tabulate(self, nderivs: int, points: Array) -> Array:
-        """Values and derivatives at points (n, dim): (derivatives, n, nodes)."""
-        dim, twice = points.shape[1], np.rint(2 * self._element.points).astype(int)
-        upper = (points >= 0.5).astype(int)[:, None]
+        """Tabulate values and derivatives at points (n, dim); return (derivatives, n, nodes)."""
+        dim = points.shape[1]
+        half_index = np.rint(2 * self._element.points).astype(int)  # 0, 1, 2: end, middle, end
+        is_upper = (points >= 0.5).astype(int)[:, None]
         # along each axis: hat functions of the ends and the middle, and their slopes by halves
-        hats = np.maximum(1 - np.abs(2 * points[:, None] - twice), 0.0)
-        slopes = np.array([[-2.0, 2.0, 0.0], [0.0, -2.0, 2.0]])[upper, twice]
-        along = [hats, slopes, *np.zeros((nderivs, *hats.shape))]
+        hats = np.maximum(1 - np.abs(2 * points[:, None] - half_index), 0.0)
+        slopes = np.array([[-2.0, 2.0, 0.0], [0.0, -2.0, 2.0]])[is_upper, half_index]
+        derivatives = [hats, slopes, *np.zeros((nderivs, *hats.shape))]
         table = np.zeros((math.comb(nderivs + dim, dim), *hats.shape[:2]))
-        for derivative in itertools.product(range(nderivs + 1), repeat=dim):
-            if sum(derivative) <= nderivs:
-                factors = [along[k][:, :, axis] for axis, k in enumerate(derivative)]
-                table[basix.index(*derivative)] = np.prod(factors, axis=0)
+        for orders in itertools.product(range(nderivs + 1), repeat=dim):
+            if sum(orders) <= nderivs:
+                factors = [derivatives[k][:, :, axis] for axis, k in enumerate(orders)]
+                table[basix.index(*orders)] = np.prod(factors, axis=0)
         return table
 
 
-def _cell(name: str) -> CellType:
+def _cell_type(name: str) -> CellType:
     if name not in CELLS:
         raise ValueError(f"no quadratic element on a {name!r}; the cells are {', '.join(CELLS)}")
     return CellType[name]

@@ -1,10 +1,12 @@
 """Spaces of the hybrid element: displacements and a continuous pressure in one mixed space.
 
-Taylor and Hood's pair, u in P2 and p in P1 (Q1 on quadrilaterals and hexahedra), is weighted by
-Bercovier and Pironneau's: piecewise-linear weights beside the same P1.
+The trial functions are Taylor and Hood's pair, u in P2 and p in P1 (Q1 on quadrilaterals and
+hexahedra). The test functions are Bercovier and Pironneau's pair: piecewise-linear weights and the
+same P1.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from petsc4py import PETSc
 
@@ -17,21 +19,26 @@ from pw_elements._compat import single_entry_matrix
 from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.checks import collective_errors, vector_sizes
 
-# What a constant pressure does, over the largest stiffness, that is round-off
+# Effect of a constant pressure, over the largest stiffness, that is round-off
 PRESSURE_MODE_TOLERANCE = 1e-10
 
 
 def mixed_element(
     displacement: basix.ufl._ElementBase, split: bool = False
 ) -> basix.ufl._ElementBase:
-    """A vector element and, beside it, a pressure of degree 1, continuous or to be tied."""
+    """Create the mixed element of a displacement element and a pressure of degree 1.
+
+    Args:
+        displacement: vector element.
+        split: discontinuous pressure, for `tie_pressures` to tie within parts.
+    """
     cell = displacement.cell_type.name
     pressure = basix.ufl.element("Lagrange", cell, 1, discontinuous=split)
     return basix.ufl.mixed_element([displacement, pressure])
 
 
 def is_hybrid(space: fem.FunctionSpace) -> bool:
-    """Whether its functions are displacements and a pressure."""
+    """Return whether the functions of a space are pairs of a displacement and a pressure."""
     element = space.ufl_element()
     if not isinstance(element, basix.ufl._MixedElement) or element.num_sub_elements != 2:
         return False
@@ -40,23 +47,29 @@ def is_hybrid(space: fem.FunctionSpace) -> bool:
 
 
 def has_split_pressure(space: fem.FunctionSpace) -> bool:
-    """Whether the pressure is discontinuous between cells, and has to be tied within parts."""
+    """Return whether the pressure is discontinuous between cells, to be tied within parts."""
     return is_hybrid(space) and bool(space.ufl_element().sub_elements[1].discontinuous)
 
 
 @dataclass(frozen=True)
 class SubSpace:
-    """A field of its own space among the unknowns of a space, owned by the same processes."""
+    """A field's own space, and its unknowns among those of a full space on the same processes.
+
+    Args:
+        space: the field's own space.
+        unknowns: (nodes, components), local numbers among the unknowns, ghosts too.
+        full_sizes: local and global size of vectors of all unknowns.
+    """
 
     space: fem.FunctionSpace
-    unknowns: LocalIndices  # (nodes, components), local numbers among the unknowns, ghosts too
-    full_sizes: tuple[int, int]  # sizes of vectors of unknowns, own and global
+    unknowns: LocalIndices
+    full_sizes: tuple[int, int]
 
     @classmethod
     def displacements(cls, space: fem.FunctionSpace) -> "SubSpace":
-        """The displacements of a space: all of it, or of a hybrid one the first field."""
+        """Return the displacements: the first field of a hybrid space, or else the whole space."""
         if is_hybrid(space):
-            return cls._of(space, 0)
+            return cls._from_field(space, 0)
         index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
         nodes = index_map.size_local + index_map.num_ghosts
         numbers = np.arange(nodes * block, dtype=np.int32).reshape(nodes, block)
@@ -64,64 +77,69 @@ class SubSpace:
 
     @classmethod
     def pressure(cls, space: fem.FunctionSpace) -> "SubSpace":
-        return cls._of(space, 1)
+        return cls._from_field(space, 1)
 
     @classmethod
-    def _of(cls, space: fem.FunctionSpace, number: int) -> "SubSpace":
-        alone = fem.functionspace(space.mesh, space.ufl_element().sub_elements[number])
-        index_map, block = alone.dofmap.index_map, alone.dofmap.index_map_bs
+    def _from_field(cls, space: fem.FunctionSpace, number: int) -> "SubSpace":
+        field = fem.functionspace(space.mesh, space.ufl_element().sub_elements[number])
+        index_map, block = field.dofmap.index_map, field.dofmap.index_map_bs
         unknowns = np.zeros((index_map.size_local + index_map.num_ghosts, block), dtype=np.int32)
         cells = space.sub(number).dofmap.list
-        unknowns[alone.dofmap.list.ravel()] = cells.reshape(-1, block)
-        return cls(alone, unknowns, vector_sizes(space))
+        unknowns[field.dofmap.list.ravel()] = cells.reshape(-1, block)
+        return cls(field, unknowns, vector_sizes(space))
 
     @property
     def sizes(self) -> tuple[int, int]:
+        """Local and global size of vectors of the field."""
         return vector_sizes(self.space)
 
-    @property
+    @cached_property
     def is_whole_space(self) -> bool:
         return self.sizes == self.full_sizes
 
     @property
     def owned_unknowns(self) -> LocalIndices:
-        """(owned nodes, components), those of the nodes that this process owns."""
+        """Unknowns (owned nodes, components) of the nodes that this process owns."""
         return self.unknowns[: self.space.dofmap.index_map.size_local]
 
     def extract(self, values: PETSc.Vec) -> PETSc.Vec:
-        """The field's entries of a vector of all unknowns; both vectors keep the space alive.
+        """Return the field's part of a vector of all unknowns; both vectors keep the space alive.
 
-        PETSc's vectors outlive a mesh, but not its communicator, by which their copies are made.
+        Copies of a PETSc vector need the communicator of its mesh, which may not be freed before.
         """
-        own = values
+        part = values
         if not self.is_whole_space:
-            own = PETSc.Vec().createMPI(self.sizes, comm=values.comm)
-            own.setArray(values.array_r[self.owned_unknowns.ravel()])
-        for vector in (values, own):
+            part = PETSc.Vec().createMPI(self.sizes, comm=values.comm)
+            part.setArray(values.array_r[self.owned_unknowns.ravel()])
+        for vector in (values, part):
             vector.setAttr("space", self.space)
-        return own
+        return part
 
     def embed(self, values: Array) -> Array:
-        """Values of this process among those of its unknowns, all others being zero."""
-        every = np.zeros(self.full_sizes[0])
-        every[self.owned_unknowns.ravel()] = values
-        return every
+        """Return local values of the field among all local unknowns; the others are zero."""
+        full = np.zeros(self.full_sizes[0])
+        full[self.owned_unknowns.ravel()] = values
+        return full
 
     def global_numbers(self) -> PETSc.IS:
-        """Global numbers of the field's unknowns of this process, among all."""
+        """Return the global numbers, among all unknowns, of this process' unknowns of the field."""
         comm = self.space.mesh.comm
-        first = comm.scan(self.full_sizes[0]) - self.full_sizes[0]
-        numbers = (self.owned_unknowns.ravel() + first).astype(PETSc.IntType)
+        offset = comm.scan(self.full_sizes[0]) - self.full_sizes[0]
+        numbers = (self.owned_unknowns.ravel() + offset).astype(PETSc.IntType)
         return PETSc.IS().createGeneral(numbers, comm=comm)
 
     def selection_matrix(self) -> PETSc.Mat:
-        """Matrix (field's, unknowns) of ones that does what `part` does."""
+        """Return the matrix (n_field, n) of ones and zeros whose product is `extract`."""
         columns = self.global_numbers().getIndices()
         return single_entry_matrix(columns, (self.sizes, self.full_sizes), self.space.mesh.comm)
 
 
 def equilibration_scale(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
-    """Scale (n,): 1 at displacements, a stiffness per area at pressures; p / scale is a length."""
+    """Return scales (n,) of the unknowns: 1 at displacements, a modulus at pressures.
+
+    The modulus is the largest stiffness over the largest coupling of pressures and displacements,
+    so that pressure over scale has the size of a displacement.
+    """
     scale = K.createVecRight()
     scale.set(1.0)
     if not is_hybrid(space):
@@ -129,21 +147,33 @@ def equilibration_scale(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
     fields = SubSpace.displacements(space), SubSpace.pressure(space)
     u, p = (field.global_numbers() for field in fields)
     largest = PETSc.NormType.INFINITY
-    of_volume = K.createSubMatrix(p, u).norm(largest)
-    of_equilibrium = fields[0].extract(K.getDiagonal()).norm(largest)
-    modulus = of_equilibrium / (of_volume or 1.0) or 1.0
+    coupling = K.createSubMatrix(p, u).norm(largest)
+    stiffness = fields[0].extract(K.getDiagonal()).norm(largest)
+    modulus = stiffness / (coupling or 1.0) or 1.0
     scale.setArray(1.0 + (modulus - 1.0) * fields[1].embed(np.ones(len(fields[1].owned_unknowns))))
     return scale
 
 
 def list_fields(space: fem.FunctionSpace) -> list[SubSpace]:
-    """The displacements (or whatever a space that is not hybrid has), and the pressure."""
+    """Return displacements and pressure of a hybrid space, or the only field of another one."""
     fields = [SubSpace.displacements(space)]
     return [*fields, SubSpace.pressure(space)] if is_hybrid(space) else fields
 
 
 def tie_pressures(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.Mat:
-    """Selection (n, n_r) of free unknowns that gives a vertex one pressure in each part."""
+    """Assemble the matrix (n, n_r) that makes a split pressure continuous within each part.
+
+    Its columns are the free displacements, and one pressure for each vertex and part around it,
+    unless the pressure is prescribed in one of the part's cells there.
+
+    Args:
+        space: hybrid space with a split pressure.
+        parts: tags of all cells.
+        free: (owned unknowns,), False where a value is prescribed.
+
+    Raises:
+        ValueError: without tags of all cells.
+    """
     mesh = space.mesh
     comm, owned = mesh.comm, mesh.topology.index_map(mesh.topology.dim).size_local
     with collective_errors(comm):
@@ -155,28 +185,29 @@ def tie_pressures(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) 
         if parts.dim != mesh.topology.dim or np.sum(parts.indices < owned) < owned:
             raise ValueError("parts: the tags have to be those of cells, and of all of them")
     displacements = SubSpace.displacements(space).owned_unknowns.ravel()
-    moved = np.sort(displacements[free[displacements]])
-    values = np.unique(np.concatenate(comm.allgather(np.unique(parts.values))))
-    part, own = np.empty((owned, 1), dtype=np.intp), parts.indices < owned
-    part[parts.indices[own], 0] = np.searchsorted(values, parts.values[own])
+    free_displacements = np.sort(displacements[free[displacements]])
+    tags = np.unique(np.concatenate(comm.allgather(np.unique(parts.values))))
+    part, is_owned = np.empty((owned, 1), dtype=np.intp), parts.indices < owned
+    part[parts.indices[is_owned], 0] = np.searchsorted(tags, parts.values[is_owned])
     field, vertices = SubSpace.pressure(space), fem.functionspace(mesh, ("Lagrange", 1)).dofmap
     rows = field.unknowns[field.space.dofmap.list[:owned], 0]
     corners = vertices.list[:owned]
-    # how many cells of a part a vertex has, and how many of them prescribe its pressure
-    found = la.vector(vertices.index_map, 2 * len(values))
-    found.array[:] = 0.0
-    sums = found.array.reshape(-1, len(values), 2)
-    np.add.at(sums[..., 0], (corners, part), 1.0)
-    np.add.at(sums[..., 1], (corners, part), np.where(free[rows], 0.0, 1.0))
-    found.scatter_reverse(la.InsertMode.add)
-    cells, held = np.moveaxis(sums[: vertices.index_map.size_local], 2, 0)
-    kept = ((cells > 0) & (held == 0)).T
-    count = len(moved) + int(kept.sum())
-    first = comm.scan(count) - count
-    numbers = first + len(moved) - 1 + np.cumsum(kept).reshape(kept.shape)
-    cells[:] = np.where(kept, numbers, -1).T
-    found.scatter_forward()
+    # by vertex and part: the number of cells, and of those that prescribe the vertex' pressure
+    counts = la.vector(vertices.index_map, 2 * len(tags))
+    counts.array[:] = 0.0
+    by_part = counts.array.reshape(-1, len(tags), 2)
+    np.add.at(by_part[..., 0], (corners, part), 1.0)
+    np.add.at(by_part[..., 1], (corners, part), np.where(free[rows], 0.0, 1.0))
+    counts.scatter_reverse(la.InsertMode.add)
+    cells, prescribing = np.moveaxis(by_part[: vertices.index_map.size_local], 2, 0)
+    is_unknown = ((cells > 0) & (prescribing == 0)).T
+    n_columns = len(free_displacements) + int(is_unknown.sum())
+    offset = comm.scan(n_columns) - n_columns
+    numbers = offset + len(free_displacements) - 1
+    numbers = numbers + np.cumsum(is_unknown).reshape(is_unknown.shape)
+    cells[:] = np.where(is_unknown, numbers, -1).T  # column numbers take the place of counts
+    counts.scatter_forward()
     column = np.full(len(free), -1, dtype=np.int64)
-    column[moved] = first + np.arange(len(moved))
-    column[rows] = sums[corners, part, 0].astype(np.int64)
-    return single_entry_matrix(column, (field.full_sizes, (count, PETSc.DETERMINE)), comm)
+    column[free_displacements] = offset + np.arange(len(free_displacements))
+    column[rows] = by_part[corners, part, 0].astype(np.int64)
+    return single_entry_matrix(column, (field.full_sizes, (n_columns, PETSc.DETERMINE)), comm)

@@ -1,4 +1,4 @@
-"""Parts of a body as users name them: by a marker, by local numbers, or by a mask of these."""
+"""Parts of a body as users give them: a marker, local numbers, or a mask of all local entities."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias, cast
@@ -19,14 +19,27 @@ from pw_elements.checks import (
 )
 from pw_elements.spaces.hybrid import SubSpace
 
-# of points as columns (3, n): True or False for each, (n,)
+# Takes points as columns (3, n) and returns a mask (n,)
 Marker: TypeAlias = Callable[[Array], Mask]
-# of facets or nodes: a marker, local numbers of any integer type, or a mask of all of them
+# Facets or nodes: a marker, local numbers of any integer type, or a mask of all local ones
 Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 
 
 def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask:
-    """Mask (n,) of the points (3, n) at which a marker holds; local, for use under the guard."""
+    """Evaluate a user's marker at points (3, n); return the mask (n,).
+
+    Local, for use within `collective_errors`.
+
+    Args:
+        comm: communicator.
+        name: of the marker in messages.
+        marker: a user's function.
+        x: (3, n).
+
+    Raises:
+        TypeError: if it is not a function.
+        ValueError: if it fails or does not return truth values.
+    """
     if not arguments.is_user_function(marker):
         raise TypeError(
             f"{name} is of the type {type(marker).__name__}: give a function of points. Tagged "
@@ -42,69 +55,85 @@ def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask
 
 
 def local_numbers(comm: MPI.Comm, name: str, selection: Any, count: int) -> LocalIndices:  # noqa: ANN401
-    """Local numbers, each once, of what numbers (m,) or a mask (count,) name; local."""
+    """Return unique local numbers of the entities that numbers (m,) or a mask (count,) select.
+
+    Local, for use within `collective_errors`.
+
+    Args:
+        comm: communicator.
+        name: of the entities in messages.
+        selection: as the user gave it.
+        count: number of local entities, ghosts too.
+
+    Raises:
+        TypeError: for `MeshTags`.
+        ValueError: for anything but local numbers or a mask of all local entities.
+    """
     if isinstance(selection, MeshTags):
         raise TypeError(f"{name} are tags: give the tagged ones, tags.find(value)")
     numbers = np.asarray(selection)
-    if numbers.shape == (0,) and numbers.dtype != bool:  # a list without entries is of floats
+    if numbers.shape == (0,) and numbers.dtype != bool:  # NumPy makes floats of an empty list
         return np.zeros(0, dtype=np.int32)
-    here = f"of which process {comm.rank} has {count}" if comm.size > 1 else f"{count} in all"
+    available = f"of which process {comm.rank} has {count}" if comm.size > 1 else f"{count} in all"
     if numbers.ndim != 1 or numbers.dtype.kind not in "iub":
         raise ValueError(
             f"{name} are {numbers.dtype} of the shape {numbers.shape}: they are a marker, local "
-            f"numbers (integers), or a mask of all of them, {here}"
+            f"numbers (integers), or a mask of all of them, {available}"
         )
     if numbers.dtype == bool:
         if len(numbers) != count:
-            raise ValueError(f"{name} are a mask of {len(numbers)}: it is one of all, {here}")
+            raise ValueError(f"{name} are a mask of {len(numbers)}: it is one of all, {available}")
         return np.flatnonzero(numbers).astype(np.int32)
     if numbers.min() < 0 or numbers.max() >= count:
         raise ValueError(
             f"{name} have the numbers {numbers.min()} to {numbers.max()}: local numbers are "
-            f"counted from 0, {here}"
+            f"counted from 0, {available}"
         )
     return np.unique(numbers).astype(np.int32)
 
 
 def locate_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndices:
-    """Local numbers (ghosts too) of a space's nodes, mid-side ones too; collective.
+    """Return local numbers of a space's nodes in a part, ghosts and mid-side nodes too; collective.
 
-    Of a hybrid space they are those of its displacements; numbers in `where` are of its unknowns, a
-    mask may be one of nodes.
+    Args:
+        space: of a hybrid space the nodes are those of the displacements; then numbers in `where`
+            are unknowns of the space, and a mask may select unknowns or nodes.
+        name: of the nodes in messages.
+        where: the part.
     """
-    asked = _AskedMarker(space.mesh.comm, f"the marker of {name}", where)
+    recorder = _MarkerRecorder(space.mesh.comm, f"the marker of {name}", where)
     with collective_errors(space.mesh.comm):
-        nodes = _local_nodes(space, name, where, asked)
-    asked.compare()
+        nodes = _locate_local_nodes(space, name, where, recorder)
+    recorder.compare_processes()
     return nodes
 
 
-def _local_nodes(
-    space: fem.FunctionSpace, whose: str, where: Part, asked: "_AskedMarker"
+def _locate_local_nodes(
+    space: fem.FunctionSpace, name: str, where: Part, recorder: "_MarkerRecorder"
 ) -> LocalIndices:
-    """Return what `nodes_of` does; local, for use under the guard."""
+    """Return local numbers of the nodes in a part; local, for use within `collective_errors`."""
     comm, field = space.mesh.comm, SubSpace.displacements(space)
     x, index_map = field.space.tabulate_dof_coordinates(), space.dofmap.index_map
-    if asked.is_marker:
-        return np.flatnonzero(asked.holds(x.T)).astype(np.int32)
-    mask = np.asarray(where).dtype == bool and len(np.asarray(where)) == len(x)
-    by_node = field.is_whole_space or mask
-    count = len(x) if by_node else index_map.size_local + index_map.num_ghosts
-    numbers = local_numbers(comm, f"the nodes of {whose}", where, count)
-    if by_node:
+    if recorder.is_marker:
+        return np.flatnonzero(recorder.evaluate(x.T)).astype(np.int32)
+    is_node_mask = np.asarray(where).dtype == bool and len(np.asarray(where)) == len(x)
+    selects_nodes = field.is_whole_space or is_node_mask
+    count = len(x) if selects_nodes else index_map.size_local + index_map.num_ghosts
+    numbers = local_numbers(comm, f"the nodes of {name}", where, count)
+    if selects_nodes:
         return numbers
-    inside = np.isin(field.unknowns, numbers)
-    nodes = inside.all(axis=1)
-    if np.any(inside.any(axis=1) != nodes) or (len(numbers) and not nodes.any()):
+    is_selected = np.isin(field.unknowns, numbers)
+    nodes = is_selected.all(axis=1)
+    if np.any(is_selected.any(axis=1) != nodes) or (len(numbers) and not nodes.any()):
         raise ValueError(
-            f"the nodes of {whose} are not whole nodes of the hybrid space U: give a marker "
+            f"the nodes of {name} are not whole nodes of the hybrid space U: give a marker "
             "or numbers of U itself, fem.locate_dofs_topological(U, tags.dim, tags.find(value))"
         )
     return np.flatnonzero(nodes).astype(np.int32)
 
 
-def locate_any_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndices:
-    """As `nodes_of`, but a ValueError if there are none on all processes together; collective."""
+def require_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndices:
+    """Return `locate_nodes`, or raise ValueError if there are none on any process; collective."""
     nodes = locate_nodes(space, name, where)
     if space.mesh.comm.allreduce(len(nodes), MPI.SUM) == 0:
         raise ValueError("the marker holds at no node of the space: check its coordinates")
@@ -112,63 +141,84 @@ def locate_any_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalI
 
 
 def locate_exterior_facets(mesh: Mesh, where: Part, skip_interior: bool = True) -> LocalIndices:
-    """Local numbers of a part of the boundary's facets; a marker has to hold at all vertices.
+    """Return local numbers of exterior facets in a part of the boundary; collective.
 
-    Given numbers of facets within the body are left out, or refused unless `inner`.
+    Args:
+        mesh: the mesh.
+        where: the part; a marker has to hold at all vertices of a facet.
+        skip_interior: leave out numbers of facets within the body; otherwise they are refused.
     """
     topology, dimension = mesh.topology, mesh.topology.dim - 1
     topology.create_connectivity(dimension, topology.dim)
     topology.create_connectivity(topology.dim, dimension)
     index_map = topology.index_map(dimension)
-    asked = _AskedMarker(mesh.comm, "the marker of the boundary", where)
+    recorder = _MarkerRecorder(mesh.comm, "the marker of the boundary", where)
     with collective_errors(mesh.comm):
-        if asked.is_marker:
-            facets: LocalIndices = locate_entities_boundary(mesh, dimension, asked.holds)
+        if recorder.is_marker:
+            facets: LocalIndices = locate_entities_boundary(mesh, dimension, recorder.evaluate)
         else:
             count = index_map.size_local + index_map.num_ghosts
-            given = local_numbers(mesh.comm, "facets", where, count)
-            facets = np.intersect1d(given, exterior_facet_indices(topology))
-            if not skip_interior and np.sum(given < index_map.size_local) > len(facets):
+            selected = local_numbers(mesh.comm, "facets", where, count)
+            facets = np.intersect1d(selected, exterior_facet_indices(topology))
+            if not skip_interior and np.sum(selected < index_map.size_local) > len(facets):
                 raise ValueError(
                     "the prescribed part has facets within the body: numbers are those of facets "
                     "of its boundary, tags.find(value); for nodes there is fem.dirichletbc"
                 )
-    asked.compare()
+    recorder.compare_processes()
     return facets
 
 
-class _AskedMarker:
-    """A part as a user names it, and where its marker has been asked, if it is named by one."""
+class _MarkerRecorder:
+    """Evaluates a user's marker and records points and answers, to compare processes by them."""
 
-    def __init__(self, comm: MPI.Comm, whose: str, where: Part) -> None:
-        self._comm, self._whose, self._where = comm, whose, where
+    def __init__(self, comm: MPI.Comm, name: str, where: Part) -> None:
+        self._comm, self._name, self._where = comm, name, where
         self.is_marker = arguments.is_user_function(where)
         self._points: list[Array] = [np.empty((0, 3))]
         self._marks: list[Mask] = [np.zeros(0, dtype=bool)]
 
-    def holds(self, x: Array) -> Mask:
-        """Return the mask (n,) of points (3, n) at which the marker holds; local."""
-        marks = evaluate_marker(self._comm, self._whose, cast(Marker, self._where), x)
+    def evaluate(self, x: Array) -> Mask:
+        """Return the marker's mask (n,) at points (3, n); local."""
+        marks = evaluate_marker(self._comm, self._name, cast(Marker, self._where), x)
         self._points.append(np.array(x.T))
         self._marks.append(marks)
         return marks
 
-    def compare(self) -> None:
-        """Raise ValueError where all processes have markers, but others; collective."""
+    def compare_processes(self) -> None:
+        """Raise ValueError if processes have different markers; collective.
+
+        Nothing is compared if a process has numbers or a mask.
+        """
         if not self._comm.allreduce(self.is_marker, MPI.LAND):
             return
         where, x, marks = self._where, np.concatenate(self._points), np.concatenate(self._marks)
 
-        def mark(points: Array) -> Mask:
+        def marker_of_rows(points: Array) -> Mask:
             return cast(Marker, where)(np.array(points.T, order="C"))
 
-        check_same_function(self._comm, self._whose, mark, x[marks], x[~marks])
+        check_same_function(self._comm, self._name, marker_of_rows, x[marks], x[~marks])
 
 
 def piecewise_constants_by_tag(
     mesh: Mesh, cell_tags: MeshTags, values: Mapping[int, Sequence[float]]
 ) -> list[fem.Function]:
-    """Functions that are constant in each cell, of its material's numbers, by tags; collective."""
+    """Create functions that are constant in each cell, with the values of the cell's tag.
+
+    Collective.
+
+    Args:
+        mesh: the mesh.
+        cell_tags: tags of all cells.
+        values: (k,) by tag.
+
+    Returns:
+        k functions.
+
+    Raises:
+        ValueError: for tags of other entities or of another mesh, untagged cells, tags without
+            values, and values without a cell.
+    """
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_entities(dim)
     owned = mesh.topology.index_map(dim).size_local
@@ -180,21 +230,21 @@ def piecewise_constants_by_tag(
             raise ValueError(f"the tags are those of {cell_tags.dim}-D entities: cells are {dim}-D")
         if cell_tags.topology != mesh.topology._cpp_object:
             raise ValueError("the tags are those of another mesh")
-        mine = cell_tags.indices < owned
-        cells, tags = cell_tags.indices[mine], cell_tags.values[mine]
+        is_owned = cell_tags.indices < owned
+        cells, tags = cell_tags.indices[is_owned], cell_tags.values[is_owned]
         if len(cells) < owned:
             raise ValueError(f"{owned - len(cells)} of {owned} cells have no tag, so no material")
-    found = set().union(*comm.allgather(set(tags.tolist())))
-    if missing := sorted(found - set(values)):
+    used_tags = set().union(*comm.allgather(set(tags.tolist())))
+    if missing := sorted(used_tags - set(values)):
         raise ValueError(f"no material is given for the tags {missing}, which cells have")
-    if unknown := sorted(set(values) - found):
+    if unknown := sorted(set(values) - used_tags):
         raise ValueError(f"a material is given for the tags {unknown}, which no cell has")
     space = fem.functionspace(mesh, ("DG", 0))
     functions = [fem.Function(space) for _ in next(iter(values.values()))]
     for tag, numbers in values.items():
-        at = space.dofmap.list[cells[tags == tag], 0]
+        dofs = space.dofmap.list[cells[tags == tag], 0]
         for function, value in zip(functions, numbers, strict=True):
-            function.x.array[at] = value
+            function.x.array[dofs] = value
     for function in functions:
         function.x.scatter_forward()
     return functions

@@ -1,6 +1,6 @@
-"""Trial and test spaces with one numbering: node i of the one is node i of the other.
+"""Trial and test spaces with the same numbering of nodes.
 
-Displacements are u = N a, Eq. (3), virtual displacements v = W c, Eq. (7).
+Displacements are u = N a, Eq. (3), and virtual displacements v = W c, Eq. (7).
 """
 
 from dataclasses import dataclass
@@ -27,15 +27,15 @@ class NumberingError(RuntimeError):
 
 @dataclass(frozen=True)
 class Spaces:
-    """A trial and a test space on one mesh, with identical dofmaps.
+    """Trial and test space on one mesh, with identical dofmaps.
 
         spaces = Spaces.petrov_galerkin(mesh)  # displacements; components=0 for a temperature
         u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
 
     Args:
-        trial: of the unknowns: displacements, or these and a pressure, or a scalar field.
-        test: of their weight functions; the trial space itself in Galerkin's method.
-        parts: tags of all cells; the pressure of a hybrid body is split between them.
+        trial: space of the unknowns: displacements, displacements and a pressure, or a scalar.
+        test: space of the weight functions; the trial space itself in Galerkin's method.
+        parts: tags of all cells, between which the pressure of a hybrid body may jump.
 
     Raises:
         NumberingError: if the two spaces number their nodes differently.
@@ -53,12 +53,12 @@ class Spaces:
             check_part_tags(self.parts)
             if self.parts and self.parts.topology != self.mesh.topology._cpp_object:
                 raise ValueError("parts: the tags are those of another mesh")
-        _assert_one_numbering(self.trial, self.test)
+        _check_same_numbering(self.trial, self.test)
 
     @classmethod
     @check_same_arguments
     def petrov_galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
-        """Quadratic trial, piecewise-linear test functions: the paper's element.
+        """Create quadratic trial and piecewise-linear test functions: the paper's element.
 
         Args:
             mesh: of intervals, triangles, quadrilaterals, tetrahedra or hexahedra.
@@ -70,7 +70,7 @@ class Spaces:
     @classmethod
     @check_same_arguments
     def galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
-        """Quadratic Lagrange functions for both: the standard element (CPS6 on triangles).
+        """Create quadratic trial and test functions: the standard element (CPS6 on triangles).
 
         Args:
             mesh: of intervals, triangles, quadrilaterals, tetrahedra or hexahedra.
@@ -82,17 +82,17 @@ class Spaces:
     @classmethod
     @check_same_arguments
     def hybrid(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
-        """Displacements and a continuous pressure of degree 1, for nearly incompressible bodies.
+        """Create displacements and a continuous pressure, for nearly incompressible bodies.
 
-        Displacements are those of `petrov_galerkin`; the pressure is its own test space. Nothing
-        locks up to and including nu = 1/2. `Body` makes the forms, with one vector (n,) of all
-        unknowns; `split` separates displacement and pressure.
+        Displacements are those of `petrov_galerkin`; the pressure, of degree 1, has the same trial
+        and test functions. Nothing locks up to and including nu = 1/2. `Body` makes the forms, with
+        one vector (n,) of all unknowns; `split` separates displacement and pressure.
 
         Args:
             mesh: of triangles, quadrilaterals, tetrahedra or hexahedra.
-            parts: tags of all cells, one for each material. The pressure may jump between them;
-                `Reduction.dirichlet(spaces, conditions)` makes it continuous within each. Without
-                them the pressure is off by ten per cent and more where materials meet.
+            parts: tags of all cells, one tag for each material. The pressure may jump between
+                parts; `Reduction.dirichlet(spaces, conditions)` makes it continuous within each.
+                Without parts it is wrong by ten per cent and more where materials meet.
         """
         element = mixed_element(_trial_element(mesh), split=parts is not None)
         trial = fem.functionspace(mesh, element)
@@ -100,12 +100,12 @@ class Spaces:
 
     @property
     def mesh(self) -> Mesh:
-        """The mesh of both spaces."""
+        """Mesh of both spaces."""
         return self.trial.mesh
 
     @property
     def displacements(self) -> "Spaces":
-        """The spaces of the displacements alone; the same unless these are hybrid."""
+        """Spaces of the displacements alone; these spaces themselves unless they are hybrid."""
         if not self.is_hybrid:
             return self
         trial = SubSpace.displacements(self.trial).space
@@ -121,57 +121,57 @@ class Spaces:
 
 @check_same_arguments
 def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
-    """Piecewise-linear test functions for your own quadratic Lagrange space.
+    """Create the piecewise-linear test space of a quadratic Lagrange space.
 
-    Use it as `v = ufl.TestFunction(test_space(U))` together with `u = ufl.TrialFunction(U)`; an
-    assembled row i then belongs to the node of column i. For tetrahedra see `macro_element`. In
+    Use `v = ufl.TestFunction(test_space(U))` together with `u = ufl.TrialFunction(U)`; row i of an
+    assembled matrix then belongs to the node of column i. For tetrahedra see `macro_element`. In
     Taylor and Hood's mixed space only the displacements get other test functions.
 
     Args:
-        trial: quadratic Lagrange space, scalar or with components, of any cell.
+        trial: quadratic Lagrange space, scalar or with components, on any cell; or this together
+            with a pressure of degree 1.
 
     Raises:
-        ValueError: if `trial` is not a (blocked) Lagrange space of degree 2, nor one of these and
-            a pressure of degree 1.
+        ValueError: if `trial` is another space.
         NumberingError: if DOLFINx numbers the two spaces differently.
     """
     arguments.check_space(trial, "the trial space")
     mesh = trial.mesh
     cell = mesh.topology.cell_name()
-    whole = trial.ufl_element()
+    element = trial.ufl_element()
     hybrid = is_hybrid(trial)
-    shape = tuple((whole.sub_elements[0] if hybrid else whole).reference_value_shape)
+    shape = tuple((element.sub_elements[0] if hybrid else element).reference_value_shape)
     quadratic, weights = quadratic_element(cell, shape), macro_element(cell, shape)
     if hybrid:
         split = has_split_pressure(trial)
         quadratic, weights = (mixed_element(vector, split) for vector in (quadratic, weights))
-    if whole != quadratic:
+    if element != quadratic:
         raise ValueError(
-            f"the trial space has the element {whole}; piecewise-linear test functions go with "
+            f"the trial space has the element {element}; piecewise-linear test functions go with "
             f'("Lagrange", 2) on a {cell}, alone or beside a pressure of degree 1'
         )
     test = fem.functionspace(mesh, weights)
-    _assert_one_numbering(trial, test)
+    _check_same_numbering(trial, test)
     return test
 
 
-test_space.__test__ = False  # type: ignore[attr-defined]  # no test, whatever pytest thinks
+test_space.__test__ = False  # type: ignore[attr-defined]  # pytest would collect it as a test
 
 
 @check_same_arguments
 def as_function(
     space: fem.FunctionSpace, values: PETSc.Vec, name: str = "f", out: fem.Function | None = None
 ) -> fem.Function:
-    """Turns a vector (n,) in a space's numbering into a function, for forms and files.
+    """Convert a vector (n,) in a space's numbering into a function, for forms and files.
 
         u = as_function(U, solve(K, f, held), "displacement")
         as_function(U, solve(K, 2 * f, held), out=u)  # forms and writers that have u see it
 
     Args:
-        space: that numbers the vector.
+        space: space whose numbering the vector has.
         values: vector (n,).
         name: of a new function.
-        out: a function of the space to fill, in place of a new one; it keeps its name.
+        out: function of the space to fill in place of a new one; it keeps its name.
 
     Raises:
         TypeError: for arguments of the wrong type.
@@ -196,16 +196,16 @@ def split(
     space: fem.FunctionSpace,
     values: PETSc.Vec | Any,  # noqa: ANN401
 ) -> tuple[fem.Function, fem.Function]:
-    """Displacement and pressure, as functions, from a vector or a state of a hybrid body.
+    """Extract displacement and pressure, as functions, from a vector or state of a hybrid body.
 
-    The pressure is compression positive, -lambda div u.
+    The pressure is positive in compression, -lambda div u.
 
         u, p = split(body.spaces.trial, solve(K, f, held))
         u, p = split(body.spaces.trial, states[-1])
 
     Args:
         space: trial space of `Spaces.hybrid`.
-        values: vector (n,), or a `ContactState`, whose `unknowns` these are.
+        values: vector (n,), or a `ContactState`, whose `unknowns` are taken.
 
     Raises:
         TypeError: for arguments of the wrong type.
@@ -214,39 +214,48 @@ def split(
     arguments.check_space(space)
     if not is_hybrid(space):
         raise ValueError("the space has no pressure: Spaces.hybrid(mesh) makes one that has")
-    parts = SubSpace.displacements(space), SubSpace.pressure(space)
-    given = getattr(values, "unknowns", values)
-    moved = parts[0].sizes[1]  # local sizes may be equal on some processes alone
-    if isinstance(given, PETSc.Vec) and given.handle and given.getSize() == moved:
+    fields = SubSpace.displacements(space), SubSpace.pressure(space)
+    vector = getattr(values, "unknowns", values)
+    n_displacements = fields[0].sizes[1]  # global, as local sizes may agree on some processes
+    if isinstance(vector, PETSc.Vec) and vector.handle and vector.getSize() == n_displacements:
         raise ValueError(
             "the vector has displacements alone: split(U, state) has the pressure, too"
         )
-    both = as_function(space, given)
-    found = []
-    for name, part in zip(("displacement", "pressure"), parts, strict=True):
-        function = fem.Function(part.space, name=name)
-        function.x.array[:] = both.x.array[part.unknowns.ravel()]
-        found.append(function)
-    return found[0], found[1]
+    mixed = as_function(space, vector)
+    functions = []
+    for name, field in zip(("displacement", "pressure"), fields, strict=True):
+        function = fem.Function(field.space, name=name)
+        function.x.array[:] = mixed.x.array[field.unknowns.ravel()]
+        functions.append(function)
+    return functions[0], functions[1]
 
 
 def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
-    """The space of a vector space's components, its nodes numbered like the vectors'."""
+    """Create the scalar space of a vector space's components, with the same numbers of nodes."""
     scalars = fem.functionspace(space.mesh, space.ufl_element().sub_elements[0])
-    _assert_one_numbering(space, scalars, blocks=False)
+    _check_same_numbering(space, scalars, compare_components=False)
     return scalars
 
 
 def gather_from_owners(
     space: fem.FunctionSpace, nodes: npt.NDArray[np.int64], values: npt.NDArray
 ) -> npt.NDArray:
-    """Rows (k, ...) of global nodes, on all processes, of the owners' values (owned nodes, ...)."""
-    own = nodes - space.dofmap.index_map.local_range[0]
-    mine = (own >= 0) & (own < len(values))
-    found = np.zeros((len(nodes), *values.shape[1:]), dtype=values.dtype)
-    found[mine] = values[own[mine]]
-    space.mesh.comm.Allreduce(MPI.IN_PLACE, found, MPI.SUM)
-    return found
+    """Gather nodal values from the processes that own the nodes; collective.
+
+    Args:
+        space: whose nodes they are.
+        nodes: (k,), global numbers, the same on all processes.
+        values: (owned nodes, ...), of this process.
+
+    Returns:
+        (k, ...), on all processes.
+    """
+    local = nodes - space.dofmap.index_map.local_range[0]
+    is_owned = (local >= 0) & (local < len(values))
+    gathered = np.zeros((len(nodes), *values.shape[1:]), dtype=values.dtype)
+    gathered[is_owned] = values[local[is_owned]]
+    space.mesh.comm.Allreduce(MPI.IN_PLACE, gathered, MPI.SUM)
+    return gathered
 
 
 def check_part_tags(parts: object) -> None:
@@ -260,13 +269,16 @@ def _trial_element(mesh: Mesh, components: int | None = None) -> basix.ufl._Elem
     return quadratic_element(mesh.topology.cell_name(), (count,) if count else ())
 
 
-def _assert_one_numbering(
-    trial: fem.FunctionSpace, test: fem.FunctionSpace, blocks: bool = True
+def _check_same_numbering(
+    trial: fem.FunctionSpace, test: fem.FunctionSpace, compare_components: bool = True
 ) -> None:
-    """DOLFINx nowhere promises that both numberings agree, so it is checked: here alone."""
+    """Raise NumberingError unless both spaces number their nodes alike.
+
+    DOLFINx does not promise that they do; all spaces of the package are checked here.
+    """
     a, b = trial.dofmap, test.dofmap
     same = (
-        (a.index_map_bs == b.index_map_bs or not blocks)
+        (a.index_map_bs == b.index_map_bs or not compare_components)
         and a.index_map.size_local == b.index_map.size_local
         and np.array_equal(a.list, b.list)
         and np.array_equal(a.index_map.ghosts, b.index_map.ghosts)

@@ -526,7 +526,7 @@ def _between(space: Any, above: Callable[[int, Any], Any]) -> Any:  # noqa: ANN4
 def _search(row: Row) -> dict[str, float]:
     """The mortar of two layers whose meshes do not match; "graded": with a rim of wide cells."""
     from pw_elements import Reduction
-    from pw_elements.contact.interface import nodal_interface
+    from pw_elements.contact.interface import build_interface
     from pw_elements.spaces import AssemblyRecord
     from study.discretisation import spaces
 
@@ -535,7 +535,7 @@ def _search(row: Row) -> dict[str, float]:
     space = spaces(row.element, mesh).trial
     pair, free = _between(space, above), Reduction.dirichlet(space, [])
     known = AssemblyRecord(stress_states=frozenset({"solid"}))
-    _, seconds = _seconds(lambda: nodal_interface([pair], space, free, known))
+    _, seconds = _seconds(lambda: build_interface([pair], space, free, known))
     return {"dofs": space.dofmap.index_map.size_global * 3, "seconds": seconds}
 
 

@@ -51,13 +51,13 @@ class Falling:
     position: Array
     most: Array
 
-    def at(self, x: Array) -> Array:
+    def parameter_at(self, x: Array) -> Array:
         """p1 A (n,) of nodes at columns (3, n)."""
         return _given(self.position, self.most, x)
 
-    def limit(self, at: Array, force: Array) -> tuple[Array, Array]:
+    def limit(self, parameter: Array, force: Array) -> tuple[Array, Array]:
         """Largest tangential forces (n,), and their slopes."""
-        share = at / np.where(at + force > 0, at + force, 1.0)
+        share = parameter / np.where(parameter + force > 0, parameter + force, 1.0)
         return STEEPEST * share * force, STEEPEST * share**2
 
 

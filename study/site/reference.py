@@ -82,7 +82,7 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "Contact: solving it": (
         "pw_elements.contact",
-        ("solve_contact", "ContactProblem", "steps.Progress", "solve_impact"),
+        ("solve_contact", "ContactProblem", "output.Progress", "solve_impact"),
     ),
     "Contact: results": (
         "pw_elements.contact",

@@ -34,7 +34,7 @@ from pw_elements import (
     boundary_measure,
 )
 from pw_elements.contact import ContactPair, DeformableSurface, Motion, solve_contact
-from pw_elements.contact.interface import Overlap, Trace, gathered_trace
+from pw_elements.contact.interface import Overlap, Trace, gather_trace
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import Part
@@ -129,18 +129,18 @@ class TwoBodies:
     def _of_library(self, states: list[ContactState]) -> "Solution":
         (pair,) = states[-1].pairs
         surface = SurfaceNodes.from_body(self.body, self.slave)
-        one, other = (gathered_trace(self.space, side) for side in (self.slave, self.master))
-        overlap = Overlap.of(one, other, pair.node, revolved=False)
-        covered = overlap.per_point(np.ones(len(overlap.measure)), len(pair.node))
+        one, other = (gather_trace(self.space, side) for side in (self.slave, self.master))
+        overlap = Overlap.from_traces(one, other, pair.node, revolved=False)
+        covered = overlap.integrate_per_point(np.ones(len(overlap.measure)), len(pair.node))
         force = np.zeros_like(self.x)
         force[pair.node] = pair.force_vector
-        force[pair.opposite] = pair.opposite_force
+        force[pair.opposite_node] = pair.opposite_force
         return Solution(
             pair.node,
             np.where(covered > 0, pair.force_normal / np.where(covered > 0, covered, 1.0), np.nan),
             surface.tributary_area,
             force,
-            pair.opposite,
+            pair.opposite_node,
             states[-1].displacement.array_r.reshape(self.x.shape),
             max(state.iterations for state in states),
             True,
@@ -208,10 +208,10 @@ class _Coupling:
 def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.DirichletBC]) -> Solution:
     """Frictionless contact along the last coordinate, which `n` of both faces is near to."""
     x, space = two.x, two.space
-    one, other = (gathered_trace(space, facets) for facets in (two.slave, two.master))
+    one, other = (gather_trace(space, facets) for facets in (two.slave, two.master))
     nodes, dim = one.nodes, x.shape[1]
     # the slave is pushed along its own inward normal
-    sign = -1.0 if one.outward[:, -1].mean() > 0 else 1.0
+    sign = -1.0 if one.facet_normals[:, -1].mean() > 0 else 1.0
     build = _of_nodes if two.way == "node-to-segment" else _of_multipliers
     coupling = build(two.way, one, other, len(x), sign)
     G, B = (sp.csr_array(sp.kron(of, np.eye(dim)[-1:])) for of in (coupling.rows, coupling.forces))
@@ -254,7 +254,7 @@ def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.Dirichle
         pressure = surface.pressure(multiplier[order])
     else:
         if two.way == "p2-p1":  # linear along each edge
-            place = np.searchsorted(nodes, one.node)
+            place = np.searchsorted(nodes, one.facet_nodes)
             for middle, ends in _edges(one.dim):
                 multiplier[place[:, middle]] = multiplier[place[:, ends]].mean(axis=1)
                 known[place[:, middle]] = known[place[:, ends]].all(axis=1)
@@ -289,7 +289,7 @@ def _solved(matrix: sp.csr_array, right: Array) -> Array:
 
 def _of_multipliers(way: str, one: Trace, other: Trace, count: int, sign: float) -> _Coupling:
     """By integrals over the segments of both faces."""
-    overlap = Overlap.of(one, other, one.nodes, revolved=False)
+    overlap = Overlap.from_traces(one, other, one.nodes, revolved=False)
     (at1, N1), (at2, N2), (at3, w2) = overlap.functions
     functions: dict[str, Callable[[], Array]] = {
         "pw-dual-gap": lambda: overlap.dual,
@@ -312,7 +312,7 @@ def _of_multipliers(way: str, one: Trace, other: Trace, count: int, sign: float)
     if way in NEW:
         forces = sign * (integrals(one.nodes[row], overlap.weight) - integrals(at3, w2))
     measured = overlap.measure[:, None] * phi
-    gap = np.bincount(row.ravel(), (sign * overlap.apart[:, -1:] * measured).ravel(), m)
+    gap = np.bincount(row.ravel(), (sign * overlap.separation[:, -1:] * measured).ravel(), m)
     weight = np.bincount(row.ravel(), measured.ravel(), m)
     return _Coupling(rows, forces, np.asarray(gap, dtype=float), np.asarray(weight, dtype=float))
 
@@ -348,8 +348,8 @@ def _duals(at: Indices, N: Array, measure: Array, dim: int) -> Array:
 
 def _of_nodes(way: str, one: Trace, other: Trace, count: int, sign: float) -> _Coupling:  # noqa: ARG001
     """Nodes of the slave, which meet the master's face along the last coordinate."""
-    x = one.positions_of_nodes()
-    _, corners, _ = other.parts
+    x = one.node_positions()
+    _, corners, _ = other.sub_facets
     edges = np.swapaxes(corners[:, 1:, :-1] - corners[:, :1, :-1], 1, 2)
     away = x[:, None, :-1] - corners[None, :, 0, :-1]
     inner = np.einsum("sij,nsj->nsi", np.linalg.inv(edges), away)
@@ -357,8 +357,8 @@ def _of_nodes(way: str, one: Trace, other: Trace, count: int, sign: float) -> _C
     part = L.min(axis=2).argmax(axis=1)
     place = L[np.arange(len(x)), part]
     meets = place.min(axis=1) > _ON
-    at, N = other.functions(part, place)
-    y = other.positions(part, N)
+    at, N = other.evaluate_trial_functions(part, place)
+    y = other.interpolate_positions(part, N)
     m = len(x)
     rows = sp.csr_array((np.ones(m), (np.arange(m), one.nodes)), (m, count)) - sp.csr_array(
         (N.ravel(), (np.repeat(np.arange(m), N.shape[1]), at.ravel())), (m, count)

@@ -19,8 +19,13 @@ import scipy.sparse as sp
 from pw_elements import Direct, PetrovGalerkinProblem, Reduction
 from pw_elements.arrays import Array, Indices
 from pw_elements.contact import ContactPair
-from pw_elements.contact.interface import FacedParts, SlidingMortar, Trace
-from pw_elements.contact.interface.sliding import Meeting, Varying, matrix, stacked
+from pw_elements.contact.interface import MortarMatrices, SlidingMortar, Trace
+from pw_elements.contact.interface.sliding import (
+    AutoDiffArray,
+    LinearisedMortar,
+    stack_values_and_derivatives,
+    sum_into_matrix,
+)
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.steps.finite import FiniteStepping
@@ -46,15 +51,15 @@ def _cross(a: Any, b: Any) -> Any:  # noqa: ANN401
     return a[0] * b[1] - a[1] * b[0]
 
 
-def _root(f: Callable[[Any, Any], Any], fixed: Any, varying: Any, t: Array) -> Varying:  # noqa: ANN401
+def _root(f: Callable[[Any, Any], Any], fixed: Any, varying: Any, t: Array) -> AutoDiffArray:  # noqa: ANN401
     """The place t (q,) at which f vanishes, by Newton's method, and its derivatives."""
     one = np.ones((len(t), 1))
     for _ in range(_STEPS):
-        found = f(fixed, Varying(t, one))
+        found = f(fixed, AutoDiffArray(t, one))
         step = found.value / found.slope[:, 0]
         t = t - np.clip(np.nan_to_num(step), -1.0, 1.0)
-    slope = f(fixed, Varying(t, one)).slope
-    return Varying(t, -f(varying, t).slope / slope)
+    slope = f(fixed, AutoDiffArray(t, one)).slope
+    return AutoDiffArray(t, -f(varying, t).slope / slope)
 
 
 class DualQuadratic(SlidingMortar):
@@ -62,12 +67,12 @@ class DualQuadratic(SlidingMortar):
 
     def __init__(self, one: Trace, other: Trace) -> None:
         super().__init__(one, other, False)
-        self._facets, self._theirs = _facets(self._one), _facets(self._other)
+        self._facets, self._theirs = _facets(self._slave_facets), _facets(self._master_facets)
 
-    def meet(self, x: Array) -> Meeting:
+    def linearise(self, x: Array) -> LinearisedMortar:
         """Where nodes are at positions (n, 2)."""
-        n, m = len(x), self.slaves
-        halves = self._pairs(x)
+        n, m = len(x), self.n_slave_nodes
+        halves = self._find_near_facets(x)
         one, other = np.unique(np.stack(halves) // 2, axis=1)
         nodes = np.column_stack([self._around(one), self._theirs[other]])
         fixed, low, high = self._reached(x, nodes)
@@ -95,14 +100,14 @@ class DualQuadratic(SlidingMortar):
             for j in range(3):
                 psi = (N[0] * dual[j][0] + N[1] * dual[j][1] + N[2] * dual[j][2]) * measure
                 B[j] = [B[j][k] + psi * M[k] for k in range(3)]
-        shares = stacked([v for row in B for v in row])
+        shares = stack_values_and_derivatives([v for row in B for v in row])
         pieces, dB = (v.reshape(-1, 3, 3, *v.shape[2:]) for v in shares)
         whole = np.flatnonzero(covered > _WHOLE)
         area, dA = self._areas(x, whole)
         faced = area > 0
         over = 1 / (area + ~faced)
         scale = sp.diags_array(over)
-        parts = scale @ matrix(pieces, own[:, :, None], theirs[:, None] - m, (m, n - m))
+        parts = scale @ sum_into_matrix(pieces, own[:, :, None], theirs[:, None] - m, (m, n - m))
 
         def turned(force: Array) -> sp.csr_array:
             scaled = force * over[:, None]
@@ -110,8 +115,8 @@ class DualQuadratic(SlidingMortar):
             direct = np.einsum("qjx,qjkc->qkxc", scaled[own], dB)
             by_area = -np.einsum("qjx,qjk->qkxj", scaled[own] * over[own][..., None], pieces)
             shape = 2 * (n - m)
-            return matrix(direct, row, local[:, None, None], (shape, 2 * n)) + (
-                matrix(by_area, row, own[:, None, None], (shape, m)) @ dA
+            return sum_into_matrix(direct, row, local[:, None, None], (shape, 2 * n)) + (
+                sum_into_matrix(by_area, row, own[:, None, None], (shape, m)) @ dA
             )
 
         unit = sp.csr_array((faced.astype(float), (np.arange(m), np.arange(m))), (m, m))
@@ -121,13 +126,13 @@ class DualQuadratic(SlidingMortar):
             row = (2 * own[:, :, None] + np.arange(2))[..., None]
             changed = -np.einsum("qjkc,qkx->qjxc", dB, y[theirs]) * over[own][:, :, None, None]
             mean, node = parts @ y[m:] * over[:, None], np.arange(m)[:, None]
-            return matrix(changed, row, local[:, None, None], (2 * m, 2 * n)) + (
-                matrix(mean, 2 * node + np.arange(2), node, (2 * m, m)) @ dA
+            return sum_into_matrix(changed, row, local[:, None, None], (2 * m, 2 * n)) + (
+                sum_into_matrix(mean, 2 * node + np.arange(2), node, (2 * m, m)) @ dA
             )
 
         changes = differentiate_rows(x) + sp.kron(rows, sp.eye_array(2))
-        normals, angles = self._normals(x)
-        return Meeting(
+        normals, angles = self._average_normals(x)
+        return LinearisedMortar(
             faced,
             normals,
             rows @ x,
@@ -140,15 +145,21 @@ class DualQuadratic(SlidingMortar):
             turned,
         )
 
-    def measure_facing(self, x: Array) -> FacedParts:
+    def evaluate_for_verification(self, x: Array) -> MortarMatrices:
         """Return what checks of states need; of this method there are no other formulas."""
-        met = self.meet(x)
-        return FacedParts(met.normals, met.areas, met.rows, met.parts, np.zeros(self.slaves))
+        met = self.linearise(x)
+        return MortarMatrices(
+            met.normals,
+            met.areas,
+            met.distance_rows,
+            met.master_fractions,
+            np.zeros(self.n_slave_nodes),
+        )
 
     def _around(self, facet: Indices) -> Indices:
         """Nodes (q, 5) before, of and behind facets (q,)."""
         a, m, b = self._facets[facet].T
-        return np.stack([self._before[a], a, m, b, self._behind[b]], axis=1)
+        return np.stack([self._previous_node[a], a, m, b, self._next_node[b]], axis=1)
 
     def _reached(self, x: Array, nodes: Indices) -> tuple[Any, Array, Array]:
         """Places on the slave's facets whose normals go through ends of the master's."""
@@ -165,12 +176,12 @@ class DualQuadratic(SlidingMortar):
 
     def _areas(self, x: Array, whole: Indices) -> tuple[Array, sp.csr_array]:
         """Integrals (m,) of the slave's functions over whole facets, and their derivative."""
-        m, nodes = self.slaves, self._facets[whole]
+        m, nodes = self.n_slave_nodes, self._facets[whole]
         local = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, 6)
         _, lumped = _duals(_varying(x, nodes))
-        area, slope = stacked(lumped)
+        area, slope = stack_values_and_derivatives(lumped)
         total = np.bincount(nodes.ravel(), area.ravel(), minlength=m).astype(float)
-        return total, matrix(slope, nodes[:, :, None], local[:, None], (m, x.size))
+        return total, sum_into_matrix(slope, nodes[:, :, None], local[:, None], (m, x.size))
 
 
 def _facets(halves: Indices) -> Indices:
@@ -185,12 +196,12 @@ def _varying(x: Array, nodes: Indices) -> list[Any]:
     """Positions of nodes (q, k) with their derivatives by all of a row's."""
     k = nodes.shape[1]
     units = np.eye(2 * k).reshape(k, 2, 1, 2 * k) + np.zeros((len(nodes), 1))
-    return [tuple(Varying(x[nodes[:, i], a], units[i, a]) for a in (0, 1)) for i in range(k)]
+    return [tuple(AutoDiffArray(x[nodes[:, i], a], units[i, a]) for a in (0, 1)) for i in range(k)]
 
 
-def _where(fixed: Any, value: float, numbers: Varying) -> Varying:  # noqa: ANN401
-    slope = np.where(fixed[:, None], 0.0, numbers.slope)
-    return Varying(np.where(fixed, value, numbers.value), slope)
+def _where(fixed: Any, value: float, numbers: AutoDiffArray) -> AutoDiffArray:  # noqa: ANN401
+    slope = np.where(fixed[:, None], 0.0, numbers.derivative)
+    return AutoDiffArray(np.where(fixed, value, numbers.value), slope)
 
 
 def _normals_along(corners: Sequence[Any], t: Any) -> Any:  # noqa: ANN401

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements import Spaces, SurfaceNodes, assemble_matrix, prescribe
 from pw_elements.contact import STICK, Motion
-from pw_elements.contact.interface import Trace, gathered_trace, sizes
+from pw_elements.contact.interface import Trace, compute_cell_sizes, gather_trace
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes
 from pw_elements.spaces import locate_exterior_facets
@@ -84,7 +84,7 @@ def _blocks(way: str, dim: int, width: float) -> Result:
     down[up] = -PRESSURE
     load = two.load(down, lambda x: np.isclose(x[up], 2.0))
     if width < 1:
-        nodes, forces = _beyond(gathered_trace(two.space, two.slave), width, way in NEW)
+        nodes, forces = _beyond(gather_trace(two.space, two.slave), width, way in NEW)
         values = load.array.reshape(-1, dim)
         np.add.at(values[:, up], nodes, -PRESSURE * forces)
         load.array[:] = values.ravel()
@@ -116,7 +116,7 @@ def _beyond(trace: Trace, end: float, linear: bool) -> tuple[npt.NDArray[np.int6
 
     Sub-facets are cut at the end and rules of degree 2 put on what is left.
     """
-    nodes, corners, _ = trace.parts
+    nodes, corners, _ = trace.sub_facets
     points, weights = basix.make_quadrature(
         {2: basix.CellType.interval, 3: basix.CellType.triangle}[trace.dim], 2
     )
@@ -138,13 +138,13 @@ def _beyond(trace: Trace, end: float, linear: bool) -> tuple[npt.NDArray[np.int6
             pieces = [[kept[0], *kept[i : i + 2]] for i in range(1, len(kept) - 1)]
         for piece in pieces:
             share = np.array(piece)
-            size = sizes((share @ corner)[None])[0]
+            size = compute_cell_sizes((share @ corner)[None])[0]
             place = rule @ share
             if linear:
                 at.append(nodes[part])
                 values.append(size * weights @ place)
             else:
-                which, N = trace.functions(np.full(len(place), part), place)
+                which, N = trace.evaluate_trial_functions(np.full(len(place), part), place)
                 at.append(which[0])
                 values.append(size * weights @ N)
     return np.concatenate(at), np.concatenate(values)
@@ -325,7 +325,7 @@ def calculix(case: str, tracked: str) -> Result:
     u.setArray(moved[number].ravel())
     residual = (assemble_matrix(body.stiffness()) * u).array_r.reshape(x.shape)
     surface = SurfaceNodes.from_body(two.body, two.slave)
-    opposite = gathered_trace(two.space, two.master).nodes
+    opposite = gather_trace(two.space, two.master).nodes
     force = np.zeros_like(x)
     for nodes in (surface.node, opposite):
         force[nodes, -1] = residual[nodes, -1]
@@ -428,8 +428,8 @@ def _halves(
 
 def _within(two: TwoBodies, near: Callable[[Array], Mask]) -> TwoBodies:
     """The same with less of the slave's face: facets all of whose nodes (n, dim) are near."""
-    trace = gathered_trace(two.space, two.slave)
-    inside = near(trace.x.reshape(-1, trace.dim)).reshape(trace.node.shape).all(axis=1)
+    trace = gather_trace(two.space, two.slave)
+    inside = near(trace.facet_x.reshape(-1, trace.dim)).reshape(trace.facet_nodes.shape).all(axis=1)
     return TwoBodies(two.way, two.body, two.K, two.slave[inside], two.master)
 
 
@@ -577,10 +577,10 @@ def _slowly(two: TwoBodies, found: Solution) -> Mask:
     reach: Array = np.zeros(len(two.x))
     edges = []
     for facets in (two.slave, two.master):
-        trace = gathered_trace(two.space, facets)
-        corners = trace.x[:, :dim]
+        trace = gather_trace(two.space, facets)
+        corners = trace.facet_x[:, :dim]
         edges.append(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1))
-    np.maximum.at(reach, trace.node.ravel(), np.repeat(edges[1], trace.node.shape[1]))
+    np.maximum.at(reach, trace.facet_nodes.ravel(), np.repeat(edges[1], trace.facet_nodes.shape[1]))
     known = ~np.isnan(found.pressure)
     near = cKDTree(two.x[found.node[known], :-1]).query_ball_point(
         two.x[found.opposite, :-1], reach[found.opposite] + edges[0].max()

@@ -20,7 +20,7 @@ from scipy.integrate import quad
 from pw_elements import Spaces, SurfaceNodes, prescribe
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import OPEN, SLIP, ContactPair, ContactProblem, DeformableSurface
-from pw_elements.contact.interface import gathered_trace
+from pw_elements.contact.interface import gather_trace
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import TOLERANCE
 from pw_elements.meshes import curved_mesh
@@ -142,7 +142,7 @@ def follow(
     if bodies.element.startswith("pw"):
         problem = ContactProblem.of_residual(*stated, callback=told)
     else:
-        traces = gathered_trace(space, own), gathered_trace(space, opposite)
+        traces = gather_trace(space, own), gather_trace(space, opposite)
         problem = DualQuadraticProblem(*stated, traces, told)
     state, before = problem.undeformed, 0.0
     for end in times:
@@ -468,8 +468,8 @@ def _middle(bodies: Rubber, node: Indices, values: Array, inner: Indices) -> flo
 def _on_master(bodies: Rubber, state: ContactState) -> tuple[Indices, Array]:
     """The master's nodes in order, and what presses them."""
     pair = _pair(state)
-    order = np.argsort(bodies.x[pair.opposite, 0])
-    node, force = pair.opposite[order], pair.opposite_force[order]
+    order = np.argsort(bodies.x[pair.opposite_node, 0])
+    node, force = pair.opposite_node[order], pair.opposite_force[order]
     x = bodies.x[node] + _moved(bodies, state)[node]
     chord = np.gradient(x, axis=0)
     normal = np.stack([chord[:, 1], -chord[:, 0]], axis=1)
@@ -485,7 +485,7 @@ def _draw(pressed: Array) -> float:
 def _moment(bodies: Rubber, state: ContactState) -> float:
     """Sum of moments of forces on both sides, over the sum of their sizes."""
     pair, moved = _pair(state), _moved(bodies, state)
-    nodes = np.concatenate([pair.node, pair.opposite])
+    nodes = np.concatenate([pair.node, pair.opposite_node])
     force, x = np.concatenate([pair.force_vector, pair.opposite_force]), (bodies.x + moved)[nodes]
     x = x - x.mean(axis=0)
     moments = x[:, 0] * force[:, 1] - x[:, 1] * force[:, 0]

@@ -33,6 +33,25 @@ def on_plane(axis, value):
     return lambda x: np.isclose(x[axis], value)
 
 
+def skew_columns(x, amplitude=0.1):
+    """Return points (n, 3) with unequal spacing along x."""
+    return np.column_stack([x[:, 0] + amplitude * np.sin(3 * x[:, 0]), x[:, 1:]])
+
+
+def rotation_matrix(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def states_with_substates(states):
+    """Return all states, each after the substeps of its increment."""
+    return [
+        accepted
+        for state in states
+        for accepted in (*(substate for _, substate in state.substates), state)
+    ]
+
+
 def neo_hookean_stress(F, shear=1.0, lame=1.5):
     """Return the first Piola stress of a compressible neo-Hookean material."""
     inverse_transpose = ufl.inv(F).T
@@ -94,9 +113,7 @@ class ElasticBody:
         return assemble_vector(self.body.surface_load(np.asarray(traction), surface))
 
     def make_supports(self, *conditions):
-        """Return the reduction by (component, marker[, value]) conditions; the value is 0 by
-        default.
-        """
+        """Return the reduction by (component, marker[, value]) conditions."""
         return Reduction.dirichlet(self.space, [prescribe(self.space, *c) for c in conditions])
 
     def clamp(self, where, value=0.0):

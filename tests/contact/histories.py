@@ -63,7 +63,7 @@ def state_fields(state):
     """Return the displacement and the fields of all pairs by name, infinite values set to 0."""
     values = {"displacement": state.displacement.array_r}
     # directions are round-off where forces vanish; numbers of nodes depend on the partition
-    excluded = ("direction", "turning", "node", "faced", "opposite")
+    excluded = ("direction", "friction_ratio", "node", "faced_node", "opposite_node")
     for k, pair in enumerate(state.pairs):
         for name, array in vars(pair).items():
             if name not in excluded and array.size:

@@ -98,8 +98,10 @@ def _motion_at_fraction(
         None if prescribed is None else (1 - fraction) * start + fraction * prescribed
         for prescribed, start in zip(end.translation, start_translation, strict=True)
     ]
-    force = (1 - fraction) * start_force + fraction * end.forces()[:-1]
-    return Motion(translation, np.where(np.isnan(end.prescribed()[:-1]), force, 0.0).tolist())
+    force = (1 - fraction) * start_force + fraction * end.force_and_torque()[:-1]
+    return Motion(
+        translation, np.where(np.isnan(end.translation_and_rotation()[:-1]), force, 0.0).tolist()
+    )
 
 
 def measure_residuals(

@@ -9,7 +9,7 @@ from dolfinx.mesh import CellType, create_rectangle
 from pw_elements import Body, Material, Spaces
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
 from pw_elements.contact.interface import measure_gap_and_slip
-from tests.contact.cases import finite_strain_residual, on_plane
+from tests.contact.cases import finite_strain_residual, on_plane, states_with_substates
 from tests.contact.two_bodies import join_meshes
 
 
@@ -118,15 +118,14 @@ def make_die_on_block(
 
 
 def kernel_check_differences(mortar, start, end):
-    """Return the largest differences between the verification's and the iteration's mortar
-    integrals.
+    """Return the largest differences between mortar integrals of verification and iteration.
 
     Sides move from the positions `start` (n, 2) to `end`; gaps and slips are over the longest
     facet.
     """
-    projected, projected_start = mortar.meet(end), mortar.meet(start)
-    slip, _ = projected.motions(mortar.make_reference(start), end)
-    facing_parts = [mortar.measure_facing(x) for x in (start, end)]
+    projected, projected_start = mortar.linearise(end), mortar.linearise(start)
+    slip, _ = projected.measure_slip_and_rates(mortar.make_reference(start), end)
+    facing_parts = [mortar.evaluate_for_verification(x) for x in (start, end)]
     gap, slip_vector = measure_gap_and_slip(*facing_parts, start, end)
     assert np.array_equal(facing_parts[0].faced, projected_start.faced)
     assert np.array_equal(np.isfinite(gap), projected.faced)
@@ -138,17 +137,17 @@ def kernel_check_differences(mortar, start, end):
         "normal": np.abs(facing_parts[1].normals - projected.normals).max(),
         "area": np.abs(facing_parts[1].areas - projected.areas).max()
         / projected.areas.max(initial=length),
-        "parts": np.abs((facing_parts[1].master_parts - projected.parts).toarray()).max(),
+        "parts": np.abs(
+            (facing_parts[1].master_fractions - projected.master_fractions).toarray()
+        ).max(),
     }
 
 
 def mortar_positions_in_states(bodies, states):
     """Return the mortar of both bodies and its node positions (n, 2) in states and substates."""
     mortar = bodies.problem._finite.interface.mortars[0]
-    states_and_substates = [
-        step for state in states for step in (*(substate for _, substate in state.substates), state)
-    ]
     displacements = [
-        step.displacement.array_r.reshape(-1, 2)[mortar.nodes] for step in states_and_substates
+        step.displacement.array_r.reshape(-1, 2)[mortar.nodes]
+        for step in states_with_substates(states)
     ]
     return mortar, [mortar.x + u for u in displacements]

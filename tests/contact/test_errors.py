@@ -31,6 +31,7 @@ BLOCK, FLOOR, BELOW = BlockOnFloor(4), Plane((0, 0), (0, 1)), on_plane(1, 0.0)
 
 
 def solve_block(pair=None, load=BLOCK.pressure_load, reduction=BLOCK.no_supports, **options):
+    """Return the states of the block under a load, by default on the rough floor."""
     return BLOCK.solve_contact(
         floor_pair_with() if pair is None else pair, reduction, load, **options
     )
@@ -75,10 +76,12 @@ class GivenGap:
 
 
 def arc_gap(x):
+    """Return the gap to a circle of radius 6 below the block, NaN far from it."""
     return x[:, 1] - np.sqrt(36 - (x[:, 0] - 2.0) ** 2) + 6.0
 
 
 def pair_with_normal(normal):
+    """Return a pair of a flat surface with a wrong normal."""
     return pair_below(GivenGap(lambda x: x[:, 1], normal))
 
 
@@ -220,7 +223,10 @@ def test_large_friction_without_a_unique_solution_is_reported():
         start = problem.undeformed
         if starts_slipping:
             (pair,) = start.pairs
-            slip_fields = {"direction": np.array([[tangential_sign, 0.0]]), "turning": np.ones(1)}
+            slip_fields = {
+                "direction": np.array([[tangential_sign, 0.0]]),
+                "friction_ratio": np.ones(1),
+            }
             pair = replace(pair, status=np.array([SLIP], dtype=np.int8), **slip_fields)
             start = replace(start, pairs=(pair,), increment=1)
         return problem.step(start, load)

@@ -39,16 +39,11 @@ from pw_elements.meshes import move_nodes, triangles
 from study.elements import composite
 from study.verification.half_space import Elastic as HalfPlane
 from study.verification.half_space import HertzLine, HertzSphere
-from tests.contact.cases import GALERKIN, PW, BlockOnFloor, ElasticBody, on_plane
+from tests.contact.cases import GALERKIN, PW, BlockOnFloor, ElasticBody, on_plane, skew_columns
 from tests.library import vtx
 
 FIELDS = ["displacement", "contact_force", "gap", "slip", "status"]
 PRESSURES = ["pressure", "tributary_pressure", "traction"]
-
-
-def skew_columns(x):
-    """Return points (n, 3) with unequal spacing along x."""
-    return np.column_stack([x[:, 0] + 0.1 * np.sin(3 * x[:, 0]), x[:, 1:]])
 
 
 def nodes_where(space, where):
@@ -71,7 +66,7 @@ def test_fields_and_pictures_in_space(cell, tmp_path):
     force = fields.force.x.array.reshape(-1, 3)
     assert force.sum(axis=0) == pytest.approx(pair.force, rel=1e-9)
     assert force[:, 2].sum() == pytest.approx(-80.0, rel=1e-9)
-    # sub-cells of the face are 1/6 wide, its rim is not in contact: each node has the area 1/36
+    # sub-cells of the face are 1/6 wide its rim is not in contact: each node has the area 1/36
     top = nodes_where(body.space, on_plane(2, 1.0))
     outwards = body.x[top] - (np.array([0.0, 0.0, 3.0]) + pair.translation)
     normal = outwards / np.linalg.norm(outwards, axis=1)[:, None]
@@ -128,8 +123,7 @@ def test_as_function_overwrites_the_values_of_a_function():
 
 
 def solve_hertz(edges, cell=None):
-    """Solve Hertz' contact; return the true error of the pressure, the indicator, h and the half
-    width.
+    """Solve Hertz' contact; return the true error of stresses, the indicator, h and half width.
 
     Without a cell type it is a line contact on triangles, else a quarter of a sphere's contact.
     """

@@ -25,7 +25,7 @@ class SaturatingFriction:
     def __init__(self, mu, half):
         self.mu, self.half_force = mu, half
 
-    def at(self, x):
+    def parameter_at(self, x):
         return self.half_force(x) if callable(self.half_force) else self.half_force
 
     def limit(self, half, force):
@@ -39,7 +39,7 @@ class CappedFriction:
     def __init__(self, mu, cap):
         self.mu, self.cap = mu, cap
 
-    def at(self, x):
+    def parameter_at(self, x):
         return self.cap + 0 * x[0]
 
     def limit(self, cap, force):
@@ -213,9 +213,7 @@ class WrongSlopeFriction(SaturatingFriction):
 
 
 class BumpyFriction(Coulomb):
-    """A law whose coefficient rises by a tenth between two forces within one decade, and falls
-    again.
-    """
+    """A law whose coefficient rises by a tenth between two forces, and falls again."""
 
     low, high = 3.0, 3.3
 

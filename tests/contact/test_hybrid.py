@@ -1,4 +1,4 @@
-"""Contact of bodies in the hybrid element."""
+"""Contact of bodies of hybrid elements."""
 
 from mpi4py import MPI
 
@@ -29,27 +29,29 @@ from tests.contact.cases import PW, ElasticBody, finite_strain_residual, on_plan
 COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood
 
 
-class Rubber(ElasticBody):
+class HybridBlock(ElasticBody):
     """Block 4 x 2, fixed below, under a parabola of radius 8."""
 
     def __init__(self, method=HYBRID, nu=0.5, n=10):
         super().__init__(triangles(COMM, (-2.0, 0.0), (2.0, 2.0), (2 * n, n)), method, E=2e8, nu=nu)
-        self.foot = self.clamp(on_plane(1, 0.0))
+        self.base_supports = self.clamp(on_plane(1, 0.0))
 
-    def under(self, surface=None, mu=0.3, **options):
+    def problem_under(self, surface=None, mu=0.3, **options):
         pair = ContactPair(on_plane(1, 2.0), surface or Parabola((0.0, 2.0), 8.0), mu)
-        return self.contact_problem(pair, self.foot, **options)
+        return self.contact_problem(pair, self.base_supports, **options)
 
 
 @pytest.mark.parametrize("nu", [0.3, 0.5])
 @pytest.mark.parametrize("method", [HYBRID, TAYLOR_HOOD])
-def test_even_pressure_on_a_rigid_plane_is_exact(method, nu):
+def test_uniform_pressure_on_a_rigid_plane_is_exact(method, nu):
     body = ElasticBody(triangles(COMM, (0.0, 0.0), (2.0, 1.0), (6, 3)), method, E=1e9, nu=nu)
-    load, held = (
+    load, supports = (
         body.traction_load((0.0, -1e5), on_plane(1, 1.0)),
         body.make_supports((0, on_plane(0, 0.0))),
     )
-    (state,) = body.solve_contact(ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1))), held, load)
+    (state,) = body.solve_contact(
+        ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1))), supports, load
+    )
     fields = ContactFields.of(state, body.body)
     (pair,) = state.pairs
     assert np.allclose(fields.pressure.x.array[pair.node], 1e5, rtol=1e-9)
@@ -60,49 +62,49 @@ def test_even_pressure_on_a_rigid_plane_is_exact(method, nu):
     assert ratio == pytest.approx(1.0 if method == HYBRID else 2.0, rel=1e-9)
 
 
-def test_files_and_fields_have_the_pressure_of_the_body(tmp_path):
-    case = Rubber(nu=0.4999)
-    problem = case.under()
-    pressed = problem.step(problem.undeformed, case.zero_load, Motion((0.0, -0.04)))
-    problem.save(pressed, tmp_path / "pressed.npz")
-    assert (problem.load(tmp_path / "pressed.npz").unknowns - pressed.unknowns).norm() == 0
+def test_files_and_fields_contain_the_pressure_of_the_body(tmp_path):
+    case = HybridBlock(nu=0.4999)
+    problem = case.problem_under()
+    pressed_state = problem.step(problem.undeformed, case.zero_load, Motion((0.0, -0.04)))
+    problem.save(pressed_state, tmp_path / "pressed.npz")
+    assert (problem.load(tmp_path / "pressed.npz").unknowns - pressed_state.unknowns).norm() == 0
 
-    fields = ContactFields.of(pressed, case.body)
-    _, p = split(case.space, pressed.unknowns)
+    fields = ContactFields.of(pressed_state, case.body)
+    _, p = split(case.space, pressed_state.unknowns)
     x = p.function_space.tabulate_dof_coordinates()
-    of = fields.body_pressure.function_space.tabulate_dof_coordinates()
+    field_x = fields.body_pressure.function_space.tabulate_dof_coordinates()
     values = fields.body_pressure.x.array
-    for place, value in zip(x, p.x.array, strict=True):
-        assert values[np.linalg.norm(of - place, axis=1).argmin()] == pytest.approx(value)
-    # below the parabola the body is pressed as hard as the contact
-    middle = np.linalg.norm(of - [0, 2, 0], axis=1).argmin()
-    assert values[middle] == pytest.approx(fields.pressure.x.array[middle], rel=0.05)
-    write(tmp_path / "rubber.bp", [problem.undeformed, pressed], case.body)
-    assert ContactFields.of(pressed, case.space).body_pressure is not None
+    for node_x, value in zip(x, p.x.array, strict=True):
+        assert values[np.linalg.norm(field_x - node_x, axis=1).argmin()] == pytest.approx(value)
+    # below the parabola the body's pressure is that of the contact
+    middle_node = np.linalg.norm(field_x - [0, 2, 0], axis=1).argmin()
+    assert values[middle_node] == pytest.approx(fields.pressure.x.array[middle_node], rel=0.05)
+    write(tmp_path / "rubber.bp", [problem.undeformed, pressed_state], case.body)
+    assert ContactFields.of(pressed_state, case.space).body_pressure is not None
 
-    plain = Rubber(PW, 0.3)
-    other = plain.under()
-    assert ContactFields.of(other.undeformed, plain.body).body_pressure is None
-    other.save(other.undeformed, tmp_path / "plain.npz")
+    plain_block = HybridBlock(PW, 0.3)
+    plain_problem = plain_block.problem_under()
+    assert ContactFields.of(plain_problem.undeformed, plain_block.body).body_pressure is None
+    plain_problem.save(plain_problem.undeformed, tmp_path / "plain.npz")
     with pytest.raises(ValueError, match="has the state of a problem without pressure"):
         problem.load(tmp_path / "plain.npz")
 
 
 @pytest.mark.parametrize("on", ["U", "U.sub(0)"])
 @pytest.mark.parametrize("finite", [False, True])
-def test_tagged_facets_name_contact_nodes_supports_and_measures(on, finite):
-    case = Rubber(nu=0.4999)
+def test_tagged_facets_define_contact_nodes_and_supports(on, finite):
+    case = HybridBlock(nu=0.4999)
     U, mesh = case.space, case.space.mesh
     facets = {k: locate_entities_boundary(mesh, 1, on_plane(1, y)) for k, y in ((5, 2.0), (6, 0.0))}
-    every = np.concatenate([*facets.values()])
-    order = np.argsort(every)
+    all_facets = np.concatenate([*facets.values()])
+    order = np.argsort(all_facets)
     values = np.repeat(np.array([*facets], dtype=np.int32), [len(f) for f in facets.values()])
-    tags = meshtags(mesh, 1, every[order], values[order])
+    tags = meshtags(mesh, 1, all_facets[order], values[order])
     nodes = fem.locate_dofs_topological(U if on == "U" else U.sub(0), 1, tags.find(5))
-    held = [prescribe(U, k, tags.find(6)) for k in (0, 1)]
+    conditions_by_tag = [prescribe(U, k, tags.find(6)) for k in (0, 1)]
     states = []
     for pair, conditions in (
-        (ContactPair(nodes, Parabola((0.0, 2.0), 8.0), 0.3), held),
+        (ContactPair(nodes, Parabola((0.0, 2.0), 8.0), 0.3), conditions_by_tag),
         (ContactPair(on_plane(1, 2.0), Parabola((0.0, 2.0), 8.0), 0.3), None),
     ):
         if finite:
@@ -113,7 +115,9 @@ def test_tagged_facets_name_contact_nodes_supports_and_measures(on, finite):
             problem = ContactProblem.of_residual(residual, w, conditions, pair)
             states.append(problem.step(problem.undeformed, motions=Motion((0, -0.1))))
         else:
-            reduction = case.foot if conditions is None else Reduction.dirichlet(U, conditions)
+            reduction = (
+                case.base_supports if conditions is None else Reduction.dirichlet(U, conditions)
+            )
             problem = case.contact_problem(pair, reduction)
             states.append(problem.step(problem.undeformed, case.zero_load, Motion((0.0, -0.04))))
     by_tag, by_marker = states
@@ -126,50 +130,58 @@ def test_tagged_facets_name_contact_nodes_supports_and_measures(on, finite):
         split(U, by_tag.displacement)
 
 
-def test_round_off_of_volumes_is_allowed_in_the_equations_of_pressures_alone():
-    """Each equation alone is violated: by how much it may be, over the volume around its vertex."""
+def test_round_off_of_volumes_is_tolerated_in_pressure_equations_alone():
+    """Each equation is violated alone; the tolerance is over the volume around its vertex."""
     mesh = triangles(COMM, (0.0, 0.0), (2.0, 1.0), (2, 1), "crossed")
     U = (spaces := HYBRID(mesh)).trial
     w, residual = finite_strain_residual(spaces)
-    held = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
+    conditions = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
     pair = ContactPair(on_plane(1, 1.0), Sphere((1.0, 2.0), 1.0))
-    stepping = (problem := ContactProblem.of_residual(residual, w, held, pair))._finite
-    rest = [Motion((0.0, 0.0))]
-    target = IncrementTarget.from_motions(None, rest, stepping.interface, turning=True)
+    stepping = (problem := ContactProblem.of_residual(residual, w, conditions, pair))._finite
+    zero_motion = [Motion((0.0, 0.0))]
+    target = IncrementTarget.from_motions(None, zero_motion, stepping.interface, turning=True)
     state, system = problem.undeformed, stepping._system_for(target.free)
     increment, kinematics = stepping._start_increment(state, target, system, state.unknowns)
     equilibrium, start = increment.equilibrium, increment.start
     linearised = kinematics.linearise(start.q, start.displacement, start.force)
-    alone = np.eye(equilibrium.linearise(linearised.torque_map).getLocalSize())
-    allowed = 1 / np.array([equilibrium.violation(one, 0.0, None) for one in alone])
+    unit_residuals = np.eye(equilibrium.linearise(linearised.torque_map).getLocalSize())
+    tolerances = 1 / np.array(
+        [equilibrium.violation(residual_vector, 0.0, None) for residual_vector in unit_residuals]
+    )
 
     q, pressure = ufl.TestFunctions(U)[1], SubSpace.pressure(U)
     volumes = system.reduction.left.createVecRight()
     system.reduction.left.multTranspose(assemble_vector(q * ufl.dx), volumes)
-    known = volumes.array_r > 0
-    assert known.sum() == pressure.sizes[0]
-    assert np.ptp(allowed[~known]) == 0
-    more = allowed[known] - allowed[~known][0]
-    assert more / volumes.array_r[known] == pytest.approx(np.full(len(more), 2 * ROUND_OFF))
+    is_pressure = volumes.array_r > 0
+    assert is_pressure.sum() == pressure.sizes[0]
+    assert np.ptp(tolerances[~is_pressure]) == 0
+    added_tolerances = tolerances[is_pressure] - tolerances[~is_pressure][0]
+    assert added_tolerances / volumes.array_r[is_pressure] == pytest.approx(
+        np.full(len(added_tolerances), 2 * ROUND_OFF)
+    )
 
 
-def test_numbers_that_are_not_those_of_the_hybrid_space_are_refused():
-    case = Rubber()
-    alone = case.body.spaces.displacements.trial
-    facets = locate_entities_boundary(alone.mesh, 1, on_plane(1, 2.0))
-    nodes = fem.locate_dofs_topological(alone, 1, facets)
-    for wrong in (nodes, facets):
+def test_node_numbers_of_another_space_are_refused():
+    case = HybridBlock()
+    displacement_space = case.body.spaces.displacements.trial
+    facets = locate_entities_boundary(displacement_space.mesh, 1, on_plane(1, 2.0))
+    nodes = fem.locate_dofs_topological(displacement_space, 1, facets)
+    for numbers in (nodes, facets):
         with pytest.raises(ValueError, match="not whole nodes of the hybrid space U"):
-            case.contact_problem(ContactPair(wrong, Parabola((0.0, 2.0), 8.0)), case.foot)
+            case.contact_problem(
+                ContactPair(numbers, Parabola((0.0, 2.0), 8.0)), case.base_supports
+            )
     with pytest.raises(ValueError, match="has facets within the body"):
         prescribe(case.space, 0, np.arange(9))
 
 
-def test_without_active_sets_the_same_state_is_found():
-    case, motion = Rubber(), Motion((0.02, None), (0.0, -1e7))
-    state, other = (
+def test_the_fallback_finds_the_state_of_the_active_set_iteration():
+    case, motion = HybridBlock(), Motion((0.02, None), (0.0, -1e7))
+    state, fallback_state = (
         problem.step(problem.undeformed, case.zero_load, motion)
-        for problem in (case.under(), case.under(max_iterations=2))
+        for problem in (case.problem_under(), case.problem_under(max_iterations=2))
     )
     assert state.iterations > 2
-    assert (state.displacement - other.displacement).norm() < 1e-9 * state.displacement.norm()
+    assert (
+        state.displacement - fallback_state.displacement
+    ).norm() < 1e-9 * state.displacement.norm()

@@ -1,4 +1,4 @@
-"""Central differences with contact against known answers, and the study's section V12."""
+"""Central differences with contact against known solutions, and the study's section V12."""
 
 from dataclasses import replace
 
@@ -19,68 +19,68 @@ from pw_elements.contact import (
     solve_impact,
     write,
 )
-from pw_elements.contact.model import Cone, MatchingNodes
+from pw_elements.contact.model import FrictionCone, MatchingNodes
 from pw_elements.contact.steps.impact import nodal_contact
 from pw_elements.meshes import move_nodes, triangles
 from study.matrices import dense
 from study.verification import v12_impact
 from study.verification.c_mesh_families import on_strip
-from tests.contact.cases import GALERKIN, ElasticBody, on_plane
+from tests.contact.cases import GALERKIN, ElasticBody, on_plane, skew_columns
 from tests.contact.test_friction import SaturatingFriction
 
 FLOOR = Plane((0.0, 0.0), (0.0, 1.0))
 
 
-def uneven(x):
-    return np.column_stack([x[:, 0] + 0.05 * np.sin(3 * x[:, 0]), x[:, 1:]])
-
-
-class Thrown(ElasticBody):
-    """A block 2 x 1 on the sibling, free to fly."""
+class ThrownBlock(ElasticBody):
+    """A block 2 x 1 of the symmetric sibling, free to fly."""
 
     def __init__(self, E=50.0, comm=MPI.COMM_SELF):
-        mesh = move_nodes(triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)), uneven)
+        mesh = move_nodes(
+            triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)), lambda x: skew_columns(x, 0.05)
+        )
         super().__init__(mesh, GALERKIN, E=E)
         self.sibling = Sibling.from_space(self.space)
-        self.standard, self.K = self.K, self.sibling.matrix(self.K)
+        self.standard_stiffness, self.K = self.K, self.sibling.matrix(self.K)
         M = self.sibling.matrix(assemble_matrix(self.body.mass()))
         self.M = lumped_mass(M, self.space)
         self.mass = self.M.getDiagonal().array.copy()
-        self.total = self.mass[::2].sum()
+        self.total_mass = self.mass[::2].sum()
         self.no_supports = self.sibling.dirichlet([])
 
-    def even(self, vector):
-        """The same velocity or displacement of all nodes."""
-        found = self.K.createVecRight()
-        found.array.reshape(-1, 2)[:] = vector
-        return found
+    def uniform_vector(self, vector):
+        """Return a vector with the same velocity or displacement at all nodes."""
+        uniform = self.K.createVecRight()
+        uniform.array.reshape(-1, 2)[:] = vector
+        return uniform
 
     def body_force_load(self, gravity):
         return self.sibling.load(super().body_force_load(gravity))
 
-    def walls(self, marker):
+    def wall_supports(self, marker):
         return self.sibling.dirichlet([prescribe(self.space, 0, marker)])
 
-    def fly(self, duration, velocity, mu=0.0, reduction=None, **stated):
+    def solve_impact(self, duration, velocity, mu=0.0, reduction=None, **options):
         floor = ContactPair(on_plane(1, 0.0), FLOOR, mu)
-        velocity = velocity if isinstance(velocity, PETSc.Vec) else self.even(velocity)
+        velocity = velocity if isinstance(velocity, PETSc.Vec) else self.uniform_vector(velocity)
         reduction = reduction or self.no_supports
-        problem = self.K, self.M, reduction, floor, self.space
-        return solve_impact(*problem, duration, velocity, **stated)
+        arguments = self.K, self.M, reduction, floor, self.space
+        return solve_impact(*arguments, duration, velocity, **options)
 
 
-BLOCK = Thrown()
+BLOCK = ThrownBlock()
 
 
-def test_momentum_changes_by_the_impulses_and_energy_by_the_work():
+def test_momentum_changes_by_impulses_and_energy_by_work():
     gravity = np.array([0.2, -1.0])
-    history = BLOCK.fly(3.0, (1.0, -0.7), 0.4, load=BLOCK.body_force_load(gravity))
+    history = BLOCK.solve_impact(3.0, (1.0, -0.7), 0.4, load=BLOCK.body_force_load(gravity))
     dt, steps = history.step, len(history.time) - 1
     momentum = (BLOCK.mass * history.velocity.array).reshape(-1, 2).sum(axis=0)
-    pushes = history.pairs[0].total.sum(axis=0) * dt
-    # half a step of the load less, for velocities at half steps
-    falls = BLOCK.total * gravity * dt * (steps - 0.5)
-    assert momentum == pytest.approx(BLOCK.total * np.array([1.0, -0.7]) + pushes + falls)
+    contact_impulse = history.pairs[0].total.sum(axis=0) * dt
+    # velocities are at half steps: half a step of the load is missing
+    load_impulse = BLOCK.total_mass * gravity * dt * (steps - 0.5)
+    assert momentum == pytest.approx(
+        BLOCK.total_mass * np.array([1.0, -0.7]) + contact_impulse + load_impulse
+    )
     energies = history.energies
     assert energies.imbalance < 1e-12
     assert energies.normal_work[-1] < -1e-3
@@ -90,135 +90,139 @@ def test_momentum_changes_by_the_impulses_and_energy_by_the_work():
     )
 
 
-def test_rough_plane_stops_a_block_after_v2_over_2_mu_g():
+def test_a_rough_plane_stops_a_block_after_v2_over_2_mu_g():
     mu, gravity, speed = 0.2, 1.0, 0.5
-    block = Thrown(E=5e4)
+    block = ThrownBlock(E=5e4)
     weight = block.body_force_load((0.0, -gravity))
-    # it starts as it rests on the plane under its weight, rollers at a corner holding it
-    roller = block.walls(lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
-    (rests,) = block.solve_contact(ContactPair(on_plane(1, 0.0), FLOOR), roller, weight)
-    stop = speed / (mu * gravity)
-    options = {"load": weight, "displacement": rests.displacement, "frames": 1}
-    history = block.fly(1.3 * stop, (speed, 0.0), mu, **options)
-    u = history.displacement.array - rests.displacement.array
-    travel = (block.mass * u)[::2].sum() / block.total
+    # the start state is the block at rest under its weight, with rollers at a corner
+    roller = block.wall_supports(lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
+    (rest_state,) = block.solve_contact(ContactPair(on_plane(1, 0.0), FLOOR), roller, weight)
+    stopping_time = speed / (mu * gravity)
+    options = {"load": weight, "displacement": rest_state.displacement, "frames": 1}
+    history = block.solve_impact(1.3 * stopping_time, (speed, 0.0), mu, **options)
+    u = history.displacement.array - rest_state.displacement.array
+    travel = (block.mass * u)[::2].sum() / block.total_mass
     assert travel == pytest.approx(speed**2 / (2 * mu * gravity), rel=0.01)
-    velocity = (block.mass * history.velocity.array)[::2].sum() / block.total
+    velocity = (block.mass * history.velocity.array)[::2].sum() / block.total_mass
     assert abs(velocity) < 0.01 * speed
-    sliding = history.time[:-1] < 0.9 * stop
-    drag = -history.pairs[0].total[sliding, 0].mean()
-    assert drag == pytest.approx(mu * gravity * block.total, rel=0.01)
+    is_sliding = history.time[:-1] < 0.9 * stopping_time
+    drag = -history.pairs[0].total[is_sliding, 0].mean()
+    assert drag == pytest.approx(mu * gravity * block.total_mass, rel=0.01)
     assert (history.frames[0].pairs[0].status == STICK).all()
 
 
-def test_forces_are_those_seen_from_a_train():
-    """A body that is thrown at a plane at rest, and a plane that is driven into a resting body."""
+def test_forces_are_the_same_in_a_moving_frame():
+    """A body is thrown at a resting plane, or the plane is moved at the resting body."""
     velocity = np.array([0.6, -0.8])
-    thrown = BLOCK.fly(1.5, velocity, 0.3)
-    driven = BLOCK.fly(1.5, (0.0, 0.0), 0.3, paths=lambda time: -velocity * time)
-    size = np.abs(thrown.pairs[0].force).max()
-    assert driven.pairs[0].force == pytest.approx(thrown.pairs[0].force, abs=1e-9 * size)
+    thrown = BLOCK.solve_impact(1.5, velocity, 0.3)
+    driven = BLOCK.solve_impact(1.5, (0.0, 0.0), 0.3, paths=lambda time: -velocity * time)
+    largest = np.abs(thrown.pairs[0].force).max()
+    assert driven.pairs[0].force == pytest.approx(thrown.pairs[0].force, abs=1e-9 * largest)
     assert driven.energies.imbalance < 1e-12
     assert driven.energies.normal_work[-1] > 0.1
     assert driven.pairs[0].translation[-1] == pytest.approx(-velocity * driven.time[-1])
 
 
 @pytest.mark.parametrize("scheme", ["hrz", "sibling"])
-def test_bar_moves_as_computed_by_hand(scheme):
-    """The loop of section V12's scheme `pw` shares no code with the library's."""
-    found = v12_impact.Scheme.of(scheme, on_strip("", 0.25))
-    held = found.walls([1.0])
-    library, other = v12_impact._by_library(found, held), v12_impact._by_hand(found, held)
-    assert library.critical_step == pytest.approx(other.critical_step, rel=1e-8)
-    assert library.energy == pytest.approx(other.energy, rel=1e-8)
-    rows = len(other.force)
-    assert library.force[:rows] == pytest.approx(other.force, abs=1e-6 * other.force.max())
+def test_a_bar_moves_as_in_the_sections_own_scheme(scheme):
+    """The time loop of section V12's scheme `pw` shares no code with the library."""
+    bar = v12_impact.Scheme.of(scheme, on_strip("", 0.25))
+    supports = bar.walls([1.0])
+    library, own_scheme = v12_impact._by_library(bar, supports), v12_impact._by_hand(bar, supports)
+    assert library.critical_step == pytest.approx(own_scheme.critical_step, rel=1e-8)
+    assert library.energy == pytest.approx(own_scheme.energy, rel=1e-8)
+    rows = len(own_scheme.force)
+    assert library.force[:rows] == pytest.approx(
+        own_scheme.force, abs=1e-6 * own_scheme.force.max()
+    )
 
 
-def test_critical_step_is_that_of_the_highest_frequency():
-    held = BLOCK.walls(on_plane(0, 0.0))
-    R = dense(held.right)
+def test_the_critical_step_is_that_of_the_highest_frequency():
+    supports = BLOCK.wall_supports(on_plane(0, 0.0))
+    R = dense(supports.right)
     values = scipy.linalg.eigvalsh(R.T @ dense(BLOCK.K) @ R, R.T @ dense(BLOCK.M) @ R)
-    assert critical_step(BLOCK.K, BLOCK.M, held) == pytest.approx(2 / np.sqrt(values[-1]))
+    assert critical_step(BLOCK.K, BLOCK.M, supports) == pytest.approx(2 / np.sqrt(values[-1]))
 
 
 @pytest.mark.parametrize("name", ["Coulomb's", "falling"])
-def test_law_holds_at_random_points(name):
-    """Slip that is left is along the friction, which then is all that the law allows."""
+def test_the_law_holds_at_random_points(name):
+    """Remaining slip is opposite to the friction, which then is at its limit."""
     rng = np.random.default_rng(3)
     n, step = 2000, 0.1
     normal = rng.normal(size=(n, 3))
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     motion, shift = rng.normal(size=(2, n, 3))
     gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
-    gap[:50], half = np.inf, rng.uniform(1, 99, n)
+    gap[:50], half_force = np.inf, rng.uniform(1, 99, n)
     cone = (
-        Cone([Coulomb(0.0)], [mu])
+        FrictionCone([Coulomb(0.0)], [mu])
         if name == "Coulomb's"
-        else Cone([SaturatingFriction(0.9, None)], [half])
+        else FrictionCone([SaturatingFriction(0.9, None)], [half_force])
     )
-    held = np.zeros((n, 3), bool)
-    found = nodal_contact(motion, gap, normal, shift, held, held, mass, cone, step)
-    after = motion + step**2 * found.force / mass[:, None]
-    reached = gap + np.sum(normal * after, axis=1)
-    slip = after - shift - np.sum(normal * (after - shift), axis=1)[:, None] * normal
-    falling = 0.9 / (1 + found.force_normal / half)
-    limit = (mu if name == "Coulomb's" else falling) * found.force_normal
-    assert (found.force_normal >= 0).all()
-    assert reached.min() > -1e-12
-    assert found.gap == pytest.approx(reached, abs=1e-12)
-    assert np.minimum(found.force_normal, reached) == pytest.approx(0.0, abs=1e-12)
-    size, slides = (np.linalg.norm(part, axis=1) for part in (found.force_tangential, slip))
-    assert (size <= limit * (1 + 1e-12)).all()
-    closed = found.force_normal > 0
-    assert found.slip == pytest.approx(slip, abs=1e-12)
-    work = np.sum(found.force_tangential * slip, axis=1)
-    assert work == pytest.approx(-limit * slides, abs=1e-9)
-    assert 0 < (slides[closed] < 1e-12).sum() < closed.sum()
+    is_held = np.zeros((n, 3), bool)
+    contact = nodal_contact(motion, gap, normal, shift, is_held, is_held, mass, cone, step)
+    end_motion = motion + step**2 * contact.force / mass[:, None]
+    end_gap = gap + np.sum(normal * end_motion, axis=1)
+    slip = end_motion - shift - np.sum(normal * (end_motion - shift), axis=1)[:, None] * normal
+    coefficient = 0.9 / (1 + contact.force_normal / half_force)
+    limit = (mu if name == "Coulomb's" else coefficient) * contact.force_normal
+    assert (contact.force_normal >= 0).all()
+    assert end_gap.min() > -1e-12
+    assert contact.gap == pytest.approx(end_gap, abs=1e-12)
+    assert np.minimum(contact.force_normal, end_gap) == pytest.approx(0.0, abs=1e-12)
+    shear, slip_length = (
+        np.linalg.norm(vectors, axis=1) for vectors in (contact.force_tangential, slip)
+    )
+    assert (shear <= limit * (1 + 1e-12)).all()
+    is_closed = contact.force_normal > 0
+    assert contact.slip == pytest.approx(slip, abs=1e-12)
+    work = np.sum(contact.force_tangential * slip, axis=1)
+    assert work == pytest.approx(-limit * slip_length, abs=1e-9)
+    assert 0 < (slip_length[is_closed] < 1e-12).sum() < is_closed.sum()
 
 
-def test_law_holds_at_random_points_that_supports_hold_along_the_surface():
-    """What a support fixes of the slip stays, and friction opposes all of the slip."""
+def test_the_law_holds_at_random_points_that_supports_hold_along_the_surface():
+    """Supports prescribe a part of the slip, and friction opposes all of it."""
     rng = np.random.default_rng(5)
     n, step = 2000, 0.1
     normal = np.tile([0.0, 0.0, 1.0], (n, 1))
     motion, shift = rng.normal(size=(2, n, 3))
-    held = np.zeros((n, 3), bool)
-    held[:, :2] = rng.integers(0, 2, (n, 2))
-    motion[held] = 0.0
+    is_held = np.zeros((n, 3), bool)
+    is_held[:, :2] = rng.integers(0, 2, (n, 2))
+    motion[is_held] = 0.0
     gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
-    cone = Cone([Coulomb(0.0)], [mu])
-    found = nodal_contact(motion, gap, normal, shift, held, held, mass, cone, step)
-    moved = motion + np.where(held, 0.0, step**2 * found.force / mass[:, None])
-    slip = (moved - shift) * [1.0, 1.0, 0.0]
-    assert found.slip == pytest.approx(slip, abs=1e-12)
-    limit, size = mu * found.force_normal, np.linalg.norm(slip, axis=1)
-    force = found.force_tangential
-    slides = (size > 1e-12) & (found.force_normal > 0)
+    cone = FrictionCone([Coulomb(0.0)], [mu])
+    contact = nodal_contact(motion, gap, normal, shift, is_held, is_held, mass, cone, step)
+    end_motion = motion + np.where(is_held, 0.0, step**2 * contact.force / mass[:, None])
+    slip = (end_motion - shift) * [1.0, 1.0, 0.0]
+    assert contact.slip == pytest.approx(slip, abs=1e-12)
+    limit, slip_length = mu * contact.force_normal, np.linalg.norm(slip, axis=1)
+    force = contact.force_tangential
+    is_sliding = (slip_length > 1e-12) & (contact.force_normal > 0)
     assert (np.linalg.norm(force, axis=1) <= limit * (1 + 1e-12)).all()
-    against = -(limit[slides] / size[slides])[:, None] * slip[slides]
-    assert force[slides] == pytest.approx(against, abs=1e-9)
-    assert (~slides & (found.force_normal > 0)).any()
+    opposing_friction = -(limit[is_sliding] / slip_length[is_sliding])[:, None] * slip[is_sliding]
+    assert force[is_sliding] == pytest.approx(opposing_friction, abs=1e-9)
+    assert (~is_sliding & (contact.force_normal > 0)).any()
 
 
-def test_walls_leave_a_block_the_friction_of_its_floor():
-    """A block between smooth walls on a plane that runs away below it."""
-    walls = BLOCK.walls(lambda x: x[0] > -1)
-    history = BLOCK.fly(1.0, (0.0, -1.0), 0.5, walls, paths=[lambda time: (time, 0.0)])
-    pressed = history.pairs[0].force[..., 1]
-    assert pressed.max() > 0
-    assert history.pairs[0].force[..., 0] == pytest.approx(0.5 * pressed, rel=1e-12)
+def test_a_block_between_walls_has_the_friction_of_its_floor():
+    """The walls are frictionless, and the floor moves away below the block."""
+    supports = BLOCK.wall_supports(lambda x: x[0] > -1)
+    history = BLOCK.solve_impact(1.0, (0.0, -1.0), 0.5, supports, paths=[lambda time: (time, 0.0)])
+    normal_force = history.pairs[0].force[..., 1]
+    assert normal_force.max() > 0
+    assert history.pairs[0].force[..., 0] == pytest.approx(0.5 * normal_force, rel=1e-12)
 
 
-def test_frames_are_written(tmp_path):
-    history = BLOCK.fly(1.0, (0.3, -1.0), 0.2, frames=4)
+def test_frames_are_written_and_fields_show_true_displacements(tmp_path):
+    history = BLOCK.solve_impact(1.0, (0.3, -1.0), 0.2, frames=4)
     assert len(history.frames) == 4
     assert history.frame_times[-1] == pytest.approx(history.time[-1])
     write(tmp_path / "thrown.bp", history.frames, BLOCK.body, history.frame_times)
     assert (tmp_path / "thrown.bp").exists()
     fields = ContactFields.of(history.frames[-1], BLOCK.body)
-    true = BLOCK.sibling.displacement(history.displacement)
-    assert fields.displacement.x.array == pytest.approx(true.array)
+    true_displacement = BLOCK.sibling.displacement(history.displacement)
+    assert fields.displacement.x.array == pytest.approx(true_displacement.array)
     (pair,) = history.frames[-1].pairs
     assert pair.force_vector == pytest.approx(history.pairs[0].force[-1])
     with pytest.raises(ValueError, match="is no solution"):
@@ -227,20 +231,20 @@ def test_frames_are_written(tmp_path):
         )
 
 
-def refused(**changed):
-    stated = {
+def solve_changed(**changes):
+    arguments = {
         "K": BLOCK.K,
         "M": BLOCK.M,
         "reduction": BLOCK.no_supports,
         "pairs": ContactPair(on_plane(1, 0.0), FLOOR),
         "space": BLOCK.space,
         "duration": 1.0,
-        "velocity": BLOCK.even((0.0, -1.0)),
+        "velocity": BLOCK.uniform_vector((0.0, -1.0)),
     }
-    solve_impact(**{**stated, **changed})
+    solve_impact(**{**arguments, **changes})
 
 
-def uneven_mass():
+def mass_with_unequal_components():
     M = BLOCK.M.copy()
     diagonal = M.getDiagonal()
     diagonal.array[::2] *= 2
@@ -248,11 +252,11 @@ def uneven_mass():
     return M
 
 
-REFUSED = {
+INVALID = {
     "unsymmetric": (lambda: {"K": ElasticBody(BLOCK.mesh).K}, "complex.*grow.*Sibling"),
     "full mass": (lambda: {"M": BLOCK.K}, "not diagonal"),
     "no mass": (lambda: {"M": 0.0 * BLOCK.M}, "not positive"),
-    "uneven mass": (lambda: {"M": uneven_mass()}, "components differ"),
+    "uneven mass": (lambda: {"M": mass_with_unequal_components()}, "components differ"),
     "long step": (lambda: {"step": 10.0}, "stable up to"),
     "no step": (lambda: {"step": 0.0}, "has to be positive"),
     "no time": (lambda: {"duration": np.nan}, "finite number"),
@@ -264,7 +268,7 @@ REFUSED = {
     "path": (lambda: {"paths": [lambda _: (1.0,)]}, "path of contact pair 0"),
     "failing path": (lambda: {"paths": [lambda _: 1 / 0]}, "path of contact pair 0 failed"),
     "failing load": (lambda: {"load": lambda _: 1 / 0}, "the load failed"),
-    "infinite load": (lambda: {"load": BLOCK.even((np.inf, 0.0))}, "load.*not finite"),
+    "infinite load": (lambda: {"load": BLOCK.uniform_vector((np.inf, 0.0))}, "load.*not finite"),
     "condensation": (
         lambda: {"reduction": replace(BLOCK.no_supports, inner_flexibility=BLOCK.K)},
         "no condensation",
@@ -274,32 +278,37 @@ REFUSED = {
         "not of two bodies",
     ),
     "inside": (
-        lambda: {"displacement": BLOCK.even((0.0, -0.1))},
+        lambda: {"displacement": BLOCK.uniform_vector((0.0, -0.1))},
         "let it come from 0.1 farther away",
     ),
     "driven in": (lambda: {"paths": lambda _: (0.0, 0.1)}, "would be shot out"),
-    "velocity": (lambda: {"velocity": BLOCK.even((np.nan, 0.0))}, "velocity is not finite"),
+    "velocity": (
+        lambda: {"velocity": BLOCK.uniform_vector((np.nan, 0.0))},
+        "velocity is not finite",
+    ),
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_is_no_impact_is_refused(name):
-    changed, words = REFUSED[name]
-    with pytest.raises((TypeError, ValueError), match=words):
-        refused(**changed())
+@pytest.mark.parametrize("name", INVALID)
+def test_invalid_impacts_are_refused(name):
+    make_changes, message = INVALID[name]
+    with pytest.raises((TypeError, ValueError), match=message):
+        solve_changed(**make_changes())
 
 
 def test_a_critical_step_needs_a_diagonal_mass():
     with pytest.raises(ValueError, match="not diagonal"):
-        critical_step(BLOCK.standard, assemble_matrix(BLOCK.body.mass()), BLOCK.make_supports())
+        critical_step(
+            BLOCK.standard_stiffness, assemble_matrix(BLOCK.body.mass()), BLOCK.make_supports()
+        )
 
 
-# -- what is watched -------------------------------------------------------------------------
+# -- checks of the result ---------------------------------------------------------------------
 
 
-def test_frames_know_whether_displacements_are_small(caplog):
+def test_large_strains_of_frames_are_reported(caplog):
     with caplog.at_level("WARNING", "pw_elements.contact"):
-        history = BLOCK.fly(0.4, (0.0, -3.0), frames=2)
+        history = BLOCK.solve_impact(0.4, (0.0, -3.0), frames=2)
     assert max(state.smallness.strain for state in history.frames) > 0.05
     assert "leaves the range of small displacements: largest strain" in caplog.text
 
@@ -309,7 +318,7 @@ def test_a_stiffness_with_negative_eigenvalues_is_refused(sign):
     K = BLOCK.K.copy()
     if sign < 0:
         K.scale(-1.0)
-    else:  # a spring between two nodes that pushes them apart
+    else:  # a spring of negative stiffness between two nodes
         K.setValues([0, 40], [0, 40], 100 * np.array([[0.0, 1.0], [1.0, 0.0]]), addv=True)
         K.assemble()
     with pytest.raises(ValueError, match="not negative"):

@@ -1,4 +1,4 @@
-"""Contact by the iterative solver: the states of the direct one, in space."""
+"""Contact by the iterative solver in space: the states are those of the direct one."""
 
 from mpi4py import MPI
 
@@ -32,31 +32,44 @@ from tests.contact.iterative import (
 from tests.contact.two_bodies import StackedBlocks
 
 HYBRID, TAYLOR_HOOD = Spaces.hybrid, taylor_hood
-METHODS = {False: "GMRES with p-multigrid", True: "GMRES with p-multigrid in a block triangle"}
+METHOD_NAME_BY_IS_HYBRID = {
+    False: "GMRES with p-multigrid",
+    True: "GMRES with p-multigrid in a block triangle",
+}
 
 
-def compare(found, known, near=1e-10):
-    """Statuses to be the same, displacements to `near`, forces to 1e-9 of the largest."""
-    for a, b in zip(found, known, strict=True):
-        assert (a.displacement - b.displacement).norm() < near * b.displacement.norm()
-        assert (a.unknowns - b.unknowns).norm() < 1e-9 * b.unknowns.norm()  # pressures, too
-        for p, q in zip(a.pairs, b.pairs, strict=True):
-            assert np.array_equal(p.status, q.status)
-            largest = np.abs(q.force_normal).max()
-            assert np.abs(p.force_normal - q.force_normal).max() < 1e-9 * largest
-            assert np.abs(p.force_tangential - q.force_tangential).max() < 1e-9 * largest
-            assert p.translation == pytest.approx(q.translation, rel=1e-9, abs=1e-12)
-        assert a.residuals.largest() < 1e-9
+def assert_same_states(states, expected, tolerance=1e-10):
+    """Assert equal statuses, displacements to `tolerance`, forces to 1e-9 of the largest."""
+    for state, reference in zip(states, expected, strict=True):
+        assert (
+            state.displacement - reference.displacement
+        ).norm() < tolerance * reference.displacement.norm()
+        assert (
+            state.unknowns - reference.unknowns
+        ).norm() < 1e-9 * reference.unknowns.norm()  # pressures, too
+        for pair, expected_pair in zip(state.pairs, reference.pairs, strict=True):
+            assert np.array_equal(pair.status, expected_pair.status)
+            largest = np.abs(expected_pair.force_normal).max()
+            assert np.abs(pair.force_normal - expected_pair.force_normal).max() < 1e-9 * largest
+            assert (
+                np.abs(pair.force_tangential - expected_pair.force_tangential).max()
+                < 1e-9 * largest
+            )
+            assert pair.translation == pytest.approx(expected_pair.translation, rel=1e-9, abs=1e-12)
+        assert state.residuals.largest() < 1e-9
 
 
-def iterated(arguments, hybrid=False, most=150):
-    """States by iterations, which are those of factors: a hybrid's stability costs a digit."""
+def solve_and_compare(arguments, is_hybrid=False, max_krylov=150):
+    """Return the states by iterations, after comparing them with those of a direct solver.
+
+    Hybrid elements lose a digit, because of their stability.
+    """
     states = solve_contact(*arguments, solver=Iterative())
-    near = 1e-9 if hybrid else 1e-10
-    compare(states, solve_contact(*arguments, solver=Direct()), near)
+    tolerance = 1e-9 if is_hybrid else 1e-10
+    assert_same_states(states, solve_contact(*arguments, solver=Direct()), tolerance)
     report = states[-1].report
-    assert (report.method, report.factorisations) == (METHODS[hybrid], 0)
-    assert 0 < report.krylov_iterations < most
+    assert (report.method, report.factorisations) == (METHOD_NAME_BY_IS_HYBRID[is_hybrid], 0)
+    assert 0 < report.krylov_iterations < max_krylov
     assert states[-1].unique is None
     return states
 
@@ -74,49 +87,51 @@ def iterated(arguments, hybrid=False, most=150):
     ],
 )
 def test_states_are_those_of_the_direct_solver(case, cell, method, nu):
-    hybrid = method in (HYBRID, TAYLOR_HOOD)
-    iterated(SolidBlock(cell, method, nu=nu).case_arguments(case), hybrid)
+    is_hybrid = method in (HYBRID, TAYLOR_HOOD)
+    solve_and_compare(SolidBlock(cell, method, nu=nu).case_arguments(case), is_hybrid)
 
 
 @pytest.mark.parametrize("method", [PW, HYBRID])
-def test_the_solvers_tolerance_is_that_of_contact(method):
-    arguments, known = SolidBlock(method=method).case_arguments("rough floor"), None
-    for tolerance in (1e-13, 1e-11, 1e-2):  # 1e-10 at most
+def test_the_solvers_tolerance_is_used_in_contact(method):
+    arguments, previous = SolidBlock(method=method).case_arguments("rough floor"), None
+    for tolerance in (1e-13, 1e-11, 1e-2):  # at most 1e-10 is used
         (state,) = solve_contact(*arguments, solver=Iterative(tolerance=tolerance))
-        work = state.report.krylov_iterations
-        if known is not None:
-            compare([state], [known[0]], near=1e-9)
-            assert work < known[1]
+        n_krylov = state.report.krylov_iterations
+        if previous is not None:
+            assert_same_states([state], [previous[0]], tolerance=1e-9)
+            assert n_krylov < previous[1]
         assert state.residuals.equilibrium < max(min(tolerance, 1e-10), 1e-12)
-        known = state, work
+        previous = state, n_krylov
 
 
-def test_steps_go_on_from_any_state():
+def test_steps_may_start_from_any_state():
     solid = SolidBlock()
     K, loads, supports, pair, U = solid.case_arguments("sphere")
     problem = solid.contact_problem(pair, supports, solver=Iterative())
-    pressed = problem.step(problem.undeformed, loads[0], [pair.motions[0]])
-    other = problem.step(pressed, loads[0], [pair.motions[1]])
-    again = problem.step(pressed, loads[0], [pair.motions[1]])
-    compare([again], [other])  # the coarse level may be another one
-    compare([pressed, other], solve_contact(K, loads, supports, pair, U, solver=Direct()))
+    pressed_state = problem.step(problem.undeformed, loads[0], [pair.motions[0]])
+    moved_state = problem.step(pressed_state, loads[0], [pair.motions[1]])
+    repeated_state = problem.step(pressed_state, loads[0], [pair.motions[1]])
+    assert_same_states([repeated_state], [moved_state])  # the coarse level may differ
+    assert_same_states(
+        [pressed_state, moved_state], solve_contact(K, loads, supports, pair, U, solver=Direct())
+    )
 
 
-def test_bodies_that_hardly_hold_are_solved():
-    """No node sticks in the end: what the preconditioner holds is not what the law holds."""
-    states = iterated(nearly_sliding_arguments(SolidBlock()))
+def test_bodies_that_nearly_slide_are_solved():
+    """No node sticks in the end, so that the preconditioner fixes more than the law does."""
+    states = solve_and_compare(nearly_sliding_arguments(SolidBlock()))
     assert not np.any(states[1].pairs[0].status == STICK)
     for state in states:
         assert state.report.krylov_iterations < 8 * state.iterations
 
 
-def test_failures_are_those_of_contact():
+def test_failures_are_the_same_as_with_a_direct_solver():
     solid = SolidBlock()
     K, load, supports, pair, U = solid.case_arguments("rough floor")
-    pulled = load.copy()
-    pulled.scale(-1.0)
+    reversed_load = load.copy()
+    reversed_load.scale(-1.0)
     with pytest.raises(FreeBody):
-        solve_contact(K, pulled, supports, pair, U, solver=Iterative())
+        solve_contact(K, reversed_load, supports, pair, U, solver=Iterative())
     with pytest.raises(NotFound):
         solve_contact(K, load, supports, pair, U, max_iterations=2, solver=Iterative())
 
@@ -130,22 +145,22 @@ def test_failures_are_those_of_contact():
     ],
 )
 def test_two_bodies_have_the_states_of_the_direct_solver(case, slave, element):
-    hybrid = element == "hybrid"
-    nu = 0.5 if hybrid else 0.3
+    is_hybrid = element == "hybrid"
+    nu = 0.5 if is_hybrid else 0.3
     stack = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), element=element, nu=nu)
-    iterated(STACKED_CASES[case](stack, slave), hybrid, 220)
+    solve_and_compare(STACKED_CASES[case](stack, slave), is_hybrid, 220)
 
 
 @pytest.mark.parametrize(("element", "nu"), [("petrov_galerkin", 0.3), ("hybrid", 0.4999)])
 def test_matching_nodes_have_the_states_of_the_direct_solver(element, nu):
     stack = StackedBlocks((2, 2), "tetrahedron", element=element, nu=nu)
     surface = MatchingNodes(stack.side_nodes("lower"), Plane((0, 0, 1), (0, 0, 1)))
-    iterated(upper_on_lower_arguments(stack, "upper", surface), element == "hybrid")
+    solve_and_compare(upper_on_lower_arguments(stack, "upper", surface), element == "hybrid")
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_enclosed_bodies_are_named(friction):
-    """Nearly incompressible, one has the oedometric modulus."""
+def test_enclosed_incompressible_bodies_are_refused(friction):
+    """A nearly incompressible body has the oedometric modulus."""
     mesh, nu = create_unit_cube(MPI.COMM_SELF, 2, 2, 2, CellType.tetrahedron), 0.49
     walls = [(k, on_plane(k, end)) for k in (0, 1) for end in (0.0, 1.0)] + [(2, on_plane(2, 0.0))]
     lid = ContactPair(
@@ -155,54 +170,58 @@ def test_enclosed_bodies_are_named(friction):
     with pytest.raises(NotFound, match="Supports and contact enclose an incompressible body"):
         body.solve_contact(lid, body.make_supports(*walls), solver=Iterative())
     body = ElasticBody(mesh, HYBRID, "solid", 1.0, nu)
-    (state,) = iterated((body.K, body.zero_load, body.make_supports(*walls), lid, body.space), True)
+    (state,) = solve_and_compare(
+        (body.K, body.zero_load, body.make_supports(*walls), lid, body.space), True
+    )
     modulus = (1 - nu) / ((1 + nu) * (1 - 2 * nu))
     assert state.pairs[0].force_normal.sum() == pytest.approx(0.01 * modulus, rel=1e-9)
     assert np.all(state.pairs[0].force_normal > 0)
 
 
-class Foreign:
-    """SciPy's GMRES, which knows neither levels nor contact."""
+class ScipyGmres:
+    """SciPy's GMRES, which knows neither multigrid levels nor contact."""
 
     matrix_free, determinant_signs, report = True, (), SolverReport("GMRES by SciPy", 0)
 
     def prepare(self, *_, **__):
         return self
 
-    def iterate(self, product, precondition, right, size):
+    def iterate(self, product, precondition, right, tolerance):
         n = len(right)
-        A, M = (LinearOperator((n, n), of, dtype=float) for of in (product, precondition))
-        found, failed = gmres(A, right, rtol=0.0, atol=size, restart=200, M=M)
-        assert not failed
-        return found
+        A, M = (
+            LinearOperator((n, n), function, dtype=float) for function in (product, precondition)
+        )
+        solution, info = gmres(A, right, rtol=0.0, atol=tolerance, restart=200, M=M)
+        assert not info
+        return solution
 
     def release(self):
         pass
 
 
-def test_another_krylov_method_has_the_states_of_the_direct_solver():
+def test_a_users_krylov_method_has_the_states_of_the_direct_solver():
     """With a free surface, whose translations border the matrix, and with two bodies."""
-    plate = SolidBlock(n=2).case_arguments("plate by forces")
-    stacked = upper_on_lower_arguments(
+    plate_arguments = SolidBlock(n=2).case_arguments("plate by forces")
+    stacked_arguments = upper_on_lower_arguments(
         StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83)), "upper"
     )
-    for arguments in (plate, stacked):
-        states = solve_contact(*arguments, solver=Foreign())
-        compare(states, solve_contact(*arguments, solver=Direct()))
+    for arguments in (plate_arguments, stacked_arguments):
+        states = solve_contact(*arguments, solver=ScipyGmres())
+        assert_same_states(states, solve_contact(*arguments, solver=Direct()))
         assert states[-1].report.method == "GMRES by SciPy"
-    failing, tries = Foreign(), iter([0])
-    failing.iterate = lambda *args: Foreign().iterate(*args) if next(tries, 1) else 1 / 0
-    problem = ContactProblem(plate[0], *plate[2:], solver=failing)
-    load, motions = plate[1][0], plate[3].motions[:1]
+    failing_solver, calls = ScipyGmres(), iter([0])
+    failing_solver.iterate = lambda *args: ScipyGmres().iterate(*args) if next(calls, 1) else 1 / 0
+    problem = ContactProblem(plate_arguments[0], *plate_arguments[2:], solver=failing_solver)
+    load, motions = plate_arguments[1][0], plate_arguments[3].motions[:1]
     with pytest.raises(ZeroDivisionError):
         problem.step(problem.undeformed, load, motions)
-    problem.step(problem.undeformed, load, motions)  # what has failed is forgotten
-    lacking = Foreign()
-    lacking.iterate = None
+    problem.step(problem.undeformed, load, motions)  # the failure has no consequences
+    incomplete_solver = ScipyGmres()
+    incomplete_solver.iterate = None
     with pytest.raises(TypeError, match="iterate"):
-        solve_contact(*plate, solver=lacking)
+        solve_contact(*plate_arguments, solver=incomplete_solver)
 
 
-def test_what_is_no_solver_is_named():
+def test_an_invalid_solver_is_refused():
     with pytest.raises(TypeError, match="the solver is 'quick'"):
         solve_contact(*SolidBlock().case_arguments("rough floor"), solver="quick")

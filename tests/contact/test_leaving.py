@@ -1,4 +1,4 @@
-"""Bodies and tools that leave each other in one step, and tools that leave no room for a body."""
+"""Bodies and tools that separate in one step, and tools that leave no space for a body."""
 
 import numpy as np
 import pytest
@@ -23,117 +23,126 @@ from tests.contact.sliding import (
 )
 from tests.contact.test_large import RubberUnderCircle, step_through
 
-PRESSED = (0.0, -0.12)
-LOWERED = Plane((0.0, 0.0), (0.0, -1.0))
+PRESSED_POSITION = (0.0, -0.12)
+PLANE_ABOVE = Plane((0.0, 0.0), (0.0, -1.0))
 
 
 @pytest.mark.parametrize("upper_is_slave", [True, False])
-@pytest.mark.parametrize("turned", [0.0, 50.0])
-def test_a_body_slides_off_in_one_step(upper_is_slave, turned):
-    """It ends where its supports have carried it, with the systems of any other step at most."""
-    bodies = make_die_on_block(friction=0.8, upper_is_slave=upper_is_slave, rotation_degrees=turned)
-    pressed, left = slide_along_path(bodies, [PRESSED, (4.0, -0.12)])
-    assert left.iterations <= pressed.iterations
-    assert not left.substates
-    assert (left.pairs[0].status == OPEN).all()
-    assert np.abs(left.pairs[0].force_vector).max() < 1e-12
+@pytest.mark.parametrize("degrees", [0.0, 50.0])
+def test_a_body_slides_off_in_one_step(upper_is_slave, degrees):
+    """It ends where its supports have carried it, with no more systems than any other step."""
+    bodies = make_die_on_block(
+        friction=0.8, upper_is_slave=upper_is_slave, rotation_degrees=degrees
+    )
+    pressed_state, separate_state = slide_along_path(bodies, [PRESSED_POSITION, (4.0, -0.12)])
+    assert separate_state.iterations <= pressed_state.iterations
+    assert not separate_state.substates
+    assert (separate_state.pairs[0].status == OPEN).all()
+    assert np.abs(separate_state.pairs[0].force_vector).max() < 1e-12
     x = bodies.space.tabulate_dof_coordinates()[:, :2]
-    moved = x + np.where(x[:, 1:] > 0.005, [4.0, -0.12], 0.0)
-    c, s = np.cos(np.radians(turned)), np.sin(np.radians(turned))
-    expected = moved @ np.array([[c, s], [-s, c]]) - x
-    assert np.abs(left.displacement.array_r.reshape(-1, 2) - expected).max() < 1e-9
+    end_positions = x + np.where(x[:, 1:] > 0.005, [4.0, -0.12], 0.0)
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    expected = end_positions @ np.array([[c, s], [-s, c]]) - x
+    assert np.abs(separate_state.displacement.array_r.reshape(-1, 2) - expected).max() < 1e-9
 
 
-@pytest.mark.parametrize("moved", ["tool", "supports"])
-def test_a_tool_slides_off_in_one_step(moved):
+@pytest.mark.parametrize("moving_part", ["tool", "supports"])
+def test_a_tool_slides_off_in_one_step(moving_part):
     rubber, ends = RubberUnderCircle(), [(0.0, 0.2), (8.0, 0.2)]
     state = rubber.problem.undeformed
-    systems = []
+    n_systems = []
     for k, end in enumerate(ends):
-        before = ends[k - 1] if k else (0.0, 0.0)
+        start = ends[k - 1] if k else (0.0, 0.0)
 
-        def load(share, before=before, end=end):
-            for value, low, high in zip(rubber.base_displacement, before, end, strict=True):
-                value.value = (1 - share) * low + share * high
+        def load(load_factor, start=start, end=end):
+            for value, start_value, end_value in zip(
+                rubber.base_displacement, start, end, strict=True
+            ):
+                value.value = (1 - load_factor) * start_value + load_factor * end_value
 
-        if moved == "tool":
+        if moving_part == "tool":
             state = rubber.problem.step(state, motions=Motion((-end[0], -end[1])))
         else:
             state = rubber.problem.step(state, load)
-        systems.append(state.iterations)
-    assert systems[1] <= systems[0]
+        n_systems.append(state.iterations)
+    assert n_systems[1] <= n_systems[0]
     assert (state.pairs[0].status == OPEN).all()
-    expected = ends[-1] if moved == "supports" else (0.0, 0.0)
+    expected = ends[-1] if moving_part == "supports" else (0.0, 0.0)
     assert np.abs(state.displacement.array_r.reshape(-1, 2) - expected).max() < 1e-9
 
 
-def test_a_step_is_made_the_ordinary_way_if_the_end_is_not_found_at_once(monkeypatch):
+def test_a_step_is_solved_in_the_usual_way_if_the_direct_attempt_fails(monkeypatch):
     rubber = RubberUnderCircle()
-    (pressed,) = step_through(rubber.problem, [Motion((0.0, -0.2))])
-    stepping, at_once = rubber.problem._finite, []
+    (pressed_state,) = step_through(rubber.problem, [Motion((0.0, -0.2))])
+    stepping, is_direct = rubber.problem._finite, []
     solve = stepping._solve_part
 
-    def fail_at_first(*given):
-        at_once.append(given[-1] is not None)
-        if at_once[-1]:
+    def fail_direct_attempt(*arguments):
+        is_direct.append(arguments[-1] is not None)
+        if is_direct[-1]:
             raise NotFound("not at once")
-        return solve(*given)
+        return solve(*arguments)
 
-    monkeypatch.setattr(stepping, "_solve_part", fail_at_first)
-    state = rubber.problem.step(pressed, motions=Motion((0.0, 2.0)))
-    assert at_once == [True, False]
+    monkeypatch.setattr(stepping, "_solve_part", fail_direct_attempt)
+    state = rubber.problem.step(pressed_state, motions=Motion((0.0, 2.0)))
+    assert is_direct == [True, False]
     assert (state.pairs[0].status == OPEN).all()
 
 
-def lifts_clear(problem, ends, unknowns):
-    """Whether a circle that is led from one end to another leaves the rubber without contact."""
+def separates_along(problem, ends, unknowns):
+    """Return whether a circle that moves between two positions leaves the rubber."""
     stepping = problem._finite
-    shares = np.linspace(0, 1, 129)
-    ways = np.array([[[*((1 - s) * np.array(ends[0]) + s * np.array(ends[1])), 0]] for s in shares])
-    path = np.zeros((len(shares), *stepping._positions.shape))
-    pieces = SupportedPieces.fit(
-        stepping._positions, stepping._held, stepping._piece, path, stepping.interface.comm
+    fractions = np.linspace(0, 1, 129)
+    motions = np.array(
+        [
+            [[*((1 - fraction) * np.array(ends[0]) + fraction * np.array(ends[1])), 0]]
+            for fraction in fractions
+        ]
     )
-    return ends_clear(stepping.interface, stepping._surfaces, pieces, ways, unknowns)
+    displacements = np.zeros((len(fractions), *stepping._positions.shape))
+    pieces = SupportedPieces.fit(
+        stepping._positions, stepping._held, stepping._piece, displacements, stepping.interface.comm
+    )
+    return ends_clear(stepping.interface, stepping._surfaces, pieces, motions, unknowns)
 
 
-def test_what_goes_through_a_body_does_not_leave_it():
-    """A circle beside the block; it is deepest when its centre is in the block's left side."""
+def test_a_tool_that_passes_through_a_body_does_not_separate():
+    """The circle is beside the block, deepest when its centre is in the block's left side."""
     rubber = RubberUnderCircle()
-    circle, side = Sphere((-1.6, 0.0), 0.6), on_plane(0, -1.0)
-    problem = rubber.problem_with(surface=circle, nodes=lambda x: side(x) & (x[1] > -0.7))
+    circle, on_left_side = Sphere((-1.6, 0.0), 0.6), on_plane(0, -1.0)
+    problem = rubber.problem_with(surface=circle, nodes=lambda x: on_left_side(x) & (x[1] > -0.7))
     undeformed = problem.undeformed.unknowns
-    assert lifts_clear(problem, [(0.3, 0.0), (-4.0, 0.0)], undeformed)
-    assert lifts_clear(problem, [(0.3, 0.0), (0.3, 4.0)], undeformed)
-    assert not lifts_clear(problem, [(0.7, 0.0), (4.0, 0.0)], undeformed)  # behind the side
-    assert not lifts_clear(problem, [(0.1, 0.0), (-4.0, 0.0)], undeformed + 5.0)  # out of reach
-    assert not lifts_clear(problem, [(0.1, 0.0), (1.5, 2.0)], undeformed)  # first deeper
-    assert not lifts_clear(problem, [(0.3, 0.0), (0.05, 0.0)], undeformed)  # not clear
-    assert not lifts_clear(problem, [(-1.0, 0.0), (-4.0, 0.0)], undeformed)  # not in contact
+    assert separates_along(problem, [(0.3, 0.0), (-4.0, 0.0)], undeformed)
+    assert separates_along(problem, [(0.3, 0.0), (0.3, 4.0)], undeformed)
+    assert not separates_along(problem, [(0.7, 0.0), (4.0, 0.0)], undeformed)  # behind the side
+    assert not separates_along(problem, [(0.1, 0.0), (-4.0, 0.0)], undeformed + 5.0)  # out of reach
+    assert not separates_along(problem, [(0.1, 0.0), (1.5, 2.0)], undeformed)  # first deeper
+    assert not separates_along(problem, [(0.3, 0.0), (0.05, 0.0)], undeformed)  # not clear
+    assert not separates_along(problem, [(-1.0, 0.0), (-4.0, 0.0)], undeformed)  # not in contact
 
 
-@pytest.mark.parametrize("surface", [LOWERED, Sphere((0.0, 0.6), 0.6)], ids=["plane", "circle"])
+@pytest.mark.parametrize("surface", [PLANE_ABOVE, Sphere((0.0, 0.6), 0.6)], ids=["plane", "circle"])
 @pytest.mark.parametrize("depth", [1.0, 1.1])
-def test_a_tool_leaves_room_for_the_body(surface, depth):
-    """Without any linear system."""
-    solved = []
-    rubber = RubberUnderCircle(callback=solved.append)
-    problem = rubber.problem_with(surface=surface, options={"callback": solved.append})
+def test_a_tool_that_leaves_no_space_for_the_body_is_refused(surface, depth):
+    """No linear system is solved."""
+    calls = []
+    rubber = RubberUnderCircle(callback=calls.append)
+    problem = rubber.problem_with(surface=surface, options={"callback": calls.append})
     with pytest.raises(SurfacePassed, match=r"up to the supports at .* no room is left"):
         problem.step(problem.undeformed, motions=Motion((0.0, -depth)))
-    assert not solved
+    assert not calls
 
 
-def test_bodies_leave_room_for_each_other():
-    solved = []
-    bodies = make_die_on_block(callback=solved.append)
+def test_bodies_that_leave_no_space_for_each_other_are_refused():
+    calls = []
+    bodies = make_die_on_block(callback=calls.append)
     with pytest.raises(SurfacePassed, match="led up to each other: no room is left"):
         slide_along_path(bodies, [(0.0, -2.0)])
-    assert not solved
+    assert not calls
 
 
 def test_supports_behind_a_gap_may_be_reached():
-    """The tool pushes on the upper body alone, and may go as far as the lower one's supports."""
+    """The tool pushes the upper body alone, and may go as far as the lower one's supports."""
     boxes = ((-1.0, -1.0), (1.0, 0.0)), ((-1.0, 0.5), (1.0, 1.0))
     mesh = mesh_of_two_rectangles(*boxes, ((4, 2), (4, 2)), lambda x, y, _: (x, y))
     bodies = SlidingBodies(
@@ -142,7 +151,13 @@ def test_supports_behind_a_gap_may_be_reached():
     pair = ContactPair(on_plane(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)))
     problem = ContactProblem.of_residual(bodies.residual, bodies.u, bodies.conditions, pair)
     stepping = problem._finite
-    nodes = stepping._positions, stepping._held, 0 * stepping._piece  # as if joined
-    ways, path = np.zeros((65, 1, 3)), np.zeros((65, *nodes[0].shape))
-    ways[:, 0, 1] = np.linspace(0.0, -1.1, 65)
-    refuse_tools_through_supports(stepping.interface, stepping._surfaces, *nodes, ways, path)
+    node_data = (
+        stepping._positions,
+        stepping._held,
+        0 * stepping._piece,
+    )  # as if the bodies were connected
+    motions, displacements = np.zeros((65, 1, 3)), np.zeros((65, *node_data[0].shape))
+    motions[:, 0, 1] = np.linspace(0.0, -1.1, 65)
+    refuse_tools_through_supports(
+        stepping.interface, stepping._surfaces, *node_data, motions, displacements
+    )

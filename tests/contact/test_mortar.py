@@ -1,4 +1,4 @@
-"""Two deformable bodies on meshes that do not match."""
+"""Two deformable bodies on non-matching meshes."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ from pw_elements.contact import (
     plot,
     write,
 )
-from pw_elements.contact.interface import gathered_trace
+from pw_elements.contact.interface import gather_trace
 from pw_elements.spaces import SubSpace
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.test_friction import assert_friction_law
@@ -39,32 +39,33 @@ from tests.contact.two_bodies import (
 )
 
 
-def values(function, nodes):
-    """(m,) or (m, dim)."""
+def nodal_values(function, nodes):
+    """Return the values (m,) or (m, dim) of a function at nodes."""
     block = function.function_space.dofmap.index_map_bs
     rows = function.x.array.reshape(-1, block)[nodes]
     return rows[:, 0] if block == 1 else rows
 
 
-def left_over(stack, state, load):
-    """Forces (n, dim) that contact and supports have to carry."""
+def unbalanced_forces(stack, state, load):
+    """Return the forces (n, dim) that contact and supports have to carry."""
     field = SubSpace.displacements(stack.space)
     return field.extract(reactions(stack.K, state.unknowns, load)).array.reshape(-1, stack.dim)
 
 
-def balance(stack, state, load):
-    """Total force and moment of the contact forces on both bodies, over the force."""
-    face = stack.side_nodes("upper") | stack.side_nodes("lower")
-    force, x = left_over(stack, state, load)[face], stack.x[face]
+def imbalance(stack, state, load):
+    """Return total force and moment of the contact forces on both bodies, over the force."""
+    interface_mask = stack.side_nodes("upper") | stack.side_nodes("lower")
+    force, x = unbalanced_forces(stack, state, load)[interface_mask], stack.x[interface_mask]
     moment = np.cross(x, force) if stack.dim == 3 else x[:, 0] * force[:, 1] - x[:, 1] * force[:, 0]
-    total = np.abs(force).sum()
-    return max(np.abs(force.sum(axis=0)).max(), np.abs(moment.sum(axis=0)).max()) / total
+    total_magnitude = np.abs(force).sum()
+    return max(np.abs(force.sum(axis=0)).max(), np.abs(moment.sum(axis=0)).max()) / total_magnitude
 
 
-def assert_uniaxial(stack, state, nu=0.3, near=1e-11):
+def assert_uniaxial(stack, state, nu=0.3, tolerance=1e-11):
+    """Assert that the displacements are those of uniaxial stress."""
     exact = stack.uniaxial_displacement(nu)
-    moved = state.displacement.array.reshape(exact.shape)
-    assert moved == pytest.approx(exact, abs=near * np.abs(exact).max())
+    displacement = state.displacement.array.reshape(exact.shape)
+    assert displacement == pytest.approx(exact, abs=tolerance * np.abs(exact).max())
 
 
 @pytest.mark.parametrize(
@@ -85,77 +86,79 @@ def assert_uniaxial(stack, state, nu=0.3, near=1e-11):
         ("hexahedron", "upper", 0.3, "hybrid", 0.5, None),
     ],
 )
-def test_patch(cell, slave, friction, element, nu, state):
+def test_patch_test_passes(cell, slave, friction, element, nu, state):
     divisions = (4, 7) if cell in PLANE_CELLS else (2, 3)
     stack = StackedBlocks(divisions, cell, element=element, nu=nu, state=state)
-    found = stack.solve_uniaxial(slave, friction)
-    assert_uniaxial(stack, found, nu)
-    assert found.residuals.largest() < 1e-11
+    solution = stack.solve_uniaxial(slave, friction)
+    assert_uniaxial(stack, solution, nu)
+    assert solution.residuals.largest() < 1e-11
     if element == "hybrid":
-        share = nu if stack.dim == 2 else nu / (1 + nu)
-        _, pressure = split(stack.space, found.unknowns)
-        assert pressure.x.array == pytest.approx(PRESSURE * share, rel=1e-9)
-    fields = ContactFields.of(found, stack.body)
+        stress_ratio = nu if stack.dim == 2 else nu / (1 + nu)
+        _, pressure = split(stack.space, solution.unknowns)
+        assert pressure.x.array == pytest.approx(PRESSURE * stress_ratio, rel=1e-9)
+    fields = ContactFields.of(solution, stack.body)
     for side in ("upper", "lower"):
         nodes = stack.side_nodes(side)
-        for of in (fields.pressure, fields.tributary_pressure):
-            assert values(of, nodes) == pytest.approx(PRESSURE, rel=1e-8)
-        assert np.abs(values(fields.traction, nodes)).max() < 1e-9 * PRESSURE
-        assert np.abs(values(fields.gap, nodes)).max() < 1e-12
-        assert set(values(fields.status, nodes)) <= {STICK, HELD} or not friction
+        for pressure_field in (fields.pressure, fields.tributary_pressure):
+            assert nodal_values(pressure_field, nodes) == pytest.approx(PRESSURE, rel=1e-8)
+        assert np.abs(nodal_values(fields.traction, nodes)).max() < 1e-9 * PRESSURE
+        assert np.abs(nodal_values(fields.gap, nodes)).max() < 1e-12
+        assert set(nodal_values(fields.status, nodes)) <= {STICK, HELD} or not friction
 
 
-@pytest.mark.parametrize(("slave", "bend"), [("upper", 0.15), ("lower", 0.05)])
-def test_patch_on_quadrilaterals_of_any_shape(slave, bend):
-    """Flat faces that are no parallelograms, on which weights are no polynomials."""
+@pytest.mark.parametrize(("slave", "amplitude"), [("upper", 0.15), ("lower", 0.05)])
+def test_patch_test_passes_on_distorted_quadrilaterals(slave, amplitude):
+    """The flat faces are no parallelograms, so that weights are no polynomials."""
 
-    def moved(x):
-        hill = bend * np.sin(np.pi * x[:, 0]) * np.sin(np.pi * x[:, 1])
-        across = np.stack([np.cos(3 * x[:, 1] + 1), np.sin(2 * x[:, 0] + 0.3), 0 * hill], axis=1)
-        return x + hill[:, None] * across
+    def distort(x):
+        bubble = amplitude * np.sin(np.pi * x[:, 0]) * np.sin(np.pi * x[:, 1])
+        direction = np.stack(
+            [np.cos(3 * x[:, 1] + 1), np.sin(2 * x[:, 0] + 0.3), 0 * bubble], axis=1
+        )
+        return x + bubble[:, None] * direction
 
-    stack = StackedBlocks((2, 3), "hexahedron", map_upper=moved)
-    assert_uniaxial(stack, stack.solve_uniaxial(slave), near=1e-10)
+    stack = StackedBlocks((2, 3), "hexahedron", map_upper=distort)
+    assert_uniaxial(stack, stack.solve_uniaxial(slave), tolerance=1e-10)
 
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
-def test_patch_where_facets_are_covered_in_part(cell, slave):
-    """The upper block ends inside of facets; what it leaves of the lower is pressed by loads."""
+def test_patch_test_passes_where_facets_are_partly_covered(cell, slave):
+    """The upper block ends inside facets; loads press the uncovered part of the lower one."""
     end, h = (0.81, 0.1) if cell in PLANE_CELLS else (0.83, 1 / 6)
     stack = StackedBlocks(
         (5, 4) if cell in PLANE_CELLS else (3, 2), cell, map_upper=lambda x: x * [end, 1.0, 1.0]
     )
     load = stack.traction_load(-PRESSURE * np.eye(stack.dim)[stack.up])
-    nodes, corners, _ = gathered_trace(stack.space, stack.sides["lower"]).parts
-    pressed = -PRESSURE * weights_beyond(corners, end)
-    np.add.at(load.array.reshape(-1, stack.dim)[:, stack.up], nodes, pressed)
+    nodes, corners, _ = gather_trace(stack.space, stack.sides["lower"]).sub_facets
+    forces = -PRESSURE * weights_beyond(corners, end)
+    np.add.at(load.array.reshape(-1, stack.dim)[:, stack.up], nodes, forces)
     state = stack.solve_uniaxial(slave, 0.3 if cell == "hexahedron" else 0.0, load)
-    assert_uniaxial(stack, state, near=1e-9)
+    assert_uniaxial(stack, state, tolerance=1e-9)
     assert np.isinf(state.pairs[0].gap).any() == (slave == "lower")
     pressure = ContactFields.of(state, stack.body).pressure
-    assert values(pressure, stack.side_nodes("upper")) == pytest.approx(PRESSURE, rel=1e-8)
-    lower = np.flatnonzero(stack.side_nodes("lower"))
-    x, found = stack.x[lower, 0], values(pressure, lower)
-    away = x > end + h - 1e-9
-    assert away.any()
-    assert np.abs(found[away]).max() < 1e-12 * PRESSURE
-    # of the weights of the last nodes that face anything a 200th does, in space far more
-    barely = ~away & (x > end) & (cell == "triangle")
-    assert np.isnan(found[barely]).all()
-    assert barely.any() == (cell == "triangle")
-    assert found[~away & ~barely] == pytest.approx(PRESSURE, rel=1e-8)
+    assert nodal_values(pressure, stack.side_nodes("upper")) == pytest.approx(PRESSURE, rel=1e-8)
+    lower_nodes = np.flatnonzero(stack.side_nodes("lower"))
+    x, pressures = stack.x[lower_nodes, 0], nodal_values(pressure, lower_nodes)
+    is_uncovered = x > end + h - 1e-9
+    assert is_uncovered.any()
+    assert np.abs(pressures[is_uncovered]).max() < 1e-12 * PRESSURE
+    # a 200th of the weights of the last covered nodes faces the master, in space far more
+    is_hardly_covered = ~is_uncovered & (x > end) & (cell == "triangle")
+    assert np.isnan(pressures[is_hardly_covered]).all()
+    assert is_hardly_covered.any() == (cell == "triangle")
+    assert pressures[~is_uncovered & ~is_hardly_covered] == pytest.approx(PRESSURE, rel=1e-8)
 
 
 def weights_beyond(corners, end):
-    """Integrals (s, k) of the hats of sub-facets (s, k, dim) along the axes over x > end."""
+    """Return integrals (s, k) of the hats of axis-parallel sub-facets (s, k, dim) over x > end."""
     ends = corners[:, [0, -1]]
-    low, wide = ends[:, :, 0].min(axis=1), np.abs(ends[:, 1] - ends[:, 0])
-    u = np.clip((end - low) / wide[:, 0], 0.0, 1.0)
-    along = np.stack([(1 - u) ** 2 / 2, (1 - u**2) / 2], axis=1) * wide[:, :1]
+    left, width = ends[:, :, 0].min(axis=1), np.abs(ends[:, 1] - ends[:, 0])
+    u = np.clip((end - left) / width[:, 0], 0.0, 1.0)
+    line_weights = np.stack([(1 - u) ** 2 / 2, (1 - u**2) / 2], axis=1) * width[:, :1]
     backwards = ends[:, 1, 0] < ends[:, 0, 0]
-    along[backwards] = along[backwards, ::-1]
-    return along if corners.shape[1] == 2 else np.tile(along, 2) * wide[:, 1:2] / 2
+    line_weights[backwards] = line_weights[backwards, ::-1]
+    return line_weights if corners.shape[1] == 2 else np.tile(line_weights, 2) * width[:, 1:2] / 2
 
 
 @pytest.mark.parametrize(
@@ -169,32 +172,34 @@ def weights_beyond(corners, end):
         ("hexahedron", "lower", "hybrid", 0.5),
     ],
 )
-def test_forces_and_moments_balance_and_fields_have_them(cell, slave, element, nu):
+def test_forces_and_moments_balance_and_fields_contain_them(cell, slave, element, nu):
     low, high = 0.13, 0.83
     divisions = (5, 4) if cell in PLANE_CELLS else (3, 2)
     stack = StackedBlocks(divisions, cell, upper_range=(low, high), element=element, nu=nu)
     state = stack.solve_shifted_top(slave)
     assert state.residuals.largest() < 1e-9
-    assert balance(stack, state, stack.zero_load) < 1e-12
+    assert imbalance(stack, state, stack.zero_load) < 1e-12
     fields, (pair,) = ContactFields.of(state, stack.body), state.pairs
     assert_friction_law(pair, lambda r, _: 0.2 * r, None)
-    force = values(fields.force, slice(None))
-    face = stack.side_nodes("upper") | stack.side_nodes("lower")
-    left = left_over(stack, state, stack.zero_load)
-    assert force[face] == pytest.approx(left[face], abs=1e-10 * np.abs(left[face]).max())
-    assert not force[~face].any()
+    force = nodal_values(fields.force, slice(None))
+    interface_mask = stack.side_nodes("upper") | stack.side_nodes("lower")
+    unbalanced = unbalanced_forces(stack, state, stack.zero_load)
+    assert force[interface_mask] == pytest.approx(
+        unbalanced[interface_mask], abs=1e-10 * np.abs(unbalanced[interface_mask]).max()
+    )
+    assert not force[~interface_mask].any()
     for name in ("gap", "status", "slip"):
-        found = getattr(fields, name).x.array.reshape(len(stack.x), -1)
-        known = np.nan_to_num(getattr(pair, name).reshape(len(pair.node), -1), posinf=-1.0)
-        assert np.array_equal(np.nan_to_num(found[pair.node], nan=-1.0), known)
-    pressed = fields.pressure.x.array[pair.node]
+        field_values = getattr(fields, name).x.array.reshape(len(stack.x), -1)
+        expected = np.nan_to_num(getattr(pair, name).reshape(len(pair.node), -1), posinf=-1.0)
+        assert np.array_equal(np.nan_to_num(field_values[pair.node], nan=-1.0), expected)
+    pressures = fields.pressure.x.array[pair.node]
     assert np.array_equal(
-        pressed[np.isfinite(pressed)] > 0, pair.force_normal[np.isfinite(pressed)] > 0
+        pressures[np.isfinite(pressures)] > 0, pair.force_normal[np.isfinite(pressures)] > 0
     )
 
 
 @pytest.mark.parametrize("motion", [Motion((0.0, 0.02)), Motion((0.0, None), (0.0, 0.01))])
-def test_motion_brings_the_opposite_body_nearer(motion):
+def test_a_motion_moves_the_opposite_body_closer(motion):
     stack = StackedBlocks((4, 5), nu=0.0)
     (state,) = stack.solve_contact(
         stack.make_pair("upper", 0.0, [motion]), stack.moved_top_supports((0.0, 0.0))
@@ -203,39 +208,40 @@ def test_motion_brings_the_opposite_body_nearer(motion):
     assert state.pairs[0].force == pytest.approx([0.0, 0.01], rel=1e-9, abs=1e-12)
 
 
-STACK = StackedBlocks((3, 2))
-ON, BELOW = STACK.side_nodes("upper"), STACK.sides["lower"]
+STACKED_BLOCKS = StackedBlocks((3, 2))
+UPPER_NODES, LOWER_FACETS = STACKED_BLOCKS.side_nodes("upper"), STACKED_BLOCKS.sides["lower"]
 
 
 @pytest.mark.parametrize(
     ("nodes", "facets", "kind", "message"),
     [
-        (ON, STACK.sides["upper"], ValueError, "belong to both sides"),
+        (UPPER_NODES, STACKED_BLOCKS.sides["upper"], ValueError, "belong to both sides"),
         (
-            ON & (STACK.x[:, 0] > 0.9),
-            BELOW,
+            UPPER_NODES & (STACKED_BLOCKS.x[:, 0] > 0.9),
+            LOWER_FACETS,
             ValueError,
             "belong to no facet that is all in their pair",
         ),
-        (on_plane(1, 2.0), BELOW, ValueError, "on the far side of its body"),
-        (ON, lambda x: x[1] > 3, ValueError, "has no opposite facets"),
-        (ON, lambda x: np.isclose(x[0], 0.0) & (x[1] < 1), ValueError, "do not overlap"),
-        (ON, Plane((0, 0), (0, 1)), TypeError, "a surface is given in place of facets"),
+        (on_plane(1, 2.0), LOWER_FACETS, ValueError, "on the far side of its body"),
+        (UPPER_NODES, lambda x: x[1] > 3, ValueError, "has no opposite facets"),
+        (UPPER_NODES, lambda x: np.isclose(x[0], 0.0) & (x[1] < 1), ValueError, "do not overlap"),
+        (UPPER_NODES, Plane((0, 0), (0, 1)), TypeError, "a surface is given in place of facets"),
     ],
 )
-def test_what_states_no_mortar_is_named(nodes, facets, kind, message):
+def test_invalid_mortar_pairs_are_refused(nodes, facets, kind, message):
     with pytest.raises(kind, match=message):
-        STACK.solve_contact(
-            ContactPair(nodes, DeformableSurface(facets)), STACK.moved_top_supports([0.0, -0.01])
+        STACKED_BLOCKS.solve_contact(
+            ContactPair(nodes, DeformableSurface(facets)),
+            STACKED_BLOCKS.moved_top_supports([0.0, -0.01]),
         )
 
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
-def test_other_weights_are_refused(cell):
-    """By them the patch test fails, by up to 60 % of the pressure."""
-    refused = pytest.raises(ValueError, match="forces of piecewise-linear weights")
+def test_elements_without_piecewise_linear_weights_are_refused(cell):
+    """With them the patch test fails, by up to 60 % of the pressure."""
+    raises_error = pytest.raises(ValueError, match="forces by piecewise-linear weights")
     for element in ("galerkin", "taylor_hood"):
-        with refused:
+        with raises_error:
             StackedBlocks((3, 2), cell, element=element).solve_uniaxial()
     if cell == "triangle":
         StackedBlocks((3, 2), cell, element="composite").solve_uniaxial()
@@ -243,16 +249,16 @@ def test_other_weights_are_refused(cell):
         sibling = Sibling.from_space(stack.space)
         stack.K = sibling.matrix(stack.K)
         supports = sibling.dirichlet([prescribe(stack.space, i, on_plane(1, 0.0)) for i in (0, 1)])
-        with refused:
+        with raises_error:
             stack.contact_problem(stack.make_pair(), supports)
 
 
-def test_a_coarse_slave_is_warned_of(caplog):
+def test_a_coarse_slave_is_logged_as_a_warning(caplog):
     stack = StackedBlocks((3, 12))
-    for slave, warned in (("upper", False), ("lower", True)):
+    for slave, is_warned in (("upper", False), ("lower", True)):
         caplog.clear()
         stack.solve_contact(stack.make_pair(slave), stack.moved_top_supports([0.0, -0.01]))
-        assert ("facets are 4.0 times as large as those they face" in caplog.text) == warned
+        assert ("facets are 4.0 times as large as those they face" in caplog.text) == is_warned
 
 
 @pytest.mark.parametrize(
@@ -263,24 +269,27 @@ def test_a_coarse_slave_is_warned_of(caplog):
         ((0.0, PRESSURE), 0.3, NoEquilibrium, "lifts off pair 0"),
     ],
 )
-def test_a_body_held_by_nothing_is_named(traction, friction, kind, message):
+def test_a_loose_body_is_named_in_the_refusal(traction, friction, kind, message):
     with pytest.raises(kind, match=message):
-        STACK.solve_contact(
-            STACK.make_pair("upper", friction),
-            STACK.clamp(on_plane(1, 0.0)),
-            STACK.traction_load(traction),
+        STACKED_BLOCKS.solve_contact(
+            STACKED_BLOCKS.make_pair("upper", friction),
+            STACKED_BLOCKS.clamp(on_plane(1, 0.0)),
+            STACKED_BLOCKS.traction_load(traction),
         )
 
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
-def test_friction_on_a_slave_that_is_moved_along_is_refused(cell):
-    """The law is not stated there: exchanged, the other body feels it."""
+def test_friction_on_a_slave_that_supports_move_along_is_refused(cell):
+    """The law is not stated there: with exchanged sides, the other body feels the friction."""
     stack = StackedBlocks((3, 2), cell)
     up = stack.up
-    moved = np.array([0.02] + [0.0] * (up - 1) + [-0.01])
-    own = np.flatnonzero(stack.side_nodes("upper"))
-    sides = [(i, lambda x: np.isin(np.arange(x.shape[1]), own), moved[i]) for i in range(up)]
-    supports = stack.moved_top_supports(moved, sides)
+    translation = np.array([0.02] + [0.0] * (up - 1) + [-0.01])
+    slave_nodes = np.flatnonzero(stack.side_nodes("upper"))
+    side_conditions = [
+        (i, lambda x: np.isin(np.arange(x.shape[1]), slave_nodes), translation[i])
+        for i in range(up)
+    ]
+    supports = stack.moved_top_supports(translation, side_conditions)
     with pytest.raises(ValueError, match="would get no friction: exchange both sides"):
         stack.solve_contact(stack.make_pair("upper", 0.3), supports)
     stack.solve_contact(stack.make_pair("upper"), supports)
@@ -290,115 +299,133 @@ def test_friction_on_a_slave_that_is_moved_along_is_refused(cell):
     assert pair.opposite_force.sum(axis=0) == pytest.approx(-pair.force, rel=1e-9, abs=1e-12)
 
 
-def test_bodies_that_overlap_are_named():
+def test_overlapping_bodies_are_refused():
     stack = StackedBlocks((3, 2), map_upper=lambda x: x - 0.01 * (2 - x[:, 1:2]) * [0, 1, 0])
     with pytest.raises(ValueError, match="lie inside the body that they face"):
         stack.solve_contact(stack.make_pair(), stack.moved_top_supports([0.0, 0.0]))
 
 
-def hats(x, at_):
-    """Piecewise-linear functions (n, m) of sorted places (m,) at points (n,)."""
-    return np.stack([np.interp(x, at_, row) for row in np.eye(len(at_))], axis=1)
+def hat_functions(x, nodes):
+    """Return the piecewise-linear hat functions (n, m) of sorted nodes (m,) at points (n,)."""
+    return np.stack([np.interp(x, nodes, row) for row in np.eye(len(nodes))], axis=1)
 
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
-def test_gap_slip_and_status_are_means_of_the_pairs(slave):
-    """By sampling both sides' hats."""
+def test_gap_slip_and_status_of_the_master_are_means_of_those_of_the_slave(slave):
+    """Both sides' hat functions are sampled."""
     low, high = 0.13, 0.83
     stack = StackedBlocks((5, 4), upper_range=(low, high))
     state = stack.solve_shifted_top(slave, lambda x: 0.1 + 0.2 * x[0])
     (pair,) = state.pairs
     assert set(pair.status) >= {STICK, SLIP}
-    fields, alone = (ContactFields.of(state, of) for of in (stack.body, stack.space))
+    fields, fields_of_space = (ContactFields.of(state, part) for part in (stack.body, stack.space))
     x = low + (high - low) * (np.arange(100_000) + 0.5) / 100_000
-    own, theirs = hats(x, pair.position[:, 0]), hats(x, stack.x[pair.opposite, 0])
-    weight = theirs.T @ own
+    slave_hats, master_hats = (
+        hat_functions(x, pair.position[:, 0]),
+        hat_functions(x, stack.x[pair.opposite_node, 0]),
+    )
+    weight = master_hats.T @ slave_hats
     faced = weight.sum(axis=1) > 0
     mean = weight[faced] / weight[faced].sum(axis=1, keepdims=True)
-    at_ = pair.opposite[faced]
+    faced_nodes = pair.opposite_node[faced]
     gap = np.where(np.isfinite(pair.gap), pair.gap, 0.0)
-    for of in (fields, alone):
-        assert values(of.gap, at_) == pytest.approx(mean @ gap, abs=1e-9)
-        assert values(of.slip, at_) == pytest.approx(-mean @ pair.slip, abs=1e-9)
-        shares = mean @ np.eye(3)[pair.status]
-        assert np.array_equal(values(of.status, at_), shares.argmax(axis=1))
-        away = pair.opposite[~faced]
-        assert np.isnan(values(of.gap, away)).all()
-        assert not values(of.slip, away).any()
-        assert (values(of.status, away) == OPEN).all()
+    for contact_fields in (fields, fields_of_space):
+        assert nodal_values(contact_fields.gap, faced_nodes) == pytest.approx(mean @ gap, abs=1e-9)
+        assert nodal_values(contact_fields.slip, faced_nodes) == pytest.approx(
+            -mean @ pair.slip, abs=1e-9
+        )
+        status_fractions = mean @ np.eye(3)[pair.status]
+        assert np.array_equal(
+            nodal_values(contact_fields.status, faced_nodes), status_fractions.argmax(axis=1)
+        )
+        unfaced_nodes = pair.opposite_node[~faced]
+        assert np.isnan(nodal_values(contact_fields.gap, unfaced_nodes)).all()
+        assert not nodal_values(contact_fields.slip, unfaced_nodes).any()
+        assert (nodal_values(contact_fields.status, unfaced_nodes) == OPEN).all()
 
 
-def block(low, high, divisions):
+def make_rectangle(low, high, divisions):
     return create_rectangle(MPI.COMM_SELF, [low, high], divisions, CellType.triangle)
 
 
-def test_two_slaves_on_one_master_and_a_rigid_floor():
-    """Blocks side by side, which meet above the inside of a facet; a plate of some thickness."""
+def test_two_slaves_on_one_master_and_a_rigid_floor_have_uniform_pressure():
+    """Blocks side by side meet above the inside of a facet; the plate has a thickness."""
     end = 0.47
-    below = block((0.0, 0.0), (1.0, 1.0), (5, 4))
-    above = join_meshes(
-        block((0.0, 1.0), (end, 2.0), (3, 3)), block((end, 1.0), (1.0, 2.0), (4, 4))
+    lower_mesh = make_rectangle((0.0, 0.0), (1.0, 1.0), (5, 4))
+    upper_meshes = join_meshes(
+        make_rectangle((0.0, 1.0), (end, 2.0), (3, 3)),
+        make_rectangle((end, 1.0), (1.0, 2.0), (4, 4)),
     )
-    body = ElasticBody(join_meshes(below, above), E=1.0, nu=0.0, thickness=0.4)
-    theirs, own = split_facets_by_side(body, on_plane(1, 1.0), lambda x: x[:, 1] > 1)
+    body = ElasticBody(join_meshes(lower_mesh, upper_meshes), E=1.0, nu=0.0, thickness=0.4)
+    master_facets, slave_facets = split_facets_by_side(
+        body, on_plane(1, 1.0), lambda x: x[:, 1] > 1
+    )
     left, right = (
         np.intersect1d(
-            own, split_facets_by_side(body, on_plane(1, 1.0), lambda x: x[:, 0] > end)[k]
+            slave_facets, split_facets_by_side(body, on_plane(1, 1.0), lambda x: x[:, 0] > end)[k]
         )
         for k in (0, 1)
     )
     nodes = [fem.locate_dofs_topological(body.space, 1, side) for side in (left, right)]
-    master, floor = DeformableSurface(theirs), ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)))
+    master, floor = (
+        DeformableSurface(master_facets),
+        ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1))),
+    )
     pairs = [ContactPair(nodes[0], master), floor, ContactPair(nodes[1], master)]
-    held = body.make_supports(*((0, on_plane(0, x)) for x in (0.0, end, 1.0)))
+    supports = body.make_supports(*((0, on_plane(0, x)) for x in (0.0, end, 1.0)))
     (state,) = body.solve_contact(
-        pairs, held, body.traction_load((0.0, -PRESSURE), on_plane(1, 2.0))
+        pairs, supports, body.traction_load((0.0, -PRESSURE), on_plane(1, 2.0))
     )
     fields = ContactFields.of(state, body.body)
-    on_master = fem.locate_dofs_topological(body.space, 1, theirs)
-    for at_ in (*nodes, on_master, state.pairs[1].node):
-        assert values(fields.pressure, at_) == pytest.approx(PRESSURE, rel=1e-9)
+    on_master = fem.locate_dofs_topological(body.space, 1, master_facets)
+    for face_nodes in (*nodes, on_master, state.pairs[1].node):
+        assert nodal_values(fields.pressure, face_nodes) == pytest.approx(PRESSURE, rel=1e-9)
     assert fields.opposite[1] is None
-    other = replace(state, pairs=(*state.pairs[:2], replace(state.pairs[2], opposite=nodes[0])))
-    for of in (body.body, body.space):
+    changed_state = replace(
+        state, pairs=(*state.pairs[:2], replace(state.pairs[2], opposite=nodes[0]))
+    )
+    for part in (body.body, body.space):
         with pytest.raises(ValueError, match="other contact nodes than the fields"):
-            ContactFields.of(state, of).fill(other)
+            ContactFields.of(state, part).fill(changed_state)
 
 
-def test_a_body_between_two_others_has_the_pressures_of_both_pairs():
-    levels = [block((0.0, k), (1.0, k + 1.0), (n, 3)) for k, n in enumerate((4, 7, 5))]
+def test_a_body_between_two_others_has_the_pressure_of_each_pair():
+    levels = [make_rectangle((0.0, k), (1.0, k + 1.0), (n, 3)) for k, n in enumerate((4, 7, 5))]
     body = ElasticBody(join_meshes(join_meshes(levels[0], levels[1]), levels[2]), E=1.0)
     pairs, faces = [], []
     for height in (1.0, 2.0):
-        below, above = split_facets_by_side(
+        lower_facets, upper_facets = split_facets_by_side(
             body, on_plane(1, height), lambda x, h=height: x[:, 1] > h
         )
-        faces += [fem.locate_dofs_topological(body.space, 1, side) for side in (below, above)]
-        pairs.append(ContactPair(faces[-1], DeformableSurface(below), 0.3))
-    held = body.make_supports(*((i, on_plane(i, 0.0)) for i in range(2)))
+        faces += [
+            fem.locate_dofs_topological(body.space, 1, side)
+            for side in (lower_facets, upper_facets)
+        ]
+        pairs.append(ContactPair(faces[-1], DeformableSurface(lower_facets), 0.3))
+    supports = body.make_supports(*((i, on_plane(i, 0.0)) for i in range(2)))
     (state,) = body.solve_contact(
-        pairs, held, body.traction_load((0.0, -PRESSURE), on_plane(1, 3.0))
+        pairs, supports, body.traction_load((0.0, -PRESSURE), on_plane(1, 3.0))
     )
     fields = ContactFields.of(state, body.body)
     for nodes in faces:
-        assert values(fields.pressure, nodes) == pytest.approx(PRESSURE, rel=1e-8)
-        assert set(values(fields.status, nodes)) <= {STICK, HELD}
+        assert nodal_values(fields.pressure, nodes) == pytest.approx(PRESSURE, rel=1e-8)
+        assert set(nodal_values(fields.status, nodes)) <= {STICK, HELD}
 
 
 @pytest.mark.parametrize("element", ["petrov_galerkin", "hybrid"])
-def test_pictures_of_the_opposite_side(element, tmp_path):
+def test_pictures_of_the_opposite_side_show_its_tractions(element, tmp_path):
     mpl.use("Agg")
     stack = StackedBlocks((5, 4), upper_range=(0.13, 0.83), element=element)
     state = stack.solve_shifted_top()
     write(tmp_path / "two.bp", [state], stack.body)
     (pair,), fields = state.pairs, ContactFields.of(state, stack.body)
-    drawn = [line.get_xydata() for line in plot(state, stack.body, along=0, opposite=True).lines]
-    shear = values(fields.traction, pair.opposite)[:, 0]
-    for expected in (values(fields.pressure, pair.opposite), shear):
-        curve = np.column_stack([stack.x[pair.opposite, 0], expected])
-        assert any(c.shape == curve.shape and np.allclose(c, curve, equal_nan=True) for c in drawn)
+    curves = [line.get_xydata() for line in plot(state, stack.body, along=0, opposite=True).lines]
+    shear = nodal_values(fields.traction, pair.opposite_node)[:, 0]
+    for expected in (nodal_values(fields.pressure, pair.opposite_node), shear):
+        curve = np.column_stack([stack.x[pair.opposite_node, 0], expected])
+        assert any(c.shape == curve.shape and np.allclose(c, curve, equal_nan=True) for c in curves)
     solid = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), element=element)
     state = solid.solve_shifted_top()
     axes = plot(state, solid.body, opposite=True)
-    (coloured,) = (c for c in axes.collections if hasattr(c, "_triangulation"))
-    assert len(coloured.get_array()) == len(state.pairs[0].opposite)
+    (coloured_faces,) = (c for c in axes.collections if hasattr(c, "_triangulation"))
+    assert len(coloured_faces.get_array()) == len(state.pairs[0].opposite_node)

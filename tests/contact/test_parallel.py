@@ -1,4 +1,4 @@
-"""Contact on two processes, at night on three: one start computes all that is compared."""
+"""Contact on two processes, three at night: one start computes everything that is compared."""
 
 import logging
 import os
@@ -36,7 +36,7 @@ from tests.contact.histories import (
 )
 from tests.contact.sliding import DIE_PATH, make_die_on_block, slide_along_path
 from tests.contact.test_fields import solve_ball_on_block
-from tests.contact.test_matching import Blocks
+from tests.contact.test_matching import MatchingBlocks
 from tests.contact.test_refusals import refusal_messages
 from tests.contact.test_sensitivity import RandomRubber
 from tests.contact.two_bodies import StackedBlocks
@@ -44,53 +44,56 @@ from tests.library import vtx
 from tests.oracle.random_contact import make_problem as random_problem
 from tests.parallel import assert_same, run_on
 
-FILES = "block", "drag", "mortar", "flat mortar", "matching"
+CASES_WITH_FILES = "block", "drag", "mortar", "flat mortar", "matching"
 
 
-def mortar(comm, cell, divisions):
-    """A body on another, which it covers in part, pressed and drawn askew."""
+def solve_mortar(comm, cell, divisions):
+    """Return a body on another one, which it covers partly, pressed and moved, and its state."""
     stack = StackedBlocks(divisions, cell, upper_range=(0.13, 0.83), comm=comm)
     return stack, [stack.solve_shifted_top("lower")]
 
 
-def matching(comm):
-    """Two blocks, the upper one held by the lower alone; their nodes coincide."""
-    blocks = Blocks(divisions=(12, 6), comm=comm)
+def solve_matching(comm):
+    """Return two blocks with matching nodes, the upper one held by contact, and the states."""
+    blocks = MatchingBlocks(divisions=(12, 6), comm=comm)
     loads = [blocks.traction_load((pull, -3.0)) for pull in (0.0, 0.4)]
     states = blocks.solve_contact(blocks.make_pair(0.3), blocks.clamp(on_plane(1, 0.0)), loads)
-    left = reactions(blocks.K, states[-1].displacement, loads[-1]).array_r
-    force = ContactFields.of(states[-1], blocks.space).force.x.array[: len(left)]
-    wrong = np.abs(left - force).reshape(-1, 2)[~np.isclose(blocks.x[: len(left) // 2, 1], 0.0)]
-    assert wrong.max(initial=0.0) < 1e-8 * np.abs(states[-1].pairs[0].force).max()
+    reaction = reactions(blocks.K, states[-1].displacement, loads[-1]).array_r
+    force = ContactFields.of(states[-1], blocks.space).force.x.array[: len(reaction)]
+    difference = np.abs(reaction - force).reshape(-1, 2)[
+        ~np.isclose(blocks.x[: len(reaction) // 2, 1], 0.0)
+    ]
+    assert difference.max(initial=0.0) < 1e-8 * np.abs(states[-1].pairs[0].force).max()
     return blocks, states
 
 
-def block(comm):
+def solve_block(comm):
+    """Return a block on a floor and its states; several processes have contact nodes."""
     body = BlockOnFloor(20, comm=comm)
     owned = body.x[: body.space.dofmap.index_map.size_local, 1]
-    parts = comm.allgather(np.isclose(owned, 0.0).any())
-    assert comm.size == 1 or sum(parts) > 1, "the partition spares the contact"
+    has_contact_nodes = comm.allgather(np.isclose(owned, 0.0).any())
+    assert comm.size == 1 or sum(has_contact_nodes) > 1, "the partition spares the contact"
     return body, body.solve(0.3, 60.0, increments=2)
 
 
-def by_seed(comm, seed):
-    stated = random_problem(seed, comm)
-    return stated, stated.solve()
+def solve_random(comm, seed):
+    problem = random_problem(seed, comm)
+    return problem, problem.solve()
 
 
 CASES = {
-    "block": block,
+    "block": solve_block,
     "drag": solve_ball_on_block,
-    "mortar": partial(mortar, cell="tetrahedron", divisions=(3, 2)),
-    "flat mortar": partial(mortar, cell="triangle", divisions=(5, 4)),
-    "matching": matching,
+    "mortar": partial(solve_mortar, cell="tetrahedron", divisions=(3, 2)),
+    "flat mortar": partial(solve_mortar, cell="triangle", divisions=(5, 4)),
+    "matching": solve_matching,
     "rubber": partial(solve_ball_on_block, method=Spaces.hybrid, nu=0.5),
-    **{f"seed {seed}": partial(by_seed, seed=seed) for seed in (158, 316)},
+    **{f"seed {seed}": partial(solve_random, seed=seed) for seed in (158, 316)},
 }
 
 
-def passed(comm, surface, depth):
-    """Numbers in the message, the same on all processes, on a surface that passes through."""
+def passing_error_numbers(comm, surface, depth):
+    """Return the numbers in the message about a surface that passes through the body."""
     case = PunchedBlock(comm=comm)
     pair = ContactPair(on_plane(1, 4.0), surface, 0.3, [Motion((0, -depth))])
     with pytest.raises(SurfacePassed) as error:
@@ -98,247 +101,279 @@ def passed(comm, surface, depth):
     return [float(number) for number in re.findall(r"-?[0-9.]*[0-9]", str(error.value))]
 
 
-def numbers(comm, folder):
-    found = {
-        "ball passes": passed(comm, Sphere((0, 6), 2.0), 5.0),
-        "plate passes": passed(comm, Plane((0, 4), (0, -1)), 6.0),
+def collect_numbers(comm, folder):
+    """Return all numbers of the cases by name, and write the files."""
+    numbers = {
+        "ball passes": passing_error_numbers(comm, Sphere((0, 6), 2.0), 5.0),
+        "plate passes": passing_error_numbers(comm, Plane((0, 4), (0, -1)), 6.0),
     }
-    for name, solved in CASES.items():
-        body, states = solved(comm)
-        if name in FILES:
+    for name, solve in CASES.items():
+        body, states = solve(comm)
+        if name in CASES_WITH_FILES:
             write(folder / f"{name}.bp", states, body.body)
         for k, state in enumerate(states):
             (pair,) = state.pairs
             for field in ("position", "force_normal", "force_tangential", "status", "gap", "slip"):
-                found[f"{name} {k} {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
-            if len(pair.opposite):
-                found[f"{name} {k} opposite force"] = pair.opposite_force
-            found[f"{name} {k} translation"] = pair.translation
-            found[f"{name} {k} force"] = pair.force
-            found[f"{name} {k} displacement"] = state.displacement.norm()
-            found[f"{name} {k} smallness"] = list(vars(state.smallness).values())
-            found[f"{name} {k} scale"] = list(vars(state.scale).values())
-    return found
+                numbers[f"{name} {k} {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
+            if len(pair.opposite_node):
+                numbers[f"{name} {k} opposite force"] = pair.opposite_force
+            numbers[f"{name} {k} translation"] = pair.translation
+            numbers[f"{name} {k} force"] = pair.force
+            numbers[f"{name} {k} displacement"] = state.displacement.norm()
+            numbers[f"{name} {k} smallness"] = list(vars(state.smallness).values())
+            numbers[f"{name} {k} scale"] = list(vars(state.scale).values())
+    return numbers
 
 
-def refusals_to_write(comm, folder):
-    """What each process is told where one alone meets what is in the way; then it is written."""
-    body, states = block(comm)
-    path, told = folder / "block.bp", []
+def write_errors(comm, folder):
+    """Return the errors of writing where rank 0 alone is obstructed, and the final file names."""
+    body, states = solve_block(comm)
+    path, messages = folder / "block.bp", []
     if comm.rank == 0:
         path.mkdir()
         (path / "md.idx").write_text("mine")
     comm.barrier()
-    none = patch.object(os, "posix_fallocate", side_effect=OSError(28, "No space left on device"))
-    for failure in (None, none):
+    full_disk = patch.object(
+        os, "posix_fallocate", side_effect=OSError(28, "No space left on device")
+    )
+    for failure in (None, full_disk):
         with failure or nullcontext():
             try:
                 write(path, states, body.body)
             except OSError as error:
-                told.append(str(error))
+                messages.append(str(error))
         comm.barrier()
         if failure is None and comm.rank == 0:
-            told.append((path / "md.idx").read_text())
+            messages.append((path / "md.idx").read_text())
             (path / "md.idx").unlink()
             path.rmdir()
         comm.barrier()
     for _ in range(2):
         write(path, states, body.body)
     comm.barrier()
-    return told, sorted(os.listdir(folder))
+    return messages, sorted(os.listdir(folder))
 
 
-def test_what_stops_one_process_from_writing_is_told_on_all(tmp_path):
-    for rank, (told, left) in enumerate(run_on(2, refusals_to_write, tmp_path)):
-        foreign, *mine, room = told
-        assert "does not say that it is a time series" in foreign
-        assert mine == ["mine"] * (rank == 0)
-        assert "No space left on device: it takes about" in room
-        assert left == ["block.bp"]
+def test_an_obstacle_to_writing_on_one_process_is_reported_on_all(tmp_path):
+    for rank, (messages, file_names) in enumerate(run_on(2, write_errors, tmp_path)):
+        foreign_folder, *contents, full_disk = messages
+        assert "does not say that it is a time series" in foreign_folder
+        assert contents == ["mine"] * (rank == 0)
+        assert "No space left on device: it takes about" in full_disk
+        assert file_names == ["block.bp"]
 
 
-def failing_alone(comm, folder):
-    """A process that fails within the writing, while the others wait for it."""
-    body, states = block(comm)
+def fail_while_writing(comm, folder):
+    """Let one process fail within the writing, while the others wait for it."""
+    body, states = solve_block(comm)
     fill = ContactFields.fill
 
-    def failing(self, state):
+    def fail_on_rank_1(self, state):
         if comm.rank == 1 and state is states[1]:
             raise OSError("no more")
         fill(self, state)
 
-    with patch.object(ContactFields, "fill", failing), patch(f"{write.__module__}._PATIENCE", 1.0):
+    with (
+        patch.object(ContactFields, "fill", fail_on_rank_1),
+        patch(f"{write.__module__}._PATIENCE", 1.0),
+    ):
         write(folder / "block.bp", states, body.body)
 
 
 def test_processes_do_not_wait_for_one_that_failed_while_writing(tmp_path):
     with pytest.raises(AssertionError, match="writing failed on process 1 alone: no more"):
-        run_on(2, failing_alone, tmp_path, limit=300)
+        run_on(2, fail_while_writing, tmp_path, limit=300)
     assert not (tmp_path / "block.bp").exists()
 
 
-def whole_and_resumed(name, problems, motions, folder, more=()):
-    """Ends of a way, and of another problem that goes on before the last part, by a file or not."""
-    (problem, again), path = problems, folder / f"{name}.npz"
-    *_, before, end = large.step_through(problem, motions)
+def solve_and_resume(name, problems, motions, folder, further_fields=()):
+    """Return the fields at the end of the motions, also of resumed problems.
+
+    Another problem takes up the state before the last motion, from a file or directly.
+    """
+    (problem, second_problem), path = problems, folder / f"{name}.npz"
+    *_, previous, end_state = large.step_through(problem, motions)
     if not path.exists():
-        problem.save(before, path)
-    ends = {f"{name} whole": end}
-    for way, start in (("resumed", again.load(path)), ("taken up", before)):
-        (ends[f"{name} {way}"],) = large.step_through(again, motions[-1:], start)
-    return large.collect_pair_fields(ends, more)
+        problem.save(previous, path)
+    end_states = {f"{name} whole": end_state}
+    for kind, start in (("resumed", second_problem.load(path)), ("taken up", previous)):
+        (end_states[f"{name} {kind}"],) = large.step_through(second_problem, motions[-1:], start)
+    return large.collect_pair_fields(end_states, further_fields)
 
 
-def at_large_strains(comm, folder):
-    """Tools that are pressed, drawn and turned, rubber on rubber, and derivatives."""
-    found = {}
+def finite_strain_fields(comm, folder):
+    """Return fields of moved tools, of two rubber bodies, and derivatives."""
+    fields = {}
     for name, solver in large.SOLVERS.items():
-        both = [large.make_hardening_rubber(comm, solver=solver)[0].problem for _ in range(2)]
-        found |= whole_and_resumed(name, both, large.CIRCLE_MOTIONS, folder)
+        problems = [large.make_hardening_rubber(comm, solver=solver)[0].problem for _ in range(2)]
+        fields |= solve_and_resume(name, problems, large.CIRCLE_MOTIONS, folder)
     roller = turning.make_roller(mesh=triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))).problem
-    found |= whole_and_resumed(
+    fields |= solve_and_resume(
         "turned", [roller] * 2, turning.ROLLER_MOTIONS, folder, turning.POSE_FIELDS
     )
-    found |= large.collect_pair_fields(
+    fields |= large.collect_pair_fields(
         {"hybrid": large.solve_pressed_and_pushed("hybrid", Iterative(), comm)}
     )
     (pair,) = slide_along_path(
         make_die_on_block(comm=comm, divisions=((8, 2), (6, 2))), DIE_PATH[:3]
     )[-1].pairs
     for field in ("force_normal", "force_tangential", "slip", "gap", "opposite_force"):
-        found[f"die's {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
+        fields[f"die's {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
     case = RandomRubber(0, comm=comm)
     problem, states = case.solve()
-    given = states, case.outputs, list(case.parameters.values()), case.loads
-    found["derivatives"] = problem.sensitivity(*given)
+    arguments = states, case.outputs, list(case.parameters.values()), case.loads
+    fields["derivatives"] = problem.sensitivity(*arguments)
     weights = np.cos(np.arange(15.0)).reshape(3, 5)
-    return found | {"adjoint": problem.sensitivity(*given, weights)}
+    return fields | {"adjoint": problem.sensitivity(*arguments, weights)}
 
 
-KINDS = ["NoEquilibrium"] * 8 + ["FreeBody"] * 8
+REFUSAL_TYPES = ["NoEquilibrium"] * 8 + ["FreeBody"] * 8
 
 
-def told(comm):
-    """What is logged where, and whether the callback of one process is called there alone."""
-    case, lines, seen = BlockOnFloor(8, comm=comm), [], []
+def log_of_one_process(comm):
+    """Return whether a callback of rank 1 is called there alone, and the log's lines."""
+    case, lines, events = BlockOnFloor(8, comm=comm), [], []
     case.pressure_load.scale(0.01)  # small displacements
 
-    def solved(callback=None):
+    def solve(callback=None):
         return case.solve_contact(
             case.floor_pair(0.3), case.no_supports, case.pressure_load, callback=callback
         )
 
-    class Lines(logging.Handler):
+    class LineHandler(logging.Handler):
         def emit(self, record):
             lines.append(record.getMessage())
 
-    (state,) = solved(seen.append if comm.rank == 1 else None)
-    handler, library = Lines(), logging.getLogger("pw_elements")
+    (state,) = solve(events.append if comm.rank == 1 else None)
+    handler, library = LineHandler(), logging.getLogger("pw_elements")
     library.addHandler(handler)
     library.setLevel(logging.INFO)
     if comm.rank == 0:  # whoever listens on one process only must not stop the others
         logging.getLogger("pw_elements.contact").setLevel(logging.DEBUG)
-    solved()
-    return len(seen) == (state.iterations + 1 if comm.rank == 1 else 0), lines
+    solve()
+    return len(events) == (state.iterations + 1 if comm.rank == 1 else 0), lines
 
 
-def compared(state):
+def compared_fields(state):
+    """Return the fields of a state, the displacement by its norm."""
     return state_fields(state) | {"displacement": state.displacement.norm()}
 
 
-def everything(comm, before, folder):
-    """All that is compared; histories go on from where fewer processes have stopped."""
-    found = {"numbers": numbers(comm, folder), "words": refusal_messages(comm), "histories": {}}
-    found["large"] = at_large_strains(comm, before or folder)
+def compute_everything(comm, previous_folder, folder):
+    """Compute everything that is compared; histories go on where fewer processes have stopped."""
+    results = {
+        "numbers": collect_numbers(comm, folder),
+        "words": refusal_messages(comm),
+        "histories": {},
+    }
+    results["large"] = finite_strain_fields(comm, previous_folder or folder)
     for name, history in HISTORIES.items():
         problem, steps = history(comm)
-        if before is None:
+        if previous_folder is None:
             states = solve_history(problem, steps)
         else:
-            kept = problem.load(before / f"{name}.npz")
-            states = [None] * (RESUME_INCREMENT - 1) + [kept, *resume_history(problem, steps, kept)]
+            loaded_state = problem.load(previous_folder / f"{name}.npz")
+            states = [None] * (RESUME_INCREMENT - 1) + [
+                loaded_state,
+                *resume_history(problem, steps, loaded_state),
+            ]
         problem.save(states[RESUME_INCREMENT - 1], folder / f"{name}.npz")
-        found["histories"][name] = list(map(compared, states[RESUME_INCREMENT:]))
+        results["histories"][name] = list(map(compared_fields, states[RESUME_INCREMENT:]))
     if comm.size > 1:
-        found["told"] = told(comm)
-    return found
+        results["told"] = log_of_one_process(comm)
+    return results
 
 
-def unique(values):
-    """A step's fields with each point once, in order of positions; ghosts have to agree."""
+def merge_coinciding_points(values):
+    """Return a step's fields with each point once, sorted by position; ghosts have to agree."""
     x = values["geometry"]
     order = np.lexsort(np.round(x, 9).T)
-    first = np.append(True, np.any(np.abs(np.diff(x[order], axis=0)) > 1e-9, axis=1))
-    group = np.cumsum(first) - 1
-    found = {}
+    is_new_point = np.append(True, np.any(np.abs(np.diff(x[order], axis=0)) > 1e-9, axis=1))
+    group = np.cumsum(is_new_point) - 1
+    merged = {}
     for name, field in values.items():
         if name != "connectivity":
-            found[name] = field[order][first]
-            assert np.allclose(field[order], found[name][group], 1e-12, 1e-14, equal_nan=True), name
-    return found
+            merged[name] = field[order][is_new_point]
+            assert np.allclose(field[order], merged[name][group], 1e-12, 1e-14, equal_nan=True), (
+                name
+            )
+    return merged
 
 
-def assert_same_files(name, folder, another):
-    one, more = (vtx.read(of / f"{name}.bp") for of in (folder, another))
-    for (time, serial), (other, parallel) in zip(one, more, strict=True):
-        assert time == other
-        if name == "matching":  # nodes of two bodies are in one place
+def assert_same_files(name, folder, parallel_folder):
+    """Compare the time series of a case that one and several processes have written."""
+    serial_steps, parallel_steps = (
+        vtx.read(path / f"{name}.bp") for path in (folder, parallel_folder)
+    )
+    for (time, serial), (parallel_time, parallel) in zip(serial_steps, parallel_steps, strict=True):
+        assert time == parallel_time
+        if name == "matching":  # nodes of two bodies coincide
             ends = [
-                [np.nanmax(of["pressure"]), np.nanmin(of["contact_force"])]
-                for of in (serial, parallel)
+                [np.nanmax(step["pressure"]), np.nanmin(step["contact_force"])]
+                for step in (serial, parallel)
             ]
             assert ends[0] == pytest.approx(ends[1], rel=1e-8)
             continue
-        serial, parallel = unique(serial), unique(parallel)
+        serial, parallel = merge_coinciding_points(serial), merge_coinciding_points(parallel)
         for field, values in serial.items():
             # a slip is a difference of displacements
-            of = serial["displacement"] if field == "slip" else values
-            scale = np.nanmax(np.abs(of)) if field != "gap" else 1.0
+            reference = serial["displacement"] if field == "slip" else values
+            scale = np.nanmax(np.abs(reference)) if field != "gap" else 1.0
             difference = np.abs(values - parallel[field])
             assert np.array_equal(np.isnan(values), np.isnan(parallel[field])), field
             # the law holds to 1e-9 of the largest force, and forces to a few times that
             assert np.nanmax(difference) < 1e-8 * max(scale, 1e-3), field
 
 
-def assert_same_histories(name, first, others, last):
-    """Written on one process, gone on from on several, and back on one."""
+def assert_same_histories(name, serial_result, several_results, folder):
+    """Compare histories begun on one process, continued on several, and continued on one again."""
     problem, steps = HISTORIES[name]()
-    back = resume_history(problem, steps, problem.load(last / f"{name}.npz"))
-    known = first["histories"][name]
-    for states in (*(other["histories"][name] for other in others), map(compared, back)):
-        for state, expected in zip(states, known, strict=True):
+    resumed_states = resume_history(problem, steps, problem.load(folder / f"{name}.npz"))
+    serial_fields = serial_result["histories"][name]
+    for states in (
+        *(result["histories"][name] for result in several_results),
+        map(compared_fields, resumed_states),
+    ):
+        for state, expected in zip(states, serial_fields, strict=True):
             for field, values in expected.items():
-                scale = values if field == "displacement" else field_scale(field, back)
+                scale = values if field == "displacement" else field_scale(field, resumed_states)
                 assert np.abs(state[field] - values).max() < 1e-9 * scale, f"{name}: {field}"
 
 
-def assert_told(one, *others):
-    """One process speaks."""
-    (heard, lines), beside = one, [words for _, words in others]
-    assert heard
-    assert all(found for found, _ in others)
+def assert_one_process_logs(rank_0_result, *other_results):
+    """Assert that rank 0 alone logs, and that callbacks are called where they should be."""
+    (callback_is_right, lines), other_lines = (
+        rank_0_result,
+        [rank_lines for _, rank_lines in other_results],
+    )
+    assert callback_is_right
+    assert all(other_callback_is_right for other_callback_is_right, _ in other_results)
     assert len(lines) > 2
     assert all(line.startswith(("increment 0: ", "LU by ")) for line in lines)
-    assert not any(line.startswith("increment") for words in beside for line in words)
+    assert not any(
+        line.startswith("increment") for rank_lines in other_lines for line in rank_lines
+    )
 
 
 def test_one_and_several_processes_agree(tmp_path, request):
-    """In one test, which other workers would else compute once more for its parts."""
+    """One test, so that workers do not compute its parts twice."""
     folders = [tmp_path / name for name in ("one", "several")]
     for folder in folders:
         folder.mkdir()
-    one = everything(MPI.COMM_SELF, None, folders[0])
-    assert [said.split(":")[0] for said in one["words"]] == KINDS
-    for name, values in one["large"].items():
-        whole = one["large"][re.sub("resumed|taken up", "whole", name)]
-        assert np.abs(values - whole).max() < 1e-12, name
-    several = run_on(3 if request.config.getoption("--nightly") else 2, everything, *folders)
-    for process in several:
-        assert process["words"] == one["words"]
-        assert_same(one["numbers"], process["numbers"], 1e-10, "of several")
-        assert_same(one["large"], process["large"], 1e-9, "of several")
-    for name in FILES if vtx.library() else ():
+    serial = compute_everything(MPI.COMM_SELF, None, folders[0])
+    assert [message.split(":")[0] for message in serial["words"]] == REFUSAL_TYPES
+    for name, values in serial["large"].items():
+        reference = serial["large"][re.sub("resumed|taken up", "whole", name)]
+        assert np.abs(values - reference).max() < 1e-12, name
+    parallel_results = run_on(
+        3 if request.config.getoption("--nightly") else 2, compute_everything, *folders
+    )
+    for parallel in parallel_results:
+        assert parallel["words"] == serial["words"]
+        assert_same(serial["numbers"], parallel["numbers"], 1e-10, "of several")
+        assert_same(serial["large"], parallel["large"], 1e-9, "of several")
+    for name in CASES_WITH_FILES if vtx.library() else ():
         assert_same_files(name, *folders)
     for name in HISTORIES:
-        assert_same_histories(name, one, several, folders[-1])
-    assert_told(*(process["told"] for process in several))
+        assert_same_histories(name, serial, parallel_results, folders[-1])
+    assert_one_process_logs(*(parallel["told"] for parallel in parallel_results))

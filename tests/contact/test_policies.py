@@ -9,14 +9,14 @@ import pytest
 
 from pw_elements.contact import OPEN, SLIP, STICK, Coulomb, NotFound
 from pw_elements.contact.iteration.updates import CycleGuard, SetHistory
-from pw_elements.contact.model import Cone
+from pw_elements.contact.model import FrictionCone
 from pw_elements.contact.nodes import ActiveSet, ContactNodes
 
 SELF = MPI.COMM_SELF
-N_UNUSED = 4
 
 
 def make_active_set(*status, direction=0.0):
+    """Return an active set of the given statuses; slipping nodes have the given direction."""
     n = len(status)
     slipping = np.array(status) == SLIP
     return ActiveSet(
@@ -34,7 +34,10 @@ def make_contact_nodes(force, gap=None, slip=None, friction=0.3):
     frame = np.tile(np.array([[0.0, 1.0], [1.0, 0.0]]), (n, 1, 1))
     gap = np.zeros(n) if gap is None else np.asarray(gap, dtype=float)
     slip = np.zeros(n) if slip is None else np.asarray(slip, dtype=float)
-    cone, none_marked = Cone([Coulomb(0.0)], [np.full(n, friction)]), np.zeros(n, dtype=bool)
+    cone, none_marked = (
+        FrictionCone([Coulomb(0.0)], [np.full(n, friction)]),
+        np.zeros(n, dtype=bool),
+    )
     return ContactNodes(
         frame,
         gap,

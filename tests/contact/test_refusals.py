@@ -1,4 +1,4 @@
-"""Refusals against statics done by hand and another linear program."""
+"""Refusals against statics by hand and another linear program."""
 
 import re
 from dataclasses import replace
@@ -44,7 +44,7 @@ from tests.oracle.proofs import is_valid_proof, measure_proof_defects
 
 SELF = MPI.COMM_SELF
 FLOOR, CEILING = Plane((0, 0), (0, 1)), Plane((0, 1), (0, -1))
-GROUND = Plane((0, 0, 0), (0, 0, 1))
+FLOOR_IN_SPACE = Plane((0, 0, 0), (0, 0, 1))
 
 
 class StatedProblem(ElasticBody):
@@ -55,7 +55,7 @@ class StatedProblem(ElasticBody):
         self.conditions = [prescribe(self.space, axis, where) for axis, where in conditions]
 
     def solve(self, pairs, load):
-        """Of pairs and loads per volume, or a load vector."""
+        """Return the state under pairs and a load vector or a load per volume."""
         pairs = [pairs] if isinstance(pairs, ContactPair) else pairs
         if isinstance(load, tuple):
             load = assemble_vector(self.body.body_load(load))
@@ -63,9 +63,10 @@ class StatedProblem(ElasticBody):
         supports = Reduction.dirichlet(self.space, self.conditions)
         return self.solve_contact(pairs, supports, load)[0]
 
-    def nodal_load_at(self, place, force):
+    def nodal_push_loadat(self, position, force):
+        """Assemble a nodal force at a position."""
         return nodal_load(
-            self.space, lambda x: np.all(np.isclose(x.T[:, : self.dim], place), axis=1), force
+            self.space, lambda x: np.all(np.isclose(x.T[:, : self.dim], position), axis=1), force
         )
 
 
@@ -73,15 +74,15 @@ def make_block(comm=SELF, conditions=(), state="plane strain", left=0.0):
     return StatedProblem(triangles(comm, (left, 0.0), (left + 2.0, 1.0), (4, 2)), state, conditions)
 
 
-def ring(comm=SELF):
+def make_ring(comm=SELF):
     return make_block(comm, state="axisymmetric", left=1.0)
 
 
-def clamped(comm=SELF):
+def make_clamped_block(comm=SELF):
     return make_block(comm, [(0, on_plane(1, 0.0)), (1, on_plane(1, 0.0))])
 
 
-def solid(comm=SELF, conditions=()):
+def make_solid_block(comm=SELF, conditions=()):
     mesh = create_box(comm, [(0, 0, 0), (2, 2, 1)], [2, 2, 1], CellType.tetrahedron)
     return StatedProblem(mesh, "solid", conditions)
 
@@ -90,29 +91,34 @@ def floor_pair(mu=0.3, surface=FLOOR):
     return ContactPair(on_plane(1, 0.0), surface, mu)
 
 
-def two_apart(comm=SELF, x=5.0, y=0.0):
-    first, second = (
-        triangles(SELF, low, (low[0] + 2.0, low[1] + 1.0), (4, 2)) for low in ((0.0, 0.0), (x, y))
+def make_two_blocks(comm=SELF, x=5.0, y=0.0):
+    """Return two loose blocks of one mesh, the second one's corner at (x, y)."""
+    first_mesh, second_mesh = (
+        triangles(SELF, corner, (corner[0] + 2.0, corner[1] + 1.0), (4, 2))
+        for corner in ((0.0, 0.0), (x, y))
     )
-    return StatedProblem(join_meshes(first, second, comm))
+    return StatedProblem(join_meshes(first_mesh, second_mesh, comm))
 
 
-def stacked(body, below, between):
-    """Pairs of a block on a block on the floor."""
-    lower, upper = (nodes_of_block_at_height(body.space, 1.0, above) for above in (False, True))
+def stacked_pairs(body, floor_friction, block_friction):
+    """Return the pairs of a block on a block on the floor."""
+    lower_nodes, upper_nodes = (
+        nodes_of_block_at_height(body.space, 1.0, of_upper) for of_upper in (False, True)
+    )
     return [
-        floor_pair(below),
-        ContactPair(upper, MatchingNodes(lower, Plane((0, 1), (0, 1))), between),
+        floor_pair(floor_friction),
+        ContactPair(upper_nodes, MatchingNodes(lower_nodes, Plane((0, 1), (0, 1))), block_friction),
     ]
 
 
-def refusal(stated, pairs, load, match=None, kind=NoEquilibrium):
+def solve_refused(problem, pairs, load, match=None, kind=NoEquilibrium):
+    """Return the error of a refused problem, after checking its proof."""
     with pytest.raises(kind, match=match) as caught:
-        stated.solve(pairs, load)
+        problem.solve(pairs, load)
     assert type(caught.value) is kind
     if kind is NoEquilibrium:
-        found = measure_proof_defects(stated, 0, caught.value)
-        assert is_valid_proof(found), found
+        defects = measure_proof_defects(problem, 0, caught.value)
+        assert is_valid_proof(defects), defects
     return caught.value
 
 
@@ -120,19 +126,19 @@ def refusal(stated, pairs, load, match=None, kind=NoEquilibrium):
 
 
 @pytest.mark.parametrize("mu", [0.1, 1.5])
-def test_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
-    """Weight (s, -c) at the middle of its base; what is missing follows from s - mu c."""
+def test_a_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
+    """The weight (s, -c) acts at the middle of the base; s - mu c gives the missing force."""
     body = make_block()
-    for share, slides in ((0.99, False), (1.01, True), (1.001, True)):
-        s, c = share * mu / np.hypot(1, mu * share), 1 / np.hypot(1, mu * share)
-        load = body.nodal_load_at((1, 0), (s, -c))
-        if not slides:
+    for slope_ratio, is_refused in ((0.99, False), (1.01, True), (1.001, True)):
+        s, c = slope_ratio * mu / np.hypot(1, mu * slope_ratio), 1 / np.hypot(1, mu * slope_ratio)
+        load = body.nodal_push_loadat((1, 0), (s, -c))
+        if not is_refused:
             assert body.solve(floor_pair(mu), load).residuals.largest() < 1e-10
             continue
-        error = refusal(body, floor_pair(mu), load, "the body slides along x on pair 0")
-        short = s - mu * c
-        least = (-short, 0) if mu < 1 else (0, -short / mu)
-        assert error.missing.force == pytest.approx(np.array([least]), abs=2e-6 * c)
+        error = solve_refused(body, floor_pair(mu), load, "the body slides along x on pair 0")
+        imbalance = s - mu * c
+        missing_force = (-imbalance, 0) if mu < 1 else (0, -imbalance / mu)
+        assert error.missing.force == pytest.approx(np.array([missing_force]), abs=2e-6 * c)
         assert error.missing.moment == pytest.approx(0.0, abs=1e-6 * c)
         direction = error.velocity.translation[0] / error.velocity.translation[0, 0]
         assert direction == pytest.approx([1, mu], rel=1e-6)
@@ -140,67 +146,79 @@ def test_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
         assert error.velocity.centre == pytest.approx(np.array([[1, 0.5]]))
 
 
-def test_body_in_space_is_dragged_along_a_diagonal():
-    """The cone is round: no polygon's corner is taken for it, in any direction."""
-    body, ground = solid(), ContactPair(on_plane(2, 0.0), GROUND, 0.3)
+def test_a_body_in_space_slides_in_any_direction():
+    """The cone is round: it is not replaced by a polygon."""
+    body, ground_pair = make_solid_block(), ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE, 0.3)
     for angle in np.radians([0.0, 30.0, 100.0]):
         pull = 0.3 * np.array([np.cos(angle), np.sin(angle)])
-        load = body.nodal_load_at((1, 1, 0), (*(1.0001 * pull), -1.0))
-        error = refusal(body, ground, load, "the body slides along .* on pair 0")
-        slid = error.velocity.translation[0]
-        assert slid[:2] / np.linalg.norm(slid[:2]) == pytest.approx(pull / 0.3, abs=0.02)
-        body.solve(ground, body.nodal_load_at((1, 1, 0), (*(0.98 * pull), -1.0)))
+        load = body.nodal_push_loadat((1, 1, 0), (*(1.0001 * pull), -1.0))
+        error = solve_refused(body, ground_pair, load, "the body slides along .* on pair 0")
+        velocity = error.velocity.translation[0]
+        assert velocity[:2] / np.linalg.norm(velocity[:2]) == pytest.approx(pull / 0.3, abs=0.02)
+        body.solve(ground_pair, body.nodal_push_loadat((1, 1, 0), (*(0.98 * pull), -1.0)))
 
 
-BOTH = "translation .* of the body around .* with .* of the body around .* slides along x on pair 0"
-UPPER = r"the body around \(1, 1\.5\), by .* slides along x on pair 1\. .* of \(-0\.1, 0\)"
+BOTH_SLIDE_MESSAGE = (
+    "translation .* of the body around .* with .* of the body around .* slides along x on pair 0"
+)
+UPPER_SLIDES_MESSAGE = (
+    r"the body around \(1, 1\.5\), by .* slides along x on pair 1\. .* of \(-0\.1, 0\)"
+)
 
 
-@pytest.mark.parametrize(("below", "between", "said"), [(0.5, 0.3, UPPER), (0.3, 0.5, BOTH)])
-def test_upper_or_both_of_two_stacked_blocks_are_dragged_off(below, between, said):
-    body = two_apart(x=0.0, y=1.0)
+@pytest.mark.parametrize(
+    ("floor_friction", "block_friction", "message"),
+    [(0.5, 0.3, UPPER_SLIDES_MESSAGE), (0.3, 0.5, BOTH_SLIDE_MESSAGE)],
+)
+def test_the_upper_or_both_of_two_stacked_blocks_slide(floor_friction, block_friction, message):
+    body = make_two_blocks(x=0.0, y=1.0)
     load = body.traction_load((0.2, -0.5), on_plane(1, 2.0))
-    error = refusal(body, stacked(body, below, between), load, said)
-    first, second = error.velocity.translation
-    assert first == pytest.approx(second if said == BOTH else 0.0, abs=1e-9)
+    error = solve_refused(body, stacked_pairs(body, floor_friction, block_friction), load, message)
+    lower_velocity, upper_velocity = error.velocity.translation
+    assert lower_velocity == pytest.approx(
+        upper_velocity if message == BOTH_SLIDE_MESSAGE else 0.0, abs=1e-9
+    )
 
 
-def test_only_the_block_that_nothing_holds_is_named():
-    body = two_apart()
-    load = assemble_vector(body.body.body_load((0.0, -1.0))) + body.nodal_load_at((6, 1), (0, 5.0))
-    error = refusal(body, floor_pair(), load, r"\(6, 0\.5\), by .* lifts off pair 0\. At")
+def test_only_the_loose_one_of_two_blocks_is_named():
+    body = make_two_blocks()
+    load = assemble_vector(body.body.body_load((0.0, -1.0))) + body.nodal_push_loadat(
+        (6, 1), (0, 5.0)
+    )
+    error = solve_refused(body, floor_pair(), load, r"\(6, 0\.5\), by .* lifts off pair 0\. At")
     assert error.missing.force == pytest.approx(np.array([[0, 0], [0, -3]]), rel=1e-5)
 
 
-def test_axisymmetric_body_is_lifted_along_its_axis_only():
-    error = refusal(ring(), floor_pair(), (1.0, 1.0), "the body lifts off pair 0")
+def test_an_axisymmetric_body_is_lifted_along_its_axis_only():
+    error = solve_refused(make_ring(), floor_pair(), (1.0, 1.0), "the body lifts off pair 0")
     volume = np.pi * (3**2 - 1)
     assert error.missing.force == pytest.approx(np.array([[0, -volume]]), rel=1e-6)
     assert error.velocity.translation == pytest.approx(np.array([[0, 1]]))
-    ring().solve(floor_pair(), (1.0, -1.0))
+    make_ring().solve(floor_pair(), (1.0, -1.0))
 
 
-def pushed_by(surface, force, mu=0.3):
+def pushed_surface_pair(surface, force, mu=0.3):
+    """Return the pair of the top under a free surface that a force pushes."""
     return ContactPair(on_plane(1, 1.0), surface, mu, [Motion((None, None), force)])
 
 
-def test_plate_that_is_pulled_off_or_along():
-    body = clamped()
-    plate = pushed_by(CEILING, (0, 1.0))
-    error = refusal(
+def test_a_plate_that_is_pulled_off_or_along_is_refused():
+    body = make_clamped_block()
+    plate = pushed_surface_pair(CEILING, (0, 1.0))
+    error = solve_refused(
         body, plate, body.zero_load, "y of the surface of pair 0, by .* lifts off pair 0"
     )
     assert error.missing.surface == pytest.approx(np.array([[0, -1]]), rel=1e-6)
-    words = r"slides along -x on pair 0\. At .* \(-0\.1, 0\) of the surface of pair 0"
-    error = refusal(body, pushed_by(CEILING, (0.4, -1.0)), body.zero_load, words)
+    message = r"slides along -x on pair 0\. At .* \(-0\.1, 0\) of the surface of pair 0"
+    error = solve_refused(body, pushed_surface_pair(CEILING, (0.4, -1.0)), body.zero_load, message)
     assert error.missing.force == pytest.approx(0.0)
 
 
 # -- motions that are free --------------------------------------------------------------------
 
 
-class Inclined:
-    """A level surface whose normal is inclined."""
+class InclinedNormal:
+    """A horizontal surface with an inclined normal."""
 
     def gap(self, x):
         return x[:, 1]
@@ -209,74 +227,104 @@ class Inclined:
         return np.tile([-0.6, 0.8], (len(x), 1))
 
 
-def corner(x):
+def at_origin(x):
     return np.all(np.isclose(x.T, 0.0), axis=1)
 
 
-ICE, ICE_IN_SPACE = floor_pair(0.0), ContactPair(on_plane(2, 0.0), GROUND)
-PLATE = ContactPair(on_plane(1, 1.0), CEILING, 0.3, [Motion((None, 0))])
-AWAY = ContactPair(on_plane(2, 1.0), FlatPunch((9, 9, 1), (0, 0, -1), 0.1), 0.3)
-EDGE = [(axis, lambda x: np.isclose(x[0], 0) & np.isclose(x[2], 0)) for axis in (0, 2)]
-ONE, OTHER = (rf"translation x of the body around \({x}, 0\.5\)" for x in (1, 6))
-AXES = zip("zyx", (r"0, 0, 0\.5", "0, 1, 0", "1, 0, 0"), strict=True)
-ABOUT = " and ".join(rf"rotation about the axis along {a} through \({at}\) of .*" for a, at in AXES)
-SPIN = r"rotation about the axis along z through \(1, 1, 0\.5\) of .* and translation x of .* and"
-HINGE = r"rotation about the axis along y through \(0, 1, 0\) of the body and translation y"
-RING = ContactPair(on_plane(0, 3.0), Plane((3, 0), (-1, 0)))
-DOWN, SINK = (0.0, -1.0), (0.0, 0.0, -1.0)
-FREE = {
-    "ice": (make_block, ICE, DOWN, "^increment 0: translation x"),
-    "inclined": (make_block, floor_pair(0.0, Inclined()), DOWN, r"translation \(0\.8, 0\.6\)"),
-    "apart": (two_apart, ICE, DOWN, f"{ONE} and {OTHER}"),
-    # a rough plate lies on a block on ice: it is free with the block, not by itself
+FRICTIONLESS_FLOOR, FRICTIONLESS_FLOOR_IN_SPACE = (
+    floor_pair(0.0),
+    ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE),
+)
+FREE_PLATE = ContactPair(on_plane(1, 1.0), CEILING, 0.3, [Motion((None, 0))])
+DISTANT_PUNCH = ContactPair(on_plane(2, 1.0), FlatPunch((9, 9, 1), (0, 0, -1), 0.1), 0.3)
+EDGE_CONDITIONS = [(axis, lambda x: np.isclose(x[0], 0) & np.isclose(x[2], 0)) for axis in (0, 2)]
+FIRST_BODY, SECOND_BODY = (rf"translation x of the body around \({x}, 0\.5\)" for x in (1, 6))
+ROTATION_AXES = zip("zyx", (r"0, 0, 0\.5", "0, 1, 0", "1, 0, 0"), strict=True)
+THREE_ROTATIONS = " and ".join(
+    rf"rotation about the axis along {a} through \({point}\) of .*" for a, point in ROTATION_AXES
+)
+SPIN_AND_TRANSLATION = (
+    r"rotation about the axis along z through \(1, 1, 0\.5\) of .* and translation x of .* and"
+)
+HINGE_MOTION = r"rotation about the axis along y through \(0, 1, 0\) of the body and translation y"
+RING_WALL = ContactPair(on_plane(0, 3.0), Plane((3, 0), (-1, 0)))
+GRAVITY, GRAVITY_IN_SPACE = (0.0, -1.0), (0.0, 0.0, -1.0)
+FREE_MOTIONS = {
+    "ice": (make_block, FRICTIONLESS_FLOOR, GRAVITY, "^increment 0: translation x"),
+    "inclined": (
+        make_block,
+        floor_pair(0.0, InclinedNormal()),
+        GRAVITY,
+        r"translation \(0\.8, 0\.6\)",
+    ),
+    "apart": (make_two_blocks, FRICTIONLESS_FLOOR, GRAVITY, f"{FIRST_BODY} and {SECOND_BODY}"),
+    # a rough plate on a block on a frictionless floor is free together with the block alone
     "together": (
         make_block,
-        [ICE, PLATE],
-        DOWN,
+        [FRICTIONLESS_FLOOR, FREE_PLATE],
+        GRAVITY,
         "0: translation x of the body with translation x of",
     ),
-    "space": (solid, ICE_IN_SPACE, SINK, SPIN),
-    "pinned": (lambda c: solid(c, [(axis, corner) for axis in range(3)]), AWAY, SINK, ABOUT),
-    "hinged": (lambda c: solid(c, EDGE), AWAY, SINK, HINGE),
-    "axis": (ring, RING, (0.0, 1.0), "0: translation y"),
+    "space": (
+        make_solid_block,
+        FRICTIONLESS_FLOOR_IN_SPACE,
+        GRAVITY_IN_SPACE,
+        SPIN_AND_TRANSLATION,
+    ),
+    "pinned": (
+        lambda c: make_solid_block(c, [(axis, at_origin) for axis in range(3)]),
+        DISTANT_PUNCH,
+        GRAVITY_IN_SPACE,
+        THREE_ROTATIONS,
+    ),
+    "hinged": (
+        lambda c: make_solid_block(c, EDGE_CONDITIONS),
+        DISTANT_PUNCH,
+        GRAVITY_IN_SPACE,
+        HINGE_MOTION,
+    ),
+    "axis": (make_ring, RING_WALL, (0.0, 1.0), "0: translation y"),
 }
 
 
-@pytest.mark.parametrize("name", FREE)
-def test_free_motions_are_named_so_that_supports_can_follow(name):
-    make, pairs, load, words = FREE[name]
-    refusal(make(SELF), pairs, load, f"{words}.*: held", FreeBody)
+@pytest.mark.parametrize("name", FREE_MOTIONS)
+def test_free_motions_are_named(name):
+    make_body, pairs, load, message = FREE_MOTIONS[name]
+    solve_refused(make_body(SELF), pairs, load, f"{message}.*: held", FreeBody)
 
 
 def refusal_messages(comm):
-    """Refusals without equilibrium, then of free bodies."""
-    above, space = two_apart(comm, 0.0, 1.0), ContactPair(on_plane(2, 0.0), GROUND, 0.3)
-    plate = pushed_by(CEILING, (0, 1.0))
+    """Return messages of refusals without equilibrium, then of free bodies."""
+    upper_on_lower, floor_in_space = (
+        make_two_blocks(comm, 0.0, 1.0),
+        ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE, 0.3),
+    )
+    plate = pushed_surface_pair(CEILING, (0, 1.0))
     cases = [
         *(
             (make_block(comm), floor_pair(mu), f)
             for mu, f in ((0.3, (0.4, -1.0)), (3.0, (2.5, -1.0)))
         ),
         (make_block(comm), floor_pair(), (0.0, 1.0)),
-        (clamped(comm), plate, (0.0, 0.0)),
-        (two_apart(comm), floor_pair(), (0.4, -1.0)),
-        (above, stacked(above, 0.6, 0.3), (0.4, -1.0)),
-        (solid(comm), space, (0.3, 0.3, -1.0)),
-        (ring(comm), floor_pair(0.0), (0.3, 1.0)),
+        (make_clamped_block(comm), plate, (0.0, 0.0)),
+        (make_two_blocks(comm), floor_pair(), (0.4, -1.0)),
+        (upper_on_lower, stacked_pairs(upper_on_lower, 0.6, 0.3), (0.4, -1.0)),
+        (make_solid_block(comm), floor_in_space, (0.3, 0.3, -1.0)),
+        (make_ring(comm), floor_pair(0.0), (0.3, 1.0)),
     ]
-    cases += [(make(comm), pairs, load) for make, pairs, load, _ in FREE.values()]
-    found = []
-    for stated, pairs, load in cases:
+    cases += [(make(comm), pairs, load) for make, pairs, load, _ in FREE_MOTIONS.values()]
+    messages = []
+    for problem, pairs, load in cases:
         with pytest.raises(ContactFailed) as error:
-            stated.solve(pairs, load)
-        found.append(f"{error.type.__name__}: {error.value}")
-    return found
+            problem.solve(pairs, load)
+        messages.append(f"{error.type.__name__}: {error.value}")
+    return messages
 
 
 # -- no proof ---------------------------------------------------------------------------------
 
 
-def test_state_that_came_nearest_is_kept_but_nothing_goes_on_from_it(tmp_path):
+def test_the_nearest_state_of_a_failure_is_kept_but_cannot_be_continued(tmp_path):
     greco = GrecoPlate(16)
     with pytest.raises(NotFound, match="came nearest violates the law by") as caught:
         greco.solve(1.0, max_iterations=3, remedies=())
@@ -291,11 +339,12 @@ def test_state_that_came_nearest_is_kept_but_nothing_goes_on_from_it(tmp_path):
         problem.save(state, tmp_path / "state.npz")
 
 
-def carried_at_most(error):
+def capacity_in_message(error):
+    """Return the largest friction force that the message states."""
     return float(re.search(r"of at most (\S+) along", str(error)).group(1))
 
 
-def test_ring_that_is_pushed_off_its_shaft_is_told_what_friction_carries():
+def test_the_refusal_of_a_ring_pushed_off_its_shaft_states_the_friction_capacity():
     """Smaller increments cannot help; the capacity is mu times the force of the fit."""
     ring = StatedProblem(triangles(SELF, (1.0, 0.0), (2.0, 1.0), (4, 4)), "axisymmetric")
     pair = ContactPair(on_plane(0, 1.0), Plane((1.01, 0), (1, 0)), 0.3, interference=True)
@@ -304,19 +353,19 @@ def test_ring_that_is_pushed_off_its_shaft_is_told_what_friction_carries():
     capacity = 0.3 * fitted.pairs[0].force_normal.sum()
     pushed = problem.step(fitted, ring.traction_load((0, 0.95 * capacity / area), on_plane(1, 1.0)))
     assert pushed.pairs[0].force[1] == pytest.approx(-0.95 * capacity)
-    with pytest.raises(NotFound, match=r"pair 0 is used up: .*smaller increments do not") as caught:
+    with pytest.raises(NotFound, match=r"pair 0 is exhausted: .*increments do not") as caught:
         problem.step(fitted, ring.traction_load((0, 1.5 * capacity / area), on_plane(1, 1.0)))
     assert "may find one" not in str(caught.value)
-    assert carried_at_most(caught.value) == pytest.approx(capacity, rel=0.03)
+    assert capacity_in_message(caught.value) == pytest.approx(capacity, rel=0.03)
 
 
-def test_tool_that_is_pushed_along_by_more_than_friction_is_told_what_that_carries():
+def test_the_refusal_of_a_tool_pushed_too_hard_states_the_friction_capacity():
     rubber = RubberUnderCircle(friction=0.3)
     pressed = rubber.problem.step(rubber.problem.undeformed, motions=Motion((0.0, -0.15)))
     normal = pressed.pairs[0].force_normal.sum()
-    with pytest.raises(NotFound, match=r"pair 0 is used up: .*smaller increments do not") as caught:
+    with pytest.raises(NotFound, match=r"pair 0 is exhausted: .*increments do not") as caught:
         rubber.problem.step(pressed, motions=Motion((None, -0.15), (-0.6 * normal, 0.0)))
-    assert carried_at_most(caught.value) == pytest.approx(0.3 * normal, rel=0.15)
+    assert capacity_in_message(caught.value) == pytest.approx(0.3 * normal, rel=0.15)
 
 
 def test_refusals_of_other_causes_do_not_blame_friction():
@@ -329,10 +378,10 @@ def test_refusals_of_other_causes_do_not_blame_friction():
 
 
 def rigid_points(rng, count, dim):
-    """Points of a rigid body at rest, with normals and friction that differ."""
+    """Return contact points of a rigid body with random normals and friction, and their data."""
     x = rng.uniform(-1, 1, (count, dim))
     n = rng.normal(size=(count, dim))
-    if rng.random() < 0.7:  # a floor rather than a cage
+    if rng.random() < 0.7:  # normals as of a floor
         n[:, -1] = 2 + np.abs(n[:, -1])
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     modes = np.zeros((count, dim, 3 * dim - 3))
@@ -345,56 +394,56 @@ def rigid_points(rng, count, dim):
     mu = rng.choice([0.0, 0.2, 0.7, 3.0], count)
     normal = np.einsum("na,nak->nk", n, modes)
     tangential = modes - n[:, :, None] * normal[:, None]
-    no = np.zeros(count, dtype=bool)
-    return Points(np.zeros(count, dtype=int), mu, no, normal, tangential), n, mu, modes
+    none_marked = np.zeros(count, dtype=bool)
+    return Points(np.zeros(count, dtype=int), mu, none_marked, normal, tangential), n, mu, modes
 
 
-def balanced(n, mu, modes, power, directions):
-    """Whether forces along these generators of cones balance loads: a program of forces."""
-    spread = []
+def forces_balance(n, mu, modes, power, directions):
+    """Return whether forces along these generators of the cones balance loads."""
+    generators = []
     for normal, friction in zip(n, mu, strict=True):
         t = np.linalg.svd(normal[None])[2][1:]
         for d in directions @ t:
-            spread.append(normal + friction * d)
-    each = len(directions)
-    work = np.array([modes[k // each].T @ force for k, force in enumerate(spread)])
-    found = linprog(np.zeros(len(work)), A_eq=work.T, b_eq=-power, bounds=(0, None))
-    assert found.status in (0, 2)
-    return found.status == 0
+            generators.append(normal + friction * d)
+    n_directions = len(directions)
+    work = np.array([modes[k // n_directions].T @ force for k, force in enumerate(generators)])
+    solution = linprog(np.zeros(len(work)), A_eq=work.T, b_eq=-power, bounds=(0, None))
+    assert solution.status in (0, 2)
+    return solution.status == 0
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_proof_is_found_where_no_forces_balance_the_loads_and_nowhere_else(seed):
-    """Coulomb's cones in the plane are two edges; in space between two polygons."""
+def test_a_proof_is_found_exactly_where_no_forces_balance_the_loads(seed):
+    """Coulomb's cones in the plane are two edges; in space they are between two polygons."""
     rng = np.random.default_rng((7, seed))
     dim = 2 + seed % 2
     points, n, mu, modes = rigid_points(rng, int(rng.integers(1, 8)), dim)
     power = rng.normal(size=modes.shape[2])
-    if rng.random() < 0.6:  # loads that near admissible forces balance
+    if rng.random() < 0.6:  # loads that nearly admissible forces balance
         forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
         power = -np.einsum("nak,na->k", modes, forces) + 0.3 * rng.normal() * power
-    found = proof(points, power, np.abs(power))
-    proved = found is not None
+    velocity_and_missing = proof(points, power, np.abs(power))
+    is_proved = velocity_and_missing is not None
     if dim == 2:
-        assert proved is not balanced(n, mu, modes, power, np.array([[1.0], [-1.0]]))
+        assert is_proved is not forces_balance(n, mu, modes, power, np.array([[1.0], [-1.0]]))
     else:
         angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
         circle = np.column_stack([np.cos(angle), np.sin(angle)])
-        if balanced(n, mu, modes, power, circle):
-            assert not proved
-        if not balanced(n, mu, modes, power, circle / np.cos(np.pi / 64)):
-            assert proved
-    if found is not None:  # the least that is missing suffices
-        velocity, missing = found
-        more = 1e-5 * np.abs(power).max()
-        assert -missing @ velocity == pytest.approx(power @ velocity, abs=more)
-        again = power + missing
-        assert escape(points, again)[0] @ again < more
+        if forces_balance(n, mu, modes, power, circle):
+            assert not is_proved
+        if not forces_balance(n, mu, modes, power, circle / np.cos(np.pi / 64)):
+            assert is_proved
+    if velocity_and_missing is not None:  # the smallest missing load suffices
+        velocity, missing = velocity_and_missing
+        tolerance = 1e-5 * np.abs(power).max()
+        assert -missing @ velocity == pytest.approx(power @ velocity, abs=tolerance)
+        completed_power = power + missing
+        assert escape(points, completed_power)[0] @ completed_power < tolerance
 
 
-def test_no_motion_proves_anything_where_forces_balance_the_loads():
-    """Motions of any kind, and those next to an escape."""
-    overstepped = proved = 0
+def test_no_motion_is_a_proof_where_forces_balance_the_loads():
+    """The motions are random, or near an escape."""
+    n_overstepped = n_proved = 0
     for seed in range(200):
         rng = np.random.default_rng((8, seed))
         points, n, mu, modes = rigid_points(rng, int(rng.integers(1, 8)), 2)
@@ -402,68 +451,73 @@ def test_no_motion_proves_anything_where_forces_balance_the_loads():
         if rng.random() < 0.6:
             forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
             power = -np.einsum("nak,na->k", modes, forces) + 0.3 * rng.normal() * power
-        balance = balanced(n, mu, modes, power, np.array([[1.0], [-1.0]]))
+        is_balanced = forces_balance(n, mu, modes, power, np.array([[1.0], [-1.0]]))
         velocity, _ = escape(points, power)
         for motion in (rng.normal(size=len(power)), velocity + rng.normal(size=len(power)), power):
-            oversteps = points.clearance(motion).min() < -1e-3
-            overstepped += balance and oversteps and power @ motion > 1e-3
+            violates_cone = points.clearance(motion).min() < -1e-3
+            n_overstepped += is_balanced and violates_cone and power @ motion > 1e-3
             if proves_imbalance(points, power, np.abs(power), motion):
-                proved += 1
-                assert not balance, (seed, motion)
-    assert overstepped > 50  # motions in which loads do work, and only contact forces tell
-    assert proved > 10
+                n_proved += 1
+                assert not is_balanced, (seed, motion)
+    assert n_overstepped > 50  # motions in which loads do work but contact forces resist
+    assert n_proved > 10
 
 
-def test_an_escape_that_oversteps_a_cone_proves_nothing(monkeypatch):
-    """A block on a floor that a linear program would slide: friction takes the work away."""
+def test_an_escape_outside_a_cone_is_no_proof(monkeypatch):
+    """A linear program would let a block slide on a floor, but friction does more work."""
     eye = np.eye(2)
-    no = np.zeros(1, dtype=bool)
+    none_marked = np.zeros(1, dtype=bool)
     normal, tangential = np.array([[0.0, 1.0]]), np.array([[eye[0], [0.0, 0.0]]])
-    points = Points(np.zeros(1, dtype=int), np.array([0.5]), no, normal, tangential)
-    power = np.array([0.3, -1.0])  # pushed by less than friction, pressed by one
-    along = np.array([1.0, 0.0])
-    monkeypatch.setattr(refusals, "escape", lambda *_: (along, np.zeros(2)))
+    points = Points(np.zeros(1, dtype=int), np.array([0.5]), none_marked, normal, tangential)
+    power = np.array([0.3, -1.0])  # pushed by less than friction under a unit force
+    motion = np.array([1.0, 0.0])
+    monkeypatch.setattr(refusals, "escape", lambda *_: (motion, np.zeros(2)))
     assert proof(points, power, np.abs(power)) is None
     assert proof(replace(points, steepest=np.zeros(1)), power, np.abs(power)) is not None
 
 
 @pytest.mark.parametrize("blocked", [False, True])
-def test_motions_of_many_pieces_are_found_as_those_of_few(monkeypatch, blocked):
-    """Sparse algebra, and parts of a stiffness in blocks, give the words of the dense one."""
-    both, words = two_apart(), []
-    both.K = assemble_matrix(both.body.stiffness(), blocked=blocked)
-    for few in (60, 0):
-        monkeypatch.setattr(matrices, "_FEW_MODES", few)
-        unbraked = refusal(both, floor_pair(0.3), (0.5, -1.0))
-        words.append((str(unbraked), unbraked.missing.moment.round(9).tolist()))
-        with pytest.raises(FreeBody) as loose:
-            both.solve(ContactPair(on_plane(1, 1.0), CEILING, 0.0), (0.0, 0.0))
-        words[-1] += (str(loose.value),)
-        assert both.solve(floor_pair(0.3), (0.1, -1.0)).converged
-    assert words[0] == words[1]
+def test_motions_of_many_bodies_are_found_as_those_of_few(monkeypatch, blocked):
+    """Sparse algebra, and blocked stiffness matrices, give the messages of dense algebra."""
+    two_blocks, messages = make_two_blocks(), []
+    two_blocks.K = assemble_matrix(two_blocks.body.stiffness(), blocked=blocked)
+    for n_dense in (60, 0):
+        monkeypatch.setattr(matrices, "_FEW_MODES", n_dense)
+        refusal = solve_refused(two_blocks, floor_pair(0.3), (0.5, -1.0))
+        messages.append((str(refusal), refusal.missing.moment.round(9).tolist()))
+        with pytest.raises(FreeBody) as free_body:
+            two_blocks.solve(ContactPair(on_plane(1, 1.0), CEILING, 0.0), (0.0, 0.0))
+        messages[-1] += (str(free_body.value),)
+        assert two_blocks.solve(floor_pair(0.3), (0.1, -1.0)).converged
+    assert messages[0] == messages[1]
 
 
-def test_stiffness_between_pieces_holds_them():
-    """A block held by springs to one that is clamped, beside others that only touch the floor."""
-    both = two_apart()
-    both.conditions = [
-        prescribe(both.space, i, lambda x: np.isclose(x[1], 0.0) & (x[0] < 2.5)) for i in (0, 1)
+def test_a_stiffness_between_bodies_holds_them():
+    """Springs connect a block to a clamped one; other blocks only touch the floor."""
+    two_blocks = make_two_blocks()
+    two_blocks.conditions = [
+        prescribe(two_blocks.space, i, lambda x: np.isclose(x[1], 0.0) & (x[0] < 2.5))
+        for i in (0, 1)
     ]
     load, pair = (0.0, 0.0), ContactPair(on_plane(1, 1.0), CEILING, 0.0)
     with pytest.raises(FreeBody):
-        both.solve(pair, load)
-    free = both.x[:, 0] > 2.5
-    one, other = (np.flatnonzero(part)[[0, -1]] for part in (~free, free))
-    rows = (2 * np.stack([one, other], axis=1)[:, :, None] + [0, 1]).astype(np.int32)
-    K = both.K.copy()
+        two_blocks.solve(pair, load)
+    is_free = two_blocks.x[:, 0] > 2.5
+    fixed_nodes, free_nodes = (
+        np.flatnonzero(node_mask)[[0, -1]] for node_mask in (~is_free, is_free)
+    )
+    rows = (2 * np.stack([fixed_nodes, free_nodes], axis=1)[:, :, None] + [0, 1]).astype(np.int32)
+    K = two_blocks.K.copy()
     K.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
     for pair_of_nodes in rows:
         for dofs in pair_of_nodes.T:
             K.setValues(dofs, dofs, [100.0, -100.0, -100.0, 100.0], addv=True)
     K.assemble()
-    both.K = K
-    assert both.solve(pair, load).displacement.norm() == pytest.approx(0.0, abs=1e-12)
-    reduction = Reduction.dirichlet(both.space, both.conditions)
-    pushed = nodal_load(both.space, lambda x: np.isclose(x[0], 7.0), (1.0, 1.0))
-    first, second = (solve(K, pushed, reduction, how) for how in (Direct(), Iterative()))
-    assert (first - second).norm() < 1e-8 * first.norm()
+    two_blocks.K = K
+    assert two_blocks.solve(pair, load).displacement.norm() == pytest.approx(0.0, abs=1e-12)
+    reduction = Reduction.dirichlet(two_blocks.space, two_blocks.conditions)
+    push_load = nodal_load(two_blocks.space, lambda x: np.isclose(x[0], 7.0), (1.0, 1.0))
+    direct_solution, iterative_solution = (
+        solve(K, push_load, reduction, solver) for solver in (Direct(), Iterative())
+    )
+    assert (direct_solution - iterative_solution).norm() < 1e-8 * direct_solution.norm()

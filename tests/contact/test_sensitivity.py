@@ -1,4 +1,4 @@
-"""Derivatives of histories: against central differences of whole solutions, which share nothing."""
+"""Sensitivities of histories, compared with central differences of independent solutions."""
 
 from mpi4py import MPI
 
@@ -20,37 +20,36 @@ from pw_elements import (
 from pw_elements.contact import SLIP, ContactPair, ContactProblem, Motion, SignedDistance, Sphere
 from pw_elements.meshes import triangles
 from tests.contact.cases import ElasticBody, finite_strain_residual, neo_hookean_stress, on_plane
-from tests.contact.test_large import RubberUnderCircle as Touching
-from tests.contact.test_large import make_hardening_rubber
+from tests.contact.test_large import RubberUnderCircle, make_hardening_rubber
 
-STEP = 1e-5  # of each parameter's value
-NAMES = ("shear", "lame", "base", "load", "friction", "depth", "slide", "push")
+RELATIVE_STEP = 1e-5  # of each parameter's value
+PARAMETER_NAMES = ("shear", "lame", "base", "load", "friction", "depth", "slide", "push")
 
 
 class RandomRubber:
-    """A random rubber block under a tool that is moved, then pushed, with all that is given."""
+    """A random rubber block under a tool that is moved, then pushed; it has all parameters."""
 
-    def __init__(self, seed, dim=2, steps=3, most=25, comm=MPI.COMM_SELF):
+    def __init__(self, seed, dim=2, steps=3, max_iterations=25, comm=MPI.COMM_SELF):
         rng = np.random.default_rng(seed)
-        self.dim, self.steps, self.most, axis = dim, steps, most, dim - 1
+        self.dim, self.steps, self.max_iterations, axis = dim, steps, max_iterations, dim - 1
         bottom = (-0.7, -0.8)[dim - 2]
         if dim == 2:
             mesh = triangles(comm, (-1.0, bottom), (1.0, 0.0), (10, 4))
         else:
-            ends = ((-1.0, -1.0, bottom), (1.0, 1.0, 0.0))
-            mesh = create_box(comm, ends, (3, 3, 2), CellType.tetrahedron)
+            corners = ((-1.0, -1.0, bottom), (1.0, 1.0, 0.0))
+            mesh = create_box(comm, corners, (3, 3, 2), CellType.tetrahedron)
         self.shear, self.lame, self.base = (fem.Constant(mesh, v) for v in (1.0, 1.5, 0.0))
         self.load = fem.Constant(mesh, np.zeros(dim))
         spaces = Spaces.petrov_galerkin(mesh)
         self.space = spaces.trial
         stress = lambda F: neo_hookean_stress(F, self.shear, self.lame)  # noqa: E731
-        self.u, inner = finite_strain_residual(spaces, stress, 3)
+        self.u, internal_work = finite_strain_residual(spaces, stress, 3)
         weight, side = ufl.TestFunction(spaces.test), boundary_measure(mesh, on_plane(0, 1.0))
-        self.residual = inner - ufl.inner(self.load, weight) * side
+        self.residual = internal_work - ufl.inner(self.load, weight) * side
         F, dx = ufl.Identity(dim) + ufl.grad(self.u), ufl.dx(metadata={"quadrature_degree": 3})
-        self.work = self.shear * ufl.inner(F, F) * dx + ufl.inner(self.load, self.u) * side
+        self.energy = self.shear * ufl.inner(F, F) * dx + ufl.inner(self.load, self.u) * side
         self.top = fem.locate_dofs_geometrical(self.space, on_plane(axis, 0.0))
-        self.held = [
+        self.conditions = [
             prescribe(self.space, i, on_plane(axis, bottom), *value)
             for i, value in enumerate([(self.base,), *[()] * (dim - 1)])
         ]
@@ -59,83 +58,92 @@ class RandomRubber:
         axes = np.ones(dim)
         axes[0] = rng.uniform(1.0, 1.5)
 
-        def level(x):
+        def level_set(x):
             return np.sqrt(np.sum(((x - centre) / axes) ** 2, axis=1)) * radius - radius**2
 
-        def slope(x):
-            away = (x - centre) / axes
-            return away / axes / np.linalg.norm(away, axis=1, keepdims=True) * radius
+        def level_gradient(x):
+            scaled = (x - centre) / axes
+            return scaled / axes / np.linalg.norm(scaled, axis=1, keepdims=True) * radius
 
         self.surface = (
-            Sphere(centre, radius) if rng.random() < 0.5 else SignedDistance(level, slope)
+            Sphere(centre, radius)
+            if rng.random() < 0.5
+            else SignedDistance(level_set, level_gradient)
         )
-        self.path = np.zeros((3, dim))
-        self.path[:, axis] = -0.06, -0.1, -0.12
-        self.path[:, 0] = 0.0, 0.05, rng.uniform(0.1, 0.2)
+        self.tool_path = np.zeros((3, dim))
+        self.tool_path[:, axis] = -0.06, -0.1, -0.12
+        self.tool_path[:, 0] = 0.0, 0.05, rng.uniform(0.1, 0.2)
         self.traction = rng.uniform(-0.05, 0.05, dim)
-        self.values = dict(zip(NAMES, (1.0, 1.5, 0.02, 1.0, 0.0, 1.0, 1.0, 1.0), strict=True))
+        self.values = dict(
+            zip(PARAMETER_NAMES, (1.0, 1.5, 0.02, 1.0, 0.0, 1.0, 1.0, 1.0), strict=True)
+        )
         self.values["friction"] = rng.uniform(0.1, 0.5)
-        self.pushed = -rng.uniform(0.1, 0.2)
+        self.push_force = -rng.uniform(0.1, 0.2)
 
     def solve(self, **changed):
-        """The problem and its states, with other values of some of the parameters."""
+        """Return the problem and its states with changed values of some of the parameters."""
         values = self.values | changed
         self.shear.value, self.lame.value = values["shear"], values["lame"]
-        top = ContactPair(self.top, self.surface, friction=values["friction"])
+        pair = ContactPair(self.top, self.surface, friction=values["friction"])
         problem = ContactProblem.of_residual(
-            self.residual, self.u, self.held, top, max_iterations=self.most
+            self.residual, self.u, self.conditions, pair, max_iterations=self.max_iterations
         )
 
-        def loaded(k):
-            def load(share):
-                self.base.value = values["base"] * (k + share) / 3
-                self.load.value = values["load"] * self.traction * (k + share) / 3
+        def make_load(k):
+            def load(load_factor):
+                self.base.value = values["base"] * (k + load_factor) / 3
+                self.load.value = values["load"] * self.traction * (k + load_factor) / 3
 
             return load
 
-        states, self.loads = [problem.undeformed], [loaded(k) for k in range(3)][: self.steps]
+        states, self.loads = [problem.undeformed], [make_load(k) for k in range(3)][: self.steps]
         for k, load in enumerate(self.loads):
-            place = self.path[k] * values["depth"]
-            place[0] = self.path[k, 0] * values["slide"]
-            motion = Motion(place)
+            translation = self.tool_path[k] * values["depth"]
+            translation[0] = self.tool_path[k, 0] * values["slide"]
+            motion = Motion(translation)
             if k == 2:
                 force = np.zeros(self.dim)
-                force[-1] = self.pushed * values["push"]
-                motion = Motion([*place[:-1], None], force)
+                force[-1] = self.push_force * values["push"]
+                motion = Motion([*translation[:-1], None], force)
             states.append(problem.step(states[-1], load, motion))
         return problem, states
 
     @property
     def parameters(self):
-        """As `NAMES` has them, with rates in all states."""
+        """Return the parameters by `PARAMETER_NAMES`, with their rates in all states."""
         ramp, n = np.arange(4) / 3, self.steps + 1
         depth, slide, push = np.zeros((3, 4, self.dim))
-        depth[1:3, -1], slide[1:, 0], push[3, -1] = self.path[:2, -1], self.path[:, 0], self.pushed
-        given = [
+        depth[1:3, -1], slide[1:, 0], push[3, -1] = (
+            self.tool_path[:2, -1],
+            self.tool_path[:, 0],
+            self.push_force,
+        )
+        arguments = [
             *(self.shear, self.lame, (self.base, ramp[:n])),
             (self.load, np.outer(ramp, self.traction)[:n]),
             ("friction", 0),
             *(("motion", 0, rates[:n]) for rates in (depth, slide, push)),
         ]
-        return dict(zip(NAMES, given, strict=True))
+        return dict(zip(PARAMETER_NAMES, arguments, strict=True))
 
     @property
     def outputs(self):
+        """Return the outputs whose derivatives are computed."""
         x, v = ufl.SpatialCoordinate(self.space.mesh), ufl.TestFunction(self.space)
         weights = assemble_vector(ufl.inner(x, v) * ufl.dx)
         axis = self.dim - 1
         forces = [("force", 0, i) for i in (0, axis)]
-        return [*forces, ("translation", 0, axis), self.work, weights]
+        return [*forces, ("translation", 0, axis), self.energy, weights]
 
     def results(self, states):
-        """The outputs, (states - 1, outputs), read otherwise."""
+        """Return the outputs (states - 1, outputs), computed in another way."""
         rows, weights = [], self.outputs[-1]
         for state, load in zip(states[1:], self.loads, strict=True):
             load(1.0)
             self.u.x.array[:] = as_function(self.space, state.unknowns).x.array
             (pair,) = state.pairs
-            known = pair.force[0], pair.force[-1], pair.translation[-1]
-            rows.append([*known, assemble_scalar(self.work), weights.dot(state.unknowns)])
+            pair_values = pair.force[0], pair.force[-1], pair.translation[-1]
+            rows.append([*pair_values, assemble_scalar(self.energy), weights.dot(state.unknowns)])
         return np.array(rows)
 
 
@@ -143,10 +151,10 @@ def statuses(states):
     return [pair.status.tolist() for state in states for pair in state.pairs]
 
 
-class Steel:
-    """Small displacements: a circle is pressed on a block, slid, and then pushed by a force."""
+class SteelBlock:
+    """A circle that is pressed on a block, slid, and pushed by a force; small displacements."""
 
-    most, loads = 25, ()
+    max_iterations, loads = 25, ()
     values = dict.fromkeys(("depth", "slide", "push", "load"), 1.0) | {"friction": 0.2}
 
     def __init__(self):
@@ -176,93 +184,110 @@ class Steel:
         depth, slide, push = np.zeros((3, 4, 2))
         depth[1:3, 1], slide[2:, 0], push[3, 1] = -0.01, (0.01, 0.015), -0.12
         motions = {"depth": depth, "slide": slide, "push": push}
-        named = {name: ("motion", 0, rates) for name, rates in motions.items()}
-        return {"friction": ("friction", 0), "load": (self.load, [0.0, 1.0, 1.0, 1.0])} | named
+        motion_parameters = {name: ("motion", 0, rates) for name, rates in motions.items()}
+        return {
+            "friction": ("friction", 0),
+            "load": (self.load, [0.0, 1.0, 1.0, 1.0]),
+        } | motion_parameters
 
     def results(self, states):
-        """The outputs, read otherwise."""
-        of_pair = [[*s.pairs[0].force, s.pairs[0].translation[1]] for s in states[1:]]
-        return np.hstack([of_pair, [[self.load.dot(s.unknowns)] for s in states[1:]]])
+        """Return the outputs, computed in another way."""
+        pair_values = [
+            [*state.pairs[0].force, state.pairs[0].translation[1]] for state in states[1:]
+        ]
+        return np.hstack([pair_values, [[self.load.dot(state.unknowns)] for state in states[1:]]])
 
 
-def agreement(case, found, states, groups):
-    """How far derivatives are from central differences, as groups of parameters change together."""
+def difference_errors(case, sensitivities, states, groups):
+    """Return the errors of derivatives against central differences, by group of parameters.
+
+    The parameters of a group change together; groups in which a status changes are left out.
+    """
     errors, names = {}, [*case.parameters]
     for group in np.array_split(names, groups):
-        rates, ends, same = {name: abs(case.values[name]) for name in group}, [], True
-        for step in (STEP, -STEP):
+        rates, end_results, same_statuses = (
+            {name: abs(case.values[name]) for name in group},
+            [],
+            True,
+        )
+        for step in (RELATIVE_STEP, -RELATIVE_STEP):
             changed = {name: case.values[name] + step * rate for name, rate in rates.items()}
-            _, there = case.solve(**changed)
-            ends.append(case.results(there))
-            same &= statuses(there) == statuses(states)
-        if same:
-            differences = (ends[0] - ends[1]) / (2 * STEP)
-            known = sum(rate * found[:, :, names.index(name)] for name, rate in rates.items())
-            size = np.abs(differences).max(axis=0) + 1e-3 * (np.abs(differences).max() or 1.0)
-            errors[str(group)] = float((np.abs(known - differences) / size).max())
+            _, changed_states = case.solve(**changed)
+            end_results.append(case.results(changed_states))
+            same_statuses &= statuses(changed_states) == statuses(states)
+        if same_statuses:
+            differences = (end_results[0] - end_results[1]) / (2 * RELATIVE_STEP)
+            directional = sum(
+                rate * sensitivities[:, :, names.index(name)] for name, rate in rates.items()
+            )
+            scale = np.abs(differences).max(axis=0) + 1e-3 * (np.abs(differences).max() or 1.0)
+            errors[str(group)] = float((np.abs(directional - differences) / scale).max())
     return errors
 
 
 @pytest.mark.parametrize(
-    ("make", "groups"),
+    ("make_case", "groups"),
     [
         (lambda: RandomRubber(0), 4),
         (lambda: RandomRubber(1), 1),
         (lambda: RandomRubber(5, dim=3), 1),
-        (lambda: RandomRubber(6, most=4, steps=2), 1),
-        (Steel, 2),
+        (lambda: RandomRubber(6, max_iterations=4, steps=2), 1),
+        (SteelBlock, 2),
     ],
 )
-def test_derivatives_are_those_of_differences_and_of_the_adjoint(make, groups):
-    case = make()
+def test_sensitivities_agree_with_differences_and_with_the_adjoint(make_case, groups):
+    case = make_case()
     problem, states = case.solve()
-    given = states, case.outputs, list(case.parameters.values()), case.loads
-    found = problem.sensitivity(*given)
+    arguments = states, case.outputs, list(case.parameters.values()), case.loads
+    sensitivities = problem.sensitivity(*arguments)
     assert any((pair.status == SLIP).any() for state in states for pair in state.pairs)
-    assert any(state.substates for state in states) == (case.most < 25)
-    weights = np.random.default_rng(0).normal(size=found.shape[:2])
-    gradient = problem.sensitivity(*given, weights)
-    expected = np.einsum("so,sop->p", weights, found)
+    assert any(state.substates for state in states) == (case.max_iterations < 25)
+    weights = np.random.default_rng(0).normal(size=sensitivities.shape[:2])
+    gradient = problem.sensitivity(*arguments, weights)
+    expected = np.einsum("so,sop->p", weights, sensitivities)
     assert np.abs(gradient - expected).max() < 1e-10 * np.abs(gradient).max()
-    errors = agreement(case, found, states, groups)
+    errors = difference_errors(case, sensitivities, states, groups)
     assert len(errors) > 0.6 * groups
     assert max(errors.values()) < 1e-6, errors
 
 
-def test_derivatives_are_of_the_stiffness_as_it_is():
-    case = Steel()
+def test_sensitivities_use_the_present_stiffness():
+    case = SteelBlock()
     problem, states = case.solve()
-    asked = states[:3], [("force", 0, 0), ("force", 0, 1)], [("friction", 0)]
-    problem.sensitivity(*asked)
+    arguments = states[:3], [("force", 0, 0), ("force", 0, 1)], [("friction", 0)]
+    problem.sensitivity(*arguments)
     case.K.shift(0.01)
-    known = case.solve()[0].sensitivity(*asked)
-    assert np.abs(problem.sensitivity(*asked) - known).max() < 1e-10 * np.abs(known).max()
+    expected = case.solve()[0].sensitivity(*arguments)
+    assert np.abs(problem.sensitivity(*arguments) - expected).max() < 1e-10 * np.abs(expected).max()
 
 
-def test_what_has_no_derivatives_is_refused_in_words():
+def test_invalid_arguments_of_sensitivities_are_refused():
     case = RandomRubber(0, steps=2)
     problem, states = case.solve()
-    known = states, case.outputs, [case.shear], case.loads
-    parameters = [
+    valid = states, case.outputs, [case.shear], case.loads
+    invalid_parameters = [
         (case.load, "needs rates"),
         ((case.load, np.ones(3)), r"\(3, 2\) finite numbers"),
         (("friction", 1), "number 1 of 1 contact pairs"),
         (("radius", 0), "give a constant"),
     ]
-    for arguments, words in (
-        ((*known[:3], [case.loads[0]] * 2), "state 2 is not the end of a step from the one before"),
-        ((states[:1], *known[1:]), "give the states at the start and at the end"),
-        *(((*known[:2], [one], case.loads), words) for one, words in parameters),
-        *(((states, [one], *known[2:]), "give a func") for one in (("pressure", 0, 0), "force")),
-        ((*known, np.ones(2)), "weights of the shape"),
+    for arguments, message in (
+        ((*valid[:3], [case.loads[0]] * 2), "state 2 is not the end of a step from the one before"),
+        ((states[:1], *valid[1:]), "give the states at the start and at the end"),
+        *(((*valid[:2], [value], case.loads), message) for value, message in invalid_parameters),
+        *(
+            ((states, [value], *valid[2:]), "give a func")
+            for value in (("pressure", 0, 0), "force")
+        ),
+        ((*valid, np.ones(2)), "weights of the shape"),
     ):
-        with pytest.raises(ValueError, match=words):
+        with pytest.raises(ValueError, match=message):
             problem.sensitivity(*arguments)
     rubber, _ = make_hardening_rubber()
     undeformed = rubber.problem.undeformed
     with pytest.raises(ValueError, match="has a history"):
         rubber.problem.sensitivity([undeformed, undeformed], [("force", 0, 1)], [("friction", 0)])
-    steel = Steel()
+    steel = SteelBlock()
     problem, states = steel.solve()
     with pytest.raises(ValueError, match="a stiffness K tells neither"):
         problem.sensitivity(states, [("force", 0, 1)], [case.shear])
@@ -271,48 +296,52 @@ def test_what_has_no_derivatives_is_refused_in_words():
         problem.sensitivity(states, [("force", 0, 1)], [("friction", 0)])
 
 
-def test_parameters_that_cannot_act_and_numbers_that_are_none_are_refused():
+def test_parameters_without_effect_and_invalid_numbers_are_refused():
     case = RandomRubber(0, steps=1)
     problem, states = case.solve()
     outputs, n = case.outputs, len(case.outputs)
-    absent = fem.Constant(case.u.function_space.mesh, 2.0)
-    broken = case.u.x.petsc_vec.duplicate()
-    broken.set(np.nan)
-    for given, words in (
-        ((outputs, [absent], case.loads), r"the constant of value 2\.0 .* contain it"),
+    absent_constant = fem.Constant(case.u.function_space.mesh, 2.0)
+    nan_vector = case.u.x.petsc_vec.duplicate()
+    nan_vector.set(np.nan)
+    for arguments, message in (
+        ((outputs, [absent_constant], case.loads), r"the constant of value 2\.0 .* contain it"),
         (
-            (outputs, [(absent, np.ones(2))], case.loads),
+            (outputs, [(absent_constant, np.ones(2))], case.loads),
             r"the constant of value 2\.0 .* contain it",
         ),
         ((outputs, [(case.shear, [1.0, 1.0j])], case.loads), r"rates .* complex.* real"),
         ((outputs, [(case.shear, [True, True])], case.loads), r"rates .* real"),
         ((outputs, [(case.shear, [1.0, np.inf])], case.loads), r"rates .* finite"),
         ((outputs, [(case.shear, ["1", "2"])], case.loads), r"rates .* real"),
-        ((outputs, [(broken, np.ones(2))], case.loads), r"the load .* is not finite"),
-        (([broken], [case.shear], case.loads), "the output, a vector of weights, is not"),
+        ((outputs, [(nan_vector, np.ones(2))], case.loads), r"the load .* is not finite"),
+        (([nan_vector], [case.shear], case.loads), "the output, a vector of weights, is not"),
         ((outputs, [case.shear], case.loads, np.full((1, n), np.nan)), r"weights .* finite"),
         ((outputs, [case.shear], case.loads, np.full((1, n), 1j)), r"weights .* real"),
     ):
-        with pytest.raises(ValueError, match=words):
-            problem.sensitivity(states, *given)
+        with pytest.raises(ValueError, match=message):
+            problem.sensitivity(states, *arguments)
     with pytest.raises(TypeError, match=r"load of step 0 .* function of the share"):
-        problem.sensitivity(states, outputs, [case.shear], [broken])
-    # one that a functional or a condition alone has is contained
-    functional = absent * ufl.inner(case.u, case.u) * ufl.dx
-    found = problem.sensitivity(states, [functional], [absent, (case.base, [0.0, 1.0])], case.loads)
+        problem.sensitivity(states, outputs, [case.shear], [nan_vector])
+    # constants that occur only in a functional or in a condition are accepted
+    functional = absent_constant * ufl.inner(case.u, case.u) * ufl.dx
+    sensitivities = problem.sensitivity(
+        states, [functional], [absent_constant, (case.base, [0.0, 1.0])], case.loads
+    )
     u = as_function(case.space, states[1].unknowns)
-    assert found[0, 0, 0] == pytest.approx(assemble_scalar(ufl.inner(u, u) * ufl.dx), rel=1e-12)
-    assert found[0, 0, 1] != 0
-    steel = Steel()
+    assert sensitivities[0, 0, 0] == pytest.approx(
+        assemble_scalar(ufl.inner(u, u) * ufl.dx), rel=1e-12
+    )
+    assert sensitivities[0, 0, 1] != 0
+    steel = SteelBlock()
     problem, states = steel.solve()
     with pytest.raises(ValueError, match="`loads` are those of a residual"):
         problem.sensitivity(states, [("force", 0, 1)], [("friction", 0)], [steel.load] * 3)
 
 
-def test_a_status_about_to_change_is_named():
+def test_a_status_that_is_about_to_change_is_refused():
     """The circle just touches a node, without any force."""
-    problem = Touching().problem
+    problem = RubberUnderCircle().problem
     states = [problem.undeformed, problem.step(problem.undeformed)]
-    words = r"state 1 has contact nodes, first at \(0, 0\), about to change their status: a force"
-    with pytest.raises(ValueError, match=words):
+    message = r"state 1 has contact nodes, first at \(0, 0\), about to change their status: a force"
+    with pytest.raises(ValueError, match=message):
         problem.sensitivity(states, [("force", 0, 1)], [("friction", 0)])

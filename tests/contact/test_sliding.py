@@ -1,4 +1,4 @@
-"""Two deformable bodies at large sliding: kernel, objectivity, balance, friction, restart."""
+"""Two deformable bodies at large sliding: mortar, objectivity, balance, friction, restart."""
 
 import itertools
 import logging
@@ -22,8 +22,8 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.interface import SlidingMortar, Trace
 from pw_elements.contact.steps import finite
-from pw_elements.contact.steps.slip import SlipCheck
-from tests.contact.cases import on_plane
+from pw_elements.contact.steps.smallness import SlipCheck
+from tests.contact.cases import on_plane, rotation_matrix
 from tests.contact.sliding import (
     DIE_PATH,
     STORED_INCREMENT,
@@ -38,121 +38,135 @@ from tests.contact.sliding import (
 FRICTION = 0.3
 
 
-def arc(n, curve, first, outward):
-    """A curve over [-1, 1] of n quadratic facets."""
+def quadratic_trace(n, curve, first_node, outward):
+    """Return a curve over [-1, 1] of n quadratic facets."""
     s = np.linspace(-1, 1, 2 * n + 1)
     x = np.stack([s, curve(s)], axis=1)
     node = 2 * np.arange(n)[:, None] + [0, 2, 1]
-    return Trace(node + first, x[node], np.tile([0.0, outward], (n, 1)))
+    return Trace(node + first_node, x[node], np.tile([0.0, outward], (n, 1)))
 
 
-def sides(revolved):
-    one = arc(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
-    other = arc(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
-    mortar, rng = SlidingMortar(one, other, revolved), np.random.default_rng(3)
-    moved = np.where(np.arange(len(mortar.x)) < mortar.slaves, 0.0, 0.33)[:, None] * [1, 0]
-    return mortar, mortar.x + moved + [2.0, 0.0] + rng.normal(size=mortar.x.shape) * 0.004
-
-
-def turn(degrees):
-    angle = np.radians(degrees)
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+def disturbed_sides(revolved):
+    """Return a mortar of two curved sides and disturbed positions of its nodes."""
+    slave_side = quadratic_trace(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
+    master_side = quadratic_trace(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
+    mortar, rng = SlidingMortar(slave_side, master_side, revolved), np.random.default_rng(3)
+    shift = np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.33)[:, None] * [1, 0]
+    return mortar, mortar.x + shift + [2.0, 0.0] + rng.normal(size=mortar.x.shape) * 0.004
 
 
 @pytest.mark.parametrize("revolved", [False, True])
-def test_derivatives_are_those_of_central_differences(revolved):
-    mortar, x = sides(revolved)
-    met, h = mortar.meet(x), 1e-6
-    force = np.random.default_rng(5).normal(size=(mortar.slaves, 2))
-    assert 0 < met.faced.sum() < len(met.faced)
-    assert np.abs(met.parts.sum(axis=1) - met.faced).max() < 1e-13
-    before = x + np.random.default_rng(7).normal(size=x.shape) * 0.01
-    before[: mortar.slaves] -= [0.3, 0.0]  # so that some face something only now
-    reference = mortar.make_reference(before)
-    assert (met.faced & ~reference.faced).any()
-    assert (met.faced & reference.faced).any()
+def test_derivatives_agree_with_central_differences(revolved):
+    mortar, x = disturbed_sides(revolved)
+    projected, h = mortar.linearise(x), 1e-6
+    force = np.random.default_rng(5).normal(size=(mortar.n_slave_nodes, 2))
+    assert 0 < projected.faced.sum() < len(projected.faced)
+    assert np.abs(projected.master_fractions.sum(axis=1) - projected.faced).max() < 1e-13
+    start_x = x + np.random.default_rng(7).normal(size=x.shape) * 0.01
+    start_x[: mortar.n_slave_nodes] -= [0.3, 0.0]  # so that some nodes face nothing at the start
+    reference = mortar.make_reference(start_x)
+    assert (projected.faced & ~reference.faced).any()
+    assert (projected.faced & reference.faced).any()
 
     def quantities(x):
-        met = mortar.meet(x)
-        angles = np.arctan2(met.normals[:, 1], met.normals[:, 0])
-        slip, _ = met.motions(reference, x)
-        return [(met.parts.T @ force).ravel(), met.places.ravel(), met.gaps, slip, angles]
+        projected = mortar.linearise(x)
+        angles = np.arctan2(projected.normals[:, 1], projected.normals[:, 0])
+        slip, _ = projected.measure_slip_and_rates(reference, x)
+        return [
+            (projected.master_fractions.T @ force).ravel(),
+            projected.mean_distance.ravel(),
+            projected.gaps,
+            slip,
+            angles,
+        ]
 
-    known = [met.turned(force), met.changes, *met.motions(reference, x)[1]]
+    derivatives = [
+        projected.differentiate_master_forces(force),
+        projected.distance_rate,
+        *projected.measure_slip_and_rates(reference, x)[1],
+    ]
     for k in range(x.size):
         step = h * np.eye(x.size)[k].reshape(x.shape)
-        ends = [quantities(x + sign * step) for sign in (1, -1)]
-        for slope, ahead, behind in zip(known, *ends, strict=True):
-            column = slope.toarray()[:, k]
-            assert np.abs((ahead - behind) / (2 * h) - column).max() < 1e-7 * abs(slope).max()
+        end_values = [quantities(x + sign * step) for sign in (1, -1)]
+        for derivative, forward, backward in zip(derivatives, *end_values, strict=True):
+            column = derivative.toarray()[:, k]
+            assert (
+                np.abs((forward - backward) / (2 * h) - column).max() < 1e-7 * abs(derivative).max()
+            )
 
 
 @pytest.mark.parametrize("revolved", [False, True])
 @pytest.mark.parametrize("at_ends", [(True, True), (False, True), (True, False)])
 @pytest.mark.parametrize("seed", range(5))
-def test_checks_measure_what_the_kernel_does(revolved, at_ends, seed):
-    """On disturbed sides that shift and turn; normals of ends may lie in planes of symmetry."""
-    mortar, x = sides(revolved)
-    ends = np.setxor1d(*mortar.sides.slave_facets.T)
-    mortar.kept[ends[0]], mortar.kept[ends[1], 0] = at_ends, seed % 2 == 0
+def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
+    """Disturbed sides shift and rotate; normals of ends may lie in symmetry planes."""
+    mortar, x = disturbed_sides(revolved)
+    end_nodes = np.setxor1d(*mortar.sides.slave_facets.T)
+    mortar.allowed_components[end_nodes[0]] = at_ends
+    mortar.allowed_components[end_nodes[1], 0] = seed % 2 == 0
     rng = np.random.default_rng(seed)
-    slaves = (np.arange(len(x)) < mortar.slaves)[:, None]
-    before = x + rng.normal(size=x.shape) * 0.01 + slaves * rng.uniform(-0.6, 0.6, 2) * [1.0, 0.1]
+    is_slave = (np.arange(len(x)) < mortar.n_slave_nodes)[:, None]
+    start_x = (
+        x + rng.normal(size=x.shape) * 0.01 + is_slave * rng.uniform(-0.6, 0.6, 2) * [1.0, 0.1]
+    )
     if not revolved:
-        before = before @ turn(rng.uniform(0, 360)).T
-    for start, end in ((x, before), (before, x), (x, x)):
+        start_x = start_x @ rotation_matrix(np.radians(rng.uniform(0, 360))).T
+    for start, end in ((x, start_x), (start_x, x), (x, x)):
         assert max(kernel_check_differences(mortar, start, end).values()) < 1e-12
-    assert mortar.meet(x).faced.any()
+    assert mortar.linearise(x).faced.any()
 
 
 @pytest.mark.parametrize("degrees", [90, 170])
-def test_a_rigid_motion_of_both_is_no_slip(degrees):
-    """Operators are those from before, so that what was paired stays together."""
-    mortar, x = sides(False)
-    end = x @ turn(degrees).T + [3.0, -2.0]
-    start, met = mortar.make_reference(x), mortar.meet(end)
-    assert abs(met.rows - start.rows).max() < 1e-13
-    # nor of what faces nothing at first, wherever it was
-    none = replace(start, rows=0.0 * start.rows, faced=np.zeros_like(start.faced))
-    for reference in (start, none):
-        assert np.abs(met.motions(reference, end)[0]).max() < 1e-13
+def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
+    """Mortar operators are those of the start, so that paired points stay paired."""
+    mortar, x = disturbed_sides(False)
+    end = x @ rotation_matrix(np.radians(degrees)).T + [3.0, -2.0]
+    start, projected = mortar.make_reference(x), mortar.linearise(end)
+    assert abs(projected.distance_rows - start.distance_rows).max() < 1e-13
+    # nor is there slip of nodes that face nothing at the start, wherever they are
+    unfaced_start = replace(
+        start, distance_rows=0.0 * start.distance_rows, faced=np.zeros_like(start.faced)
+    )
+    for reference in (start, unfaced_start):
+        assert np.abs(projected.measure_slip_and_rates(reference, end)[0]).max() < 1e-13
 
 
-def test_linear_fields_are_handed_on_and_seen_exactly():
-    """On straight sides: of any meshes, covered in part as well."""
-    one = arc(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
-    other = arc(3, lambda s: 0.0 * s, 100, 1.0)
-    mortar = SlidingMortar(one, other, False)
-    x = mortar.x + np.where(np.arange(len(mortar.x)) < mortar.slaves, 0.0, 0.31)[:, None] * [1, 0]
-    met = mortar.meet(x)
+def test_linear_fields_are_transferred_exactly():
+    """The sides are straight, with non-matching meshes, and covered partly."""
+    slave_side = quadratic_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
+    master_side = quadratic_trace(3, lambda s: 0.0 * s, 100, 1.0)
+    mortar = SlidingMortar(slave_side, master_side, False)
+    shift = np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.31)
+    x = mortar.x + shift[:, None] * [1, 0]
+    projected = mortar.linearise(x)
     linear = x[:, 0] * 3 - 1
-    assert np.abs((met.rows @ linear)[met.faced]).max() < 1e-12
-    assert np.abs(met.gaps[met.faced] - 0.02).max() < 1e-13
+    assert np.abs((projected.distance_rows @ linear)[projected.faced]).max() < 1e-12
+    assert np.abs(projected.gaps[projected.faced] - 0.02).max() < 1e-13
 
 
 @pytest.fixture(scope="module")
-def whole():
-    """The die, its states along the path, and increments and violations of their iterations."""
+def die_history():
+    """Return the die, its states along the path, and (increment, violation) of all iterations."""
     violations = []
 
-    def told(progress):
+    def record_violation(progress):
         if progress.state is None:
             violations.append((progress.increment, progress.violation * 1e-9))
 
-    bodies = make_die_on_block(friction=FRICTION, callback=told)
+    bodies = make_die_on_block(friction=FRICTION, callback=record_violation)
     return bodies, slide_along_path(bodies), tuple(violations)
 
 
-def test_checks_of_states_measure_what_the_iteration_does(whole):
-    bodies, states, _ = whole
+def test_the_verification_of_states_agrees_with_the_iteration(die_history):
+    bodies, states, _ = die_history
     mortar, positions = mortar_positions_in_states(bodies, states)
     for start, end in itertools.pairwise([mortar.x, *positions]):
         assert max(kernel_check_differences(mortar, start, end).values()) < 1e-10
 
 
 @pytest.mark.parametrize("revolved", [False, True])
-def test_checks_of_bodies_cut_by_a_plane_of_symmetry_measure_what_the_iteration_does(revolved):
-    """Half of a die; normals at the end of its side lie in the plane, areas may be revolved."""
+def test_the_verification_agrees_for_bodies_cut_by_a_symmetry_plane(revolved):
+    """Normals at the end of half a die's side lie in the plane; areas may be revolved."""
 
     def bottom(x):
         return 0.01 + 0.6 * x**2
@@ -160,49 +174,51 @@ def test_checks_of_bodies_cut_by_a_plane_of_symmetry_measure_what_the_iteration_
     def shape(x, y, body):
         return (x, y) if body == 0 else (x, bottom(x) + y * (1 - bottom(x)))
 
-    def under(x):
+    def on_die_bottom(x):
         return (x[0] < 0.5 + 1e-9) & (x[1] > 0.005) & (np.abs(x[1] - bottom(x[0])) < 0.02)
 
     boxes = ((0.0, -1.0), (1.5, 0.0)), ((0.0, 0.0), (0.5, 1.0))
     mesh = mesh_of_two_rectangles(*boxes, ((8, 3), (5, 3)), shape)
-    half = SlidingBodies(
-        mesh, under, on_plane(1, 0.0), on_plane(1, -1.0), on_plane(1, 1.0), FRICTION
+    half_die = SlidingBodies(
+        mesh, on_die_bottom, on_plane(1, 0.0), on_plane(1, -1.0), on_plane(1, 1.0), FRICTION
     )
-    held = [*half.conditions, prescribe(half.space, 0, on_plane(0, 0.0))]
-    surface = replace(half.pair.surface, revolved=revolved)
-    pair = replace(half.pair, surface=surface)
-    half.problem = ContactProblem.of_residual(half.residual, half.u, held, pair)
-    states = slide_along_path(half, [(0.0, -0.05), (0.0, -0.12), (0.0, -0.04)])
-    mortar, positions = mortar_positions_in_states(half, states)
-    assert not mortar.kept.all()
+    conditions = [*half_die.conditions, prescribe(half_die.space, 0, on_plane(0, 0.0))]
+    surface = replace(half_die.pair.surface, revolved=revolved)
+    pair = replace(half_die.pair, surface=surface)
+    half_die.problem = ContactProblem.of_residual(half_die.residual, half_die.u, conditions, pair)
+    states = slide_along_path(half_die, [(0.0, -0.05), (0.0, -0.12), (0.0, -0.04)])
+    mortar, positions = mortar_positions_in_states(half_die, states)
+    assert not mortar.allowed_components.all()
     for start, end in itertools.pairwise([mortar.x, *positions]):
         assert max(kernel_check_differences(mortar, start, end).values()) < 1e-10
 
 
-def cone(state):
-    """How far friction is from mu p where nodes slip, and beyond it where they stick."""
+def cone_violation(state):
+    """Return the largest error of friction where nodes slip, or its excess over mu p elsewhere."""
     (pair,) = state.pairs
     limit = FRICTION * pair.force_normal
-    size = np.linalg.norm(pair.force_tangential, axis=1)
-    away = np.where(pair.status == SLIP, np.abs(size - limit), size - limit)
-    return away.max() / np.abs(pair.force_vector).max()
+    shear = np.linalg.norm(pair.force_tangential, axis=1)
+    error = np.where(pair.status == SLIP, np.abs(shear - limit), shear - limit)
+    return error.max() / np.abs(pair.force_vector).max()
 
 
-def test_a_die_slides_over_its_element_and_more(whole):
-    """Forces balance, the cone holds node by node, and Newton's method ends quadratically."""
-    _, states, violations = whole
+def test_a_die_slides_by_more_than_an_element(die_history):
+    """Forces balance, the cone holds at each node, and Newton's method converges quadratically."""
+    _, states, violations = die_history
     for k, state in enumerate(states):
         (pair,) = state.pairs
-        size = np.abs(pair.force).max()
-        assert np.abs(pair.opposite_force.sum(axis=0) + pair.force).max() < 1e-12 * size
-        assert cone(state) < 1e-8
-        before, last = [v for increment, v in violations if increment == k][-2:]
-        assert last < max(1e-11, 1e3 * before**2)
+        total_force = np.abs(pair.force).max()
+        assert np.abs(pair.opposite_force.sum(axis=0) + pair.force).max() < 1e-12 * total_force
+        assert cone_violation(state) < 1e-8
+        previous, last_violation = [
+            violation for increment, violation in violations if increment == k
+        ][-2:]
+        assert last_violation < max(1e-11, 1e3 * previous**2)
     assert np.abs(states[-1].pairs[0].slip).max() > 0.1
 
 
-def flat_punch(divisions):
-    """A flat block as the slave, under a punch that is narrower; both are rough."""
+def make_narrow_punch(divisions):
+    """Return a flat block, the slave, under a narrower punch; both are rough."""
     boxes = ((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.01), (0.5, 1.0))
     mesh = mesh_of_two_rectangles(*boxes, ((divisions, 4), (4, 4)), lambda x, y, _: (x, y))
     return SlidingBodies(
@@ -210,94 +226,99 @@ def flat_punch(divisions):
     )
 
 
-@pytest.mark.parametrize(("divisions", "last"), [(6, 0.75), (12, 0.5)])
-def test_nodes_that_come_to_face_the_end_of_the_master_slip_as_it_does(divisions, last):
-    """The block sticks to the punch: pressed at once or in equal pieces, shears are the same."""
+@pytest.mark.parametrize(("divisions", "last_closed_x"), [(6, 0.75), (12, 0.5)])
+def test_nodes_that_reach_the_end_of_the_master_slip_with_it(divisions, last_closed_x):
+    """The block sticks to the punch: shears do not depend on the number of increments."""
     shears = []
-    for pieces in (1, 2, 4):
-        bodies = flat_punch(divisions)
-        path = [(0.0, -0.11 * (k + 1) / pieces) for k in range(pieces)]
+    for n_increments in (1, 2, 4):
+        bodies = make_narrow_punch(divisions)
+        path = [(0.0, -0.11 * (k + 1) / n_increments) for k in range(n_increments)]
         (pair,) = slide_along_path(bodies, path)[-1].pairs
-        closed = pair.status != OPEN
-        assert np.abs(pair.position[closed, 0]).max() == pytest.approx(last)
+        is_closed = pair.status != OPEN
+        assert np.abs(pair.position[is_closed, 0]).max() == pytest.approx(last_closed_x)
         assert np.abs(pair.slip).max() < 1e-3  # half a facet is .125
-        right = closed & (pair.position[:, 0] > 0.2)
-        assert (pair.force_tangential[right, 0] > 0).all()  # none pushes against the others
+        is_right = is_closed & (pair.position[:, 0] > 0.2)
+        assert (pair.force_tangential[is_right, 0] > 0).all()  # all shears have one sign
         shears.append(pair.force_tangential[:, 0] / pair.force[1])
     assert np.abs(shears[1] - shears[0]).max() < 1e-5
     assert np.abs(shears[2] - shears[1]).max() < 1e-5
 
 
-def test_nothing_is_faced_beyond_the_place_where_normals_meet():
-    """A hollow side, far away and to the side of the other one, whose normals do not meet it."""
-    one = arc(5, lambda s: 0.6 * s**2 + 0.01, 0, -1.0)
-    other = arc(4, lambda s: 0.0 * s, 100, 1.0)
-    mortar = SlidingMortar(one, other, False)
+def test_nothing_is_faced_beyond_the_point_where_normals_meet():
+    """A hollow side is far away from the other one, beyond the point where its normals meet."""
+    slave_side = quadratic_trace(5, lambda s: 0.6 * s**2 + 0.01, 0, -1.0)
+    master_side = quadratic_trace(4, lambda s: 0.0 * s, 100, 1.0)
+    mortar = SlidingMortar(slave_side, master_side, False)
     for shift in np.stack(np.meshgrid([-5.0, -3.2, 3.2, 5.0], [-0.3, -0.1, 0.2]), -1).reshape(
         -1, 2
     ):
-        x = mortar.x + np.where(np.arange(len(mortar.x)) < mortar.slaves, 1.0, 0.0)[:, None] * shift
-        assert not mortar.meet(x).faced.any()
+        x = (
+            mortar.x
+            + np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 1.0, 0.0)[:, None] * shift
+        )
+        assert not mortar.linearise(x).faced.any()
 
 
 @pytest.mark.parametrize("upper_is_slave", [True, False])
 def test_a_die_slides_off_its_block(upper_is_slave):
-    """It ends as a body without any force, though it has moved by more than its size."""
+    """It ends without any force, after a motion of more than its size."""
     bodies = make_die_on_block(friction=FRICTION, upper_is_slave=upper_is_slave)
     path = [(0.0, -0.12), *((0.4 * k, -0.12) for k in range(1, 8))]
     states = slide_along_path(bodies, path)
-    ordinary = max(state.iterations for state in states[:5])
+    usual_iterations = max(state.iterations for state in states[:5])
     for state, end in zip(states[6:], path[6:], strict=True):
         (pair,) = state.pairs
-        assert state.iterations <= 3 * ordinary
+        assert state.iterations <= 3 * usual_iterations
         assert np.abs(pair.force_vector).max() < 1e-12
         assert (pair.status == OPEN).all()
         assert np.abs(pair.displacement - np.array(end) * upper_is_slave).max() < 1e-9
 
 
-def test_slip_is_that_of_the_path(whole, caplog):
-    """Of material points, by other formulas; what is told where slip is lost."""
-    bodies, states, _ = whole
+def test_slip_agrees_with_that_of_the_path(die_history, caplog):
+    """The slip of material points has other formulas; a warning tells where slip is lost."""
+    bodies, states, _ = die_history
     for state in states[2:]:
         (pair,) = state.pairs
-        apart = np.linalg.norm(pair.slip - pair.path_slip, axis=1)
-        size = np.linalg.norm(pair.path_slip, axis=1)
-        moved = size > 0.01
-        assert moved.sum() > 5
-        assert (apart < 0.06 * size)[moved].all()
+        difference = np.linalg.norm(pair.slip - pair.path_slip, axis=1)
+        path_length = np.linalg.norm(pair.path_slip, axis=1)
+        is_sliding = path_length > 0.01
+        assert is_sliding.sum() > 5
+        assert (difference < 0.06 * path_length)[is_sliding].all()
     check = SlipCheck(bodies.problem._finite.interface)
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
         check.check(states[-1])
         assert not caplog.records
         (pair,) = states[-1].pairs
-        lost = replace(states[-1], pairs=(replace(pair, slip=0 * pair.slip),))
-        check.check(lost)
-        check.check(lost)
+        state_without_slip = replace(states[-1], pairs=(replace(pair, slip=0 * pair.slip),))
+        check.check(state_without_slip)
+        check.check(state_without_slip)
     (record,) = caplog.records
     assert record.getMessage().startswith("increment 3, contact pair 0: slip differs")
-    smooth = replace(pair, slip=0 * pair.slip, friction=0 * pair.friction)
-    SlipCheck(bodies.problem._finite.interface).check(replace(lost, pairs=(smooth,)))
+    frictionless_pair = replace(pair, slip=0 * pair.slip, friction=0 * pair.friction)
+    SlipCheck(bodies.problem._finite.interface).check(
+        replace(state_without_slip, pairs=(frictionless_pair,))
+    )
     assert len(caplog.records) == 1
 
 
-def test_slip_from_the_closest_point_is_refused_and_would_be_told(caplog, monkeypatch):
-    """Of nodes beyond the master's end, which a mean over the covered part is not next to."""
+def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monkeypatch):
+    """It differs at nodes beyond the master's end from the mean over the covered part."""
     make_reference = SlidingMortar.make_reference
 
-    def by_closest_points(mortar, x):
+    def make_reference_by_closest_points(mortar, x):
         reference = make_reference(mortar, x)
-        ends, parts = mortar._find_closest(x)
-        rows = reference.rows.tolil()
+        ends, parts = mortar._find_closest_points(x)
+        rows = reference.distance_rows.tolil()
         for j in np.flatnonzero(~reference.faced):
             rows[j, j], rows[j, ends[j]] = 1.0, -parts[j]
-        return replace(reference, rows=rows.tocsr(), faced=np.ones_like(reference.faced))
+        return replace(reference, distance_rows=rows.tocsr(), faced=np.ones_like(reference.faced))
 
-    monkeypatch.setattr(SlidingMortar, "make_reference", by_closest_points)
+    monkeypatch.setattr(SlidingMortar, "make_reference", make_reference_by_closest_points)
     with pytest.raises(NotFound, match="computed anew"):
-        slide_along_path(flat_punch(6), [(0.0, -0.11)])
-    monkeypatch.setattr(finite, "verify_state", lambda found, *_: found)
+        slide_along_path(make_narrow_punch(6), [(0.0, -0.11)])
+    monkeypatch.setattr(finite, "verify_state", lambda state, *_: state)
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
-        slide_along_path(flat_punch(6), [(0.0, -0.11)])
+        slide_along_path(make_narrow_punch(6), [(0.0, -0.11)])
     (record,) = caplog.records
     assert "by up to 0.25" in record.getMessage()
     assert "at 2 contact nodes" in record.getMessage()
@@ -306,145 +327,162 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_told(caplog, monkey
 @pytest.mark.parametrize("upper_is_slave", [True, False])
 @pytest.mark.parametrize("path", [[(0.0, -3.0)], [(0.0, -0.12), (0.1, -3.0)]])
 def test_bodies_are_not_driven_through_each_other(upper_is_slave, path):
-    """Without any linear system, where supports are led past each other; beside them they may."""
-    solved = []
-    bodies = make_die_on_block(upper_is_slave=upper_is_slave, callback=solved.append)
+    """No linear system is solved where supports pass each other; beside each other they may."""
+    calls = []
+    bodies = make_die_on_block(upper_is_slave=upper_is_slave, callback=calls.append)
     start = slide_along_path(bodies, path[:-1])
     start = start[-1] if start else bodies.problem.undeformed
-    del solved[:]
+    del calls[:]
     with pytest.raises(SurfacePassed, match="pass each other by 1: the bodies are driven through"):
         bodies.problem.step(
-            start, lambda share: bodies.prescribe_base_and_top(share * np.array(path[-1]), 0.0)
+            start,
+            lambda load_factor: bodies.prescribe_base_and_top(
+                load_factor * np.array(path[-1]), 0.0
+            ),
         )
-    assert not solved
+    assert not calls
 
 
-def test_a_body_that_goes_down_beside_another_one_is_not_driven_through_it():
+def test_a_body_may_move_down_beside_another_one():
     bodies = make_die_on_block()
-    above, beside = slide_along_path(bodies, [(3.0, 0.0), (3.0, -3.0)])
-    assert not above.substates
-    assert np.abs(beside.pairs[0].displacement - [3.0, -3.0]).max() < 1e-12
+    state_above, state_beside = slide_along_path(bodies, [(3.0, 0.0), (3.0, -3.0)])
+    assert not state_above.substates
+    assert np.abs(state_beside.pairs[0].displacement - [3.0, -3.0]).max() < 1e-12
 
 
-def test_depth_of_what_goes_through_a_side():
-    """Between its ends only, and of what was outside at first."""
-    one = arc(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
-    other = arc(3, lambda s: 0.0 * s, 100, 1.0)
-    mortar = SlidingMortar(one, other, False)
-    slaves = (np.arange(len(mortar.x)) < mortar.slaves)[:, None]
-    down, beside = mortar.x - slaves * [0.0, 0.52], mortar.x + slaves * [2.5, 0.0]
-    depth = mortar.measure_depth(mortar.x, down)
+def test_the_depth_of_penetration_is_measured_between_the_ends_of_a_side():
+    """Only nodes that were outside at first have a depth."""
+    slave_side = quadratic_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
+    master_side = quadratic_trace(3, lambda s: 0.0 * s, 100, 1.0)
+    mortar = SlidingMortar(slave_side, master_side, False)
+    is_slave = (np.arange(len(mortar.x)) < mortar.n_slave_nodes)[:, None]
+    lowered_x, shifted_x = mortar.x - is_slave * [0.0, 0.52], mortar.x + is_slave * [2.5, 0.0]
+    depth = mortar.measure_penetration(mortar.x, lowered_x)
     assert depth[1:-1] == pytest.approx(0.5)
-    assert not mortar.measure_depth(beside, beside - slaves * [0.0, 0.52]).any()
-    assert not mortar.measure_depth(down, down).any()
-    passed = mortar.measure_depth(mortar.x, mortar.x - slaves * [0.0, 3.0])
-    assert passed[mortar.x[: mortar.slaves, 0] == 0.0] == pytest.approx(2.98)
+    assert not mortar.measure_penetration(shifted_x, shifted_x - is_slave * [0.0, 0.52]).any()
+    assert not mortar.measure_penetration(lowered_x, lowered_x).any()
+    depth_behind = mortar.measure_penetration(mortar.x, mortar.x - is_slave * [0.0, 3.0])
+    assert depth_behind[mortar.x[: mortar.n_slave_nodes, 0] == 0.0] == pytest.approx(2.98)
 
 
-def test_both_sides_may_be_the_slave(whole):
-    """Resultants are those of the exchanged sides, to the accuracy of the mesh."""
-    ways = whole[1], slide_along_path(make_die_on_block(upper_is_slave=False))
-    forces = [states[-1].pairs[0].force for states in ways]
+def test_both_sides_may_be_the_slave(die_history):
+    """Resultants of exchanged sides agree to the accuracy of the mesh."""
+    histories = die_history[1], slide_along_path(make_die_on_block(upper_is_slave=False))
+    forces = [states[-1].pairs[0].force for states in histories]
     assert np.abs(forces[0] + forces[1]).max() < 0.03 * np.abs(forces[0]).max()
 
 
-def test_a_turned_problem_has_turned_forces(whole):
-    (mine,), (theirs,) = (
-        whole[1][2].pairs,
+def test_a_rotated_problem_has_rotated_forces(die_history):
+    (pair,), (rotated_pair,) = (
+        die_history[1][2].pairs,
         slide_along_path(make_die_on_block(rotation_degrees=90.0), DIE_PATH[:3])[-1].pairs,
     )
-    size = np.abs(mine.force_vector).max()
-    assert np.abs(np.sort(mine.force_normal) - np.sort(theirs.force_normal)).max() < 1e-9 * size
-    assert np.abs(mine.force @ turn(90.0).T - theirs.force).max() < 1e-9 * size
+    largest = np.abs(pair.force_vector).max()
+    assert (
+        np.abs(np.sort(pair.force_normal) - np.sort(rotated_pair.force_normal)).max()
+        < 1e-9 * largest
+    )
+    assert (
+        np.abs(pair.force @ rotation_matrix(np.radians(90.0)).T - rotated_pair.force).max()
+        < 1e-9 * largest
+    )
 
 
-def test_a_way_that_is_resumed_is_the_way(whole, tmp_path):
-    bodies, states, _ = whole
+def test_a_resumed_history_is_the_same_history(die_history, tmp_path):
+    bodies, states, _ = die_history
     bodies.problem.save(states[STORED_INCREMENT], tmp_path / "state.npz")
-    read = bodies.problem.load(tmp_path / "state.npz")
-    (pair,), (known,) = (
-        slide_along_path(bodies, DIE_PATH[STORED_INCREMENT + 1 :], read)[-1].pairs,
+    loaded_state = bodies.problem.load(tmp_path / "state.npz")
+    (pair,), (expected,) = (
+        slide_along_path(bodies, DIE_PATH[STORED_INCREMENT + 1 :], loaded_state)[-1].pairs,
         states[-1].pairs,
     )
     for name in ("force_vector", "opposite_force", "slip"):
-        values = getattr(known, name)
+        values = getattr(expected, name)
         assert np.abs(getattr(pair, name) - values).max() < 1e-12 * np.abs(values).max()
 
 
-def test_fields_have_pressures_and_forces_of_both_sides(whole):
-    bodies, states, _ = whole
+def test_fields_contain_pressures_and_forces_of_both_sides(die_history):
+    bodies, states, _ = die_history
     fields = ContactFields.of(states[0], bodies.body)
     fields.fill(states[-1])
     (pair,) = states[-1].pairs
     forces = fields.force.x.array.reshape(-1, 2)
-    assert np.abs(forces[pair.opposite] - pair.opposite_force).max() < 1e-15
-    closed = pair.status > 0
-    own, theirs = (fields.pressure.x.array[node] for node in (pair.node[closed], pair.opposite))
-    assert (own > 0).all()
-    pressed = theirs > 0.1 * np.nanmax(theirs)
-    assert 3 < pressed.sum() < len(theirs)
-    assert np.nanmax(theirs) < 1.1 * own.max()
-    (other,) = fields.opposite
-    seen = other.results(pair)
-    assert 0 < seen.draw < 0.1
-    assert seen.draw == -seen.pressed.min() / seen.pressed.max()
-    true = fields.true_pressure.x.array[pair.opposite][pressed]
-    assert np.abs(true / theirs[pressed] - 1).max() < 0.2
-    again = ContactFields.of(states[-1], bodies.body)
-    for one, same in zip(fields.functions(), again.functions(), strict=True):
-        assert np.array_equal(one.x.array, same.x.array, equal_nan=True), one.name
+    assert np.abs(forces[pair.opposite_node] - pair.opposite_force).max() < 1e-15
+    is_closed = pair.status > 0
+    slave_pressure, master_pressure = (
+        fields.pressure.x.array[node] for node in (pair.node[is_closed], pair.opposite_node)
+    )
+    assert (slave_pressure > 0).all()
+    is_pressed = master_pressure > 0.1 * np.nanmax(master_pressure)
+    assert 3 < is_pressed.sum() < len(master_pressure)
+    assert np.nanmax(master_pressure) < 1.1 * slave_pressure.max()
+    (master_fields,) = fields.opposite
+    master_results = master_fields.results(pair)
+    assert 0 < master_results.draw < 0.1
+    assert master_results.draw == -master_results.pressed.min() / master_results.pressed.max()
+    true_pressure = fields.true_pressure.x.array[pair.opposite_node][is_pressed]
+    assert np.abs(true_pressure / master_pressure[is_pressed] - 1).max() < 0.2
+    refilled_fields = ContactFields.of(states[-1], bodies.body)
+    for function, refilled in zip(fields.functions(), refilled_fields.functions(), strict=True):
+        assert np.array_equal(function.x.array, refilled.x.array, equal_nan=True), function.name
 
 
-def test_an_even_pressure_arrives_as_it_is():
-    """Two blocks between smooth walls, the lower one wider: meshes do not match, forces do."""
+def test_a_uniform_pressure_is_transferred_exactly():
+    """Two blocks of different width and mesh lie between smooth walls."""
     mesh = mesh_of_two_rectangles(
         ((0, 0), (1, 0.5)), ((0, 0.51), (1, 1)), ((7, 2), (5, 2)), lambda x, y, _: (x, y)
     )
 
-    walled = SlidingBodies(mesh, *(on_plane(1, height) for height in (0.51, 0.5, 0.0, 1.0)), 0.0)
-    walls = prescribe(walled.space, 0, lambda x: np.isclose(x[0] * (1 - x[0]), 0))
+    bodies = SlidingBodies(mesh, *(on_plane(1, height) for height in (0.51, 0.5, 0.0, 1.0)), 0.0)
+    walls = prescribe(bodies.space, 0, lambda x: np.isclose(x[0] * (1 - x[0]), 0))
     problem = ContactProblem.of_residual(
-        walled.residual, walled.u, [*walled.conditions, walls], walled.pair
+        bodies.residual, bodies.u, [*bodies.conditions, walls], bodies.pair
     )
     state = problem.step(
-        problem.undeformed, lambda share: walled.prescribe_base_and_top((0, -0.1 * share), 0)
+        problem.undeformed,
+        lambda load_factor: bodies.prescribe_base_and_top((0, -0.1 * load_factor), 0),
     )
-    fields = ContactFields.of(state, walled.body)
+    fields = ContactFields.of(state, bodies.body)
     (pair,) = state.pairs
-    both = np.concatenate([pair.node, pair.opposite])
+    both_sides = np.concatenate([pair.node, pair.opposite_node])
     for function in (fields.pressure, fields.true_pressure, fields.tributary_pressure):
-        values = function.x.array[both]
+        values = function.x.array[both_sides]
         assert np.ptp(values) < 1e-9 * values.max()
-    assert abs(fields.pressure.x.array[both[0]] - pair.force[1]) < 1e-9 * pair.force[1]
+    assert abs(fields.pressure.x.array[both_sides[0]] - pair.force[1]) < 1e-9 * pair.force[1]
 
 
-def refusals():
+def invalid_pairs():
+    """Return residuals and pairs that are refused with their messages, and the bodies."""
     bodies = make_die_on_block()
     surface = bodies.pair.surface
     galerkin = Spaces.galerkin(bodies.space.mesh)
-    standard = ufl.replace(
+    galerkin_residual = ufl.replace(
         bodies.residual, {bodies.residual.arguments()[0]: ufl.TestFunction(galerkin.test)}
     )
-    unknown = DeformableSurface(surface.where)
+    unspecified_surface = DeformableSurface(surface.where)
     coincident = replace(surface, coincident=True)
-    nowhere = replace(bodies.pair, nodes=lambda x: np.zeros(x.shape[1], dtype=bool))
+    empty_pair = replace(bodies.pair, nodes=lambda x: np.zeros(x.shape[1], dtype=bool))
     return [
-        (bodies.residual, nowhere, "pair 0 has no nodes: its marker holds nowhere"),
-        (standard, bodies.pair, "piecewise-linear weights"),
-        (bodies.residual, replace(bodies.pair, surface=unknown), "revolved=True or False"),
+        (bodies.residual, empty_pair, "pair 0 has no nodes: its marker holds nowhere"),
+        (galerkin_residual, bodies.pair, "piecewise-linear weights"),
+        (
+            bodies.residual,
+            replace(bodies.pair, surface=unspecified_surface),
+            "revolved=True or False",
+        ),
         (bodies.residual, replace(bodies.pair, surface=coincident), "plane and in axisymmetry"),
     ], bodies
 
 
-def test_what_is_not_supported_is_refused_in_words():
-    (cases, bodies), of = refusals(), ContactProblem.of_residual
-    for residual, pair, words in cases:
-        with pytest.raises(ValueError, match=words):
-            of(residual, bodies.u, bodies.conditions, pair)
+def test_unsupported_pairs_are_refused():
+    (cases, bodies), make_problem = invalid_pairs(), ContactProblem.of_residual
+    for residual, pair, message in cases:
+        with pytest.raises(ValueError, match=message):
+            make_problem(residual, bodies.u, bodies.conditions, pair)
     with pytest.raises(ValueError, match="does not serve two bodies"):
-        of(bodies.residual, bodies.u, bodies.conditions, bodies.pair, Iterative())
+        make_problem(bodies.residual, bodies.u, bodies.conditions, bodies.pair, Iterative())
     with pytest.raises(ValueError, match="not free to move"):
         bodies.problem.step(bodies.problem.undeformed, motions=Motion((0.0, None)))
-    far = ContactPair(on_plane(1, 1.0), bodies.pair.surface)
+    distant_pair = ContactPair(on_plane(1, 1.0), bodies.pair.surface)
     with pytest.raises(ValueError, match="faces the opposite part"):
-        of(bodies.residual, bodies.u, bodies.conditions, far)
+        make_problem(bodies.residual, bodies.u, bodies.conditions, distant_pair)

@@ -23,63 +23,69 @@ from tests.contact.histories import (
     solve_history,
     state_fields,
 )
-from tests.contact.test_matching import Blocks
+from tests.contact.test_matching import MatchingBlocks
 
-# Two ways to one state: their systems are solved to 1e-13 of the load by factors of another matrix,
-# and forces of two bodies come out some ten times worse
-SAME = 1e-11
+# Relative difference of two computations of a state: their systems are solved to 1e-13 of the load
+# by factors of another matrix, and forces of two bodies are some ten times less accurate
+RESTART_TOLERANCE = 1e-11
 BLOCK = BlockOnFloor(4)
 PROBLEM = BLOCK.contact_problem(BLOCK.floor_pair(0.3))
-LOWER = Plane((0, -0.01), (0, 1))
+LOWER_PLANE = Plane((0, -0.01), (0, 1))
 
 
-def distance(states, others, scaled_by=()):
-    """Largest difference of any field, over its scale in a history."""
-    worst = 0.0
-    for name in state_fields(others[-1]):
-        scale = field_scale(name, [*others, *scaled_by])
-        for a, b in zip(states, others, strict=True):
-            worst = max(
-                worst,
-                np.abs(state_fields(a)[name] - state_fields(b)[name]).max(initial=0.0) / scale,
+def relative_difference(states, reference_states, scale_states=()):
+    """Return the largest difference of any field, over its scale in a history."""
+    largest = 0.0
+    for name in state_fields(reference_states[-1]):
+        scale = field_scale(name, [*reference_states, *scale_states])
+        for state, reference in zip(states, reference_states, strict=True):
+            largest = max(
+                largest,
+                np.abs(state_fields(state)[name] - state_fields(reference)[name]).max(initial=0.0)
+                / scale,
             )
-    return worst
+    return largest
 
 
 @pytest.mark.parametrize("name", HISTORIES)
-def test_a_history_resumed_from_a_state_or_a_file_is_the_history(name, tmp_path):
+def test_a_history_resumed_from_a_state_or_a_file_is_the_same(name, tmp_path):
     problem, steps = HISTORIES[name]()
     states = solve_history(problem, steps)
-    stored = states[RESUME_INCREMENT - 1]
-    again, _ = HISTORIES[name]()  # another problem object: nothing but the state goes over
-    problem.save(stored, tmp_path / "state.npz")
-    read = again.load(tmp_path / "state.npz")
-    assert (read.increment, read.unique, read.report) == (
+    stored_state = states[RESUME_INCREMENT - 1]
+    second_problem, _ = HISTORIES[name]()  # another object, which gets the state alone
+    problem.save(stored_state, tmp_path / "state.npz")
+    loaded_state = second_problem.load(tmp_path / "state.npz")
+    assert (loaded_state.increment, loaded_state.unique, loaded_state.report) == (
         RESUME_INCREMENT,
-        stored.unique,
-        stored.report,
+        stored_state.unique,
+        stored_state.report,
     )
-    for start in (stored, read):
-        rest = resume_history(again, steps, start)
-        assert distance(rest, states[RESUME_INCREMENT:], states) < SAME
-        assert [state.increment for state in rest] == list(
+    for start in (stored_state, loaded_state):
+        remaining_states = resume_history(second_problem, steps, start)
+        assert (
+            relative_difference(remaining_states, states[RESUME_INCREMENT:], states)
+            < RESTART_TOLERANCE
+        )
+        assert [state.increment for state in remaining_states] == list(
             range(RESUME_INCREMENT + 1, len(steps) + 1)
         )
 
 
 def test_a_step_changes_no_state_and_can_be_repeated():
     problem, steps = HISTORIES["block"]()
-    first = problem.step(problem.undeformed, *steps[0])
-    kept = {name: values.copy() for name, values in state_fields(first).items()}
-    second, other, again = (problem.step(first, *steps[k]) for k in (1, -2, 1))
-    assert distance([again], [second]) < 1e-12
-    assert distance([other], [second]) > 1e-3
-    for name, values in state_fields(first).items():
-        assert np.array_equal(values, kept[name])
+    first_state = problem.step(problem.undeformed, *steps[0])
+    copies = {name: values.copy() for name, values in state_fields(first_state).items()}
+    second_state, other_state, repeated_state = (
+        problem.step(first_state, *steps[k]) for k in (1, -2, 1)
+    )
+    assert relative_difference([repeated_state], [second_state]) < 1e-12
+    assert relative_difference([other_state], [second_state]) > 1e-3
+    for name, values in state_fields(first_state).items():
+        assert np.array_equal(values, copies[name])
     with pytest.raises(ValueError, match="read-only"):
-        first.pairs[0].force_normal[:] = 0.0
+        first_state.pairs[0].force_normal[:] = 0.0
     with pytest.raises(FrozenInstanceError):
-        first.iterations = 3
+        first_state.iterations = 3
 
 
 def _archive(**arrays):
@@ -88,134 +94,147 @@ def _archive(**arrays):
     return stream.getvalue()
 
 
-def test_files_that_are_no_state_of_this_problem(tmp_path):
+def test_files_without_a_state_of_this_problem_are_refused(tmp_path):
     path = tmp_path / "state.npz"
 
-    def refused(message, kind=ValueError):
+    def assert_refused(message, kind=ValueError):
         with pytest.raises(kind, match=message):
             PROBLEM.load(path)
 
-    refused(r"state\.npz", OSError)
+    assert_refused(r"state\.npz", OSError)
     path.write_text("nothing")
-    refused(r"state\.npz holds no contact state")
-    for mine in (b"nothing", _archive(nodes=np.zeros(3))):
-        path.write_bytes(mine)
+    assert_refused(r"state\.npz holds no contact state")
+    for foreign_content in (b"nothing", _archive(nodes=np.zeros(3))):
+        path.write_bytes(foreign_content)
         with pytest.raises(FileExistsError, match="was not written by pw_elements"):
             PROBLEM.save(PROBLEM.undeformed, path)
-        assert path.read_bytes() == mine
+        assert path.read_bytes() == foreign_content
     path.unlink()
     PROBLEM.save(PROBLEM.undeformed, path)
     content = path.read_bytes()
-    path.write_bytes(content[: len(content) // 2])  # a copy that was broken off
-    refused(r"state\.npz holds no contact state")
+    path.write_bytes(content[: len(content) // 2])  # an incomplete copy
+    assert_refused(r"state\.npz holds no contact state")
     PROBLEM.save(PROBLEM.undeformed, path)
     np.savez(path, state=np.load(io.BytesIO(content))["state"])  # without its arrays
-    refused(r"state\.npz holds no contact state")
-    half = ContactPair(lambda x: on_plane(1, 0.0)(x) & (x[0] < 2.1), Plane((0, 0), (0, 1)), 0.3)
+    assert_refused(r"state\.npz holds no contact state")
+    half_pair = ContactPair(
+        lambda x: on_plane(1, 0.0)(x) & (x[0] < 2.1), Plane((0, 0), (0, 1)), 0.3
+    )
     for case, pair, message in (
         (BlockOnFloor(6), BLOCK.floor_pair(0.3), "the state of another mesh"),
-        (BLOCK, half, "of a problem with another surface"),
+        (BLOCK, half_pair, "of a problem with another surface"),
         (BLOCK, replace(BLOCK.floor_pair(0.3), friction=0.3), "of a problem with another friction"),
         (BLOCK, BLOCK.floor_pair(0.4), "of a problem with another friction"),
-        (BLOCK, replace(BLOCK.floor_pair(0.3), surface=LOWER), "of a problem with another surface"),
+        (
+            BLOCK,
+            replace(BLOCK.floor_pair(0.3), surface=LOWER_PLANE),
+            "of a problem with another surface",
+        ),
         (
             ElasticBody(BLOCK.mesh, GALERKIN, "plane stress"),
             BLOCK.floor_pair(0.3),
             "with another stiffness",
         ),
     ):
-        other = case.contact_problem(pair)
-        other.save(other.undeformed, path)
-        refused(message)
+        other_problem = case.contact_problem(pair)
+        other_problem.save(other_problem.undeformed, path)
+        assert_refused(message)
     with pytest.raises(OSError, match="missing"):
         PROBLEM.save(PROBLEM.undeformed, tmp_path / "missing" / "state.npz")
-    assert [file.name for file in tmp_path.iterdir()] == ["state.npz"]  # no remains
+    assert [file.name for file in tmp_path.iterdir()] == ["state.npz"]  # no temporary files
 
 
-def test_any_change_of_a_file_is_seen(tmp_path):
-    path, random = tmp_path / "state.npz", np.random.default_rng(5)
+def test_any_change_of_a_file_is_detected(tmp_path):
+    path, rng = tmp_path / "state.npz", np.random.default_rng(5)
     state = PROBLEM.step(PROBLEM.undeformed, BLOCK.pressure_load)
     PROBLEM.save(state, path)
     content = path.read_bytes()
     with np.load(path) as archive:
         arrays = dict(archive)
     for name, values in arrays.items():
-        other = values.copy()
-        if other.dtype.kind == "U":
-            other = np.array(str(other).replace("true", "false", 1).replace("0", "1", 1))
-        elif other.size:
-            other.flat[-1] += 1
-        for changed in ({**arrays, name: other}, {k: v for k, v in arrays.items() if k != name}):
-            if changed.keys() == arrays.keys() and not other.size:
+        changed_values = values.copy()
+        if changed_values.dtype.kind == "U":
+            changed_values = np.array(
+                str(changed_values).replace("true", "false", 1).replace("0", "1", 1)
+            )
+        elif changed_values.size:
+            changed_values.flat[-1] += 1
+        for changed_arrays in (
+            {**arrays, name: changed_values},
+            {k: v for k, v in arrays.items() if k != name},
+        ):
+            if changed_arrays.keys() == arrays.keys() and not changed_values.size:
                 continue
-            np.savez(path, **changed)
+            np.savez(path, **changed_arrays)
             with pytest.raises(ValueError, match=r"state\.npz holds no contact state"):
                 PROBLEM.load(path)
-    for place in random.integers(len(content), size=60):
-        spoilt = bytearray(content)
-        spoilt[place] ^= 1 << random.integers(8)
-        for data in (bytes(spoilt), content[:place]):
+    for position in rng.integers(len(content), size=60):
+        damaged = bytearray(content)
+        damaged[position] ^= 1 << rng.integers(8)
+        for data in (bytes(damaged), content[:position]):
             path.write_bytes(data)
             try:
-                read = PROBLEM.load(path)
+                loaded_state = PROBLEM.load(path)
             except ValueError as error:
                 assert "holds no contact state" in str(error)  # noqa: PT017
             else:
-                assert np.array_equal(read.displacement.array_r, state.displacement.array_r)
-                assert np.array_equal(read.pairs[0].force_normal, state.pairs[0].force_normal)
+                assert np.array_equal(loaded_state.displacement.array_r, state.displacement.array_r)
+                assert np.array_equal(
+                    loaded_state.pairs[0].force_normal, state.pairs[0].force_normal
+                )
 
 
-def test_nothing_but_regular_files_is_written_and_read(tmp_path):
-    start = PROBLEM.undeformed
+def test_only_regular_files_are_written_and_read(tmp_path):
+    state = PROBLEM.undeformed
     fifo, folder, link, real = (tmp_path / name for name in ("fifo", "folder", "link", "real"))
     os.mkfifo(fifo)
     folder.mkdir()
     for path in (fifo, folder, Path("/dev/null")):
         with pytest.raises(FileExistsError, match="no regular file"):
-            PROBLEM.save(start, path)
+            PROBLEM.save(state, path)
         with pytest.raises(FileExistsError, match="no regular file"):
             PROBLEM.load(path)
     link.symlink_to(real)
-    PROBLEM.save(start, link)
+    PROBLEM.save(state, link)
     assert link.is_symlink()
     assert PROBLEM.load(real).increment == 0
 
 
-def test_full_disk_and_another_writer_leave_the_file_whole(tmp_path, monkeypatch):
+def test_a_full_disk_and_another_writer_leave_the_file_complete(tmp_path, monkeypatch):
     path = tmp_path / "state.npz"
     PROBLEM.save(PROBLEM.undeformed, path)
-    before = path.read_bytes()
+    old_content = path.read_bytes()
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    old_handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
         with pytest.raises(OSError, match="cannot be written to"):
             PROBLEM.save(PROBLEM.undeformed, path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, ignored)
-    assert path.read_bytes() == before
-    put = os.replace
+        signal.signal(signal.SIGXFSZ, old_handler)
+    assert path.read_bytes() == old_content
+    replace_file = os.replace
 
-    def meanwhile(source, target):
-        monkeypatch.setattr("os.replace", put)
+    def write_meanwhile(source, target):
+        monkeypatch.setattr("os.replace", replace_file)
         PROBLEM.save(PROBLEM.undeformed, path)
-        put(source, target)
+        replace_file(source, target)
 
-    monkeypatch.setattr("os.replace", meanwhile)
+    monkeypatch.setattr("os.replace", write_meanwhile)
     PROBLEM.save(PROBLEM.undeformed, path)
     assert PROBLEM.load(path).increment == 0
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_nodes_that_coincide_keep_their_displacements(tmp_path):
-    """Two blocks that touch have nodes in one place, which a file has to tell apart."""
-    blocks = Blocks()
+def test_coinciding_nodes_keep_their_displacements_in_files(tmp_path):
+    """Two touching blocks have nodes at the same position, which a file has to distinguish."""
+    blocks = MatchingBlocks()
     problem = blocks.contact_problem(blocks.make_pair(), blocks.base_supports)
     state = problem.step(problem.undeformed, blocks.traction_load((0.0, -3.0)))
     problem.save(state, tmp_path / "state.npz")
-    read = problem.load(tmp_path / "state.npz")
-    assert np.array_equal(read.displacement.array_r, state.displacement.array_r)
+    loaded_state = problem.load(tmp_path / "state.npz")
+    assert np.array_equal(loaded_state.displacement.array_r, state.displacement.array_r)
 
 
 def test_uniqueness_is_not_examined_without_determinants():
@@ -230,29 +249,30 @@ def test_uniqueness_is_not_examined_without_determinants():
     assert difference.norm() < 1e-10 * by_mumps.displacement.norm()
 
 
-FACTORISATIONS = 4  # at most, for 51 linear systems
+MAX_FACTORISATIONS = 4  # at most, for 51 linear systems
 
 
-def test_old_factors_serve_while_few_rows_change():
-    """On a mesh large enough for it, most increments of a slow pull need no new factors."""
+def test_factors_are_reused_while_few_rows_change():
+    """The mesh is large enough for it: most increments of a slow pull need no new factors."""
     states = BlockOnFloor(48).solve(0.3, 60.0, increments=10)
     reports = [state.report for state in states]
     assert reports[0].factorisations >= 1
-    assert sum(report.factorisations for report in reports) <= FACTORISATIONS
-    assert sum(state.iterations for state in states) > 10 * FACTORISATIONS
+    assert sum(report.factorisations for report in reports) <= MAX_FACTORISATIONS
+    assert sum(state.iterations for state in states) > 10 * MAX_FACTORISATIONS
 
 
 def test_motions_and_forces_may_alternate():
     punch = PunchedBlock()
-    problem, nothing = (
+    problem, zero_load = (
         punch.contact_problem(punch.punch_pair(0.0), punch.base_supports),
         punch.zero_load,
     )
-    driven = problem.step(problem.undeformed, nothing, [Motion((0, -0.2))])
-    pushed = Motion((0, None), (0, driven.pairs[0].force[1]))
-    loaded = problem.step(driven, nothing, [pushed])
-    back = problem.step(loaded, nothing, [Motion((0, -0.2))])
-    assert loaded.pairs[0].translation == pytest.approx((0, -0.2))
-    assert (driven.free, loaded.free, back.free) == ((), ((0, 1),), ())
-    size = driven.displacement.norm(PETSc.NormType.INFINITY)
-    assert (back.displacement - driven.displacement).norm() < 1e-9 * size
+    moved_state = problem.step(problem.undeformed, zero_load, [Motion((0, -0.2))])
+    force_motion = Motion((0, None), (0, moved_state.pairs[0].force[1]))
+    pushed_state = problem.step(moved_state, zero_load, [force_motion])
+    returned_state = problem.step(pushed_state, zero_load, [Motion((0, -0.2))])
+    assert pushed_state.pairs[0].translation == pytest.approx((0, -0.2))
+    assert moved_state.free_motions == returned_state.free_motions == ()
+    assert pushed_state.free_motions == ((0, 1),)
+    largest = moved_state.displacement.norm(PETSc.NormType.INFINITY)
+    assert (returned_state.displacement - moved_state.displacement).norm() < 1e-9 * largest

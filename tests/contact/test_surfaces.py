@@ -1,3 +1,5 @@
+"""Rigid surfaces: gaps, normals, closest points, and errors of wrong gradients."""
+
 from decimal import Decimal, getcontext
 
 from mpi4py import MPI
@@ -14,15 +16,15 @@ from pw_elements.contact import (
     SignedDistance,
     Sphere,
 )
-from pw_elements.contact.model import step_error
+from pw_elements.contact.model import measure_step_error
 from pw_elements.meshes import triangles
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.polyline import Polyline
 
-RANDOM = np.random.default_rng(5)
+RNG = np.random.default_rng(5)
 
-# walked from left to right: the body is above; a step up (re-entrant, then sticking out) and a tip
-STEP = [(-2.0, 0.0), (0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (2.0, -1.0)]
+# from left to right, the body above: a step up (a re-entrant and a protruding corner) and a tip
+STEP_AND_TIP = [(-2.0, 0.0), (0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (2.0, -1.0)]
 
 SURFACES = {
     "plane": Plane((1.0, 2.0), (1.0, -3.0)),
@@ -30,38 +32,38 @@ SURFACES = {
     "circle": Sphere((0.5, -0.2), 0.3),
     "sphere": Sphere((0.5, -0.2, 1.0), 0.3),
     "flat punch": FlatPunch((0.0, 1.0), (0.0, -2.0), 10.0),
-    "line": Polyline(STEP),
-    "rounded line": Polyline(STEP, 0.2),
+    "line": Polyline(STEP_AND_TIP),
+    "rounded line": Polyline(STEP_AND_TIP, 0.2),
     "signed distance": SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1]) - 1),
 }
 
 
 @pytest.mark.parametrize("name", SURFACES)
-def test_normal_is_the_gradient_of_the_gap(name):
+def test_the_normal_is_the_gradient_of_the_gap(name):
     surface = SURFACES[name]
     dim = 3 if "sp" in name and "signed" not in name else 2
-    x = RANDOM.uniform(-3, 3, (200, dim))
+    x = RNG.uniform(-3, 3, (200, dim))
     normal = surface.normal(x)
     assert np.linalg.norm(normal, axis=1) == pytest.approx(1)
     h = 1e-5
     gradient = np.stack(
         [(surface.gap(x + h * e) - surface.gap(x - h * e)) / (2 * h) for e in np.eye(dim)], axis=1
     )
-    smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1) < 1e-4  # not across a medial line
-    assert smooth.mean() > 0.98
-    assert normal[smooth] == pytest.approx(gradient[smooth], abs=1e-4)
+    is_smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1) < 1e-4  # not across a medial axis
+    assert is_smooth.mean() > 0.98
+    assert normal[is_smooth] == pytest.approx(gradient[is_smooth], abs=1e-4)
 
 
 @pytest.mark.parametrize("radius", [1e-6, 1.0, 1e6])
-def test_differences_suit_any_unit(radius):
-    """Those of steps of one length are a circle's whole radius, or lost in round-off."""
+def test_normals_by_differences_are_accurate_in_any_unit(radius):
+    """A fixed step would be a circle's whole radius, or lost in round-off."""
     circle = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1]) - radius)
     angle = np.linspace(0.0, 6.0, 20)
     normal = np.column_stack([np.cos(angle), np.sin(angle)])
     assert circle.normal(radius * normal) == pytest.approx(normal, abs=1e-9)
 
 
-def test_parabola_measures_along_its_axis():
+def test_a_parabola_measures_gaps_along_its_axis():
     x = np.array([[1.0, 0.5], [2.0, 0.0]])
     for radius, side in ((4.0, 1.0), (-4.0, -1.0)):
         gap = Parabola((0.0, 1.0), radius).gap(x)
@@ -73,7 +75,7 @@ def test_parabola_measures_along_its_axis():
     assert bowl.gap(np.array([[1.0, 2.0, -1.0]])) == pytest.approx(5 / 4 + 1)
 
 
-def test_flat_punch_ends_at_its_edge():
+def test_a_flat_punch_faces_nothing_beyond_its_edge():
     punch = FlatPunch((1.0, 2.0, 0.0), (0, 0, -1), 0.5)
     x = np.array([[1.5, 2.0, -0.1], [1.51, 2.0, -0.1], [1.3, 2.3, 0.0], [1.4, 2.4, 0.0]])
     assert punch.gap(x) == pytest.approx([0.1, np.inf, 0.0, np.inf])
@@ -82,42 +84,42 @@ def test_flat_punch_ends_at_its_edge():
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_small_gaps_to_large_spheres_keep_their_digits(dim, side):
-    """Against fifty digits: |y| - R in double precision would lose all digits but a few."""
+    """The reference has fifty digits: |y| - R in double precision would lose almost all digits."""
     radius = 2.0**20
     ball = Sphere([*[0.5] * (dim - 1), side * radius], radius)
     rng = np.random.default_rng(3)
     x = 0.5 + rng.uniform(-1, 1, (20, dim))
     x[:, -1] = rng.uniform(-1e-6, 1e-6, 20)
     getcontext().prec = 50
-    for place, gap in zip(x, ball.gap(x), strict=True):
-        y = [Decimal(a) - Decimal(c) for a, c in zip(place, ball.centre, strict=True)]
+    for point, gap in zip(x, ball.gap(x), strict=True):
+        y = [Decimal(a) - Decimal(c) for a, c in zip(point, ball.centre, strict=True)]
         exact = sum((a * a for a in y), Decimal(0)).sqrt() - Decimal(radius)
         assert abs(Decimal(gap) - exact) < Decimal("1e-21")
 
 
-@pytest.mark.parametrize("part", [0, 1])
-def test_a_gradient_that_is_none_of_its_function_is_refused_where_it_is_used(part):
+@pytest.mark.parametrize("component", [0, 1])
+def test_a_gradient_that_contradicts_its_function_is_refused_where_it_is_used(component):
     def circle(x):
         return x[:, 0] ** 2 + (x[:, 1] - 3.0) ** 2 - 1.0
 
     def gradient(x, factor=1.0):
         slope = np.stack([2 * x[:, 0], 2 * (x[:, 1] - 3.0)], axis=1)
-        slope[:, part] *= factor
+        slope[:, component] *= factor
         return slope
 
     x = np.array([[0.1, 2.0], [-0.4, 1.7]])
-    right, wrong = (
+    exact, wrong_surface = (
         SignedDistance(circle, lambda x, factor=factor: gradient(x, factor))
         for factor in (1.0, 1.001)
     )
-    for ask in ("normal", "closest"):
-        getattr(right, ask)(x)
+    for method in ("normal", "closest"):
+        getattr(exact, method)(x)
         with pytest.raises(ValueError, match="differences of its function give"):
-            getattr(wrong, ask)(x)
+            getattr(wrong_surface, method)(x)
 
 
-def test_an_edge_of_a_function_is_no_contradiction():
-    """The distance from a corner's two sides: either side's gradient is one of it."""
+def test_an_edge_of_a_function_does_not_contradict_its_gradient():
+    """The function is the distance from two sides of a corner; either side's gradient is valid."""
     roof = SignedDistance(
         lambda x: x[:, 1] + np.abs(x[:, 0]),
         lambda x: np.stack([np.where(x[:, 0] < 0, -1.0, 1.0), np.ones(len(x))], axis=1),
@@ -128,60 +130,60 @@ def test_an_edge_of_a_function_is_no_contradiction():
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_centre_has_no_closest_point(dim):
     x = np.array([[0.5] * dim, [0.5] * (dim - 1) + [1.0]])
-    gap, normal, bend = Sphere([0.5] * dim, 2.0).closest(x)
+    gap, normal, normal_gradient = Sphere([0.5] * dim, 2.0).closest(x)
     assert np.isnan(gap).tolist() == [True, False]
-    assert all(np.isnan(values[0]).all() for values in (normal, bend))
-    assert all(np.isfinite(values[1]).all() for values in (normal, bend))
+    assert all(np.isnan(values[0]).all() for values in (normal, normal_gradient))
+    assert all(np.isfinite(values[1]).all() for values in (normal, normal_gradient))
 
 
-def test_a_step_of_differences_that_is_too_large_is_told(caplog):
-    """Differences of a distance err by a sixth of (step / radius)^2 at most points of a circle."""
+def test_a_step_of_differences_that_is_too_large_is_logged(caplog):
+    """Differences of a circle's distance err by a sixth of (step / radius)^2 at most points."""
     body = ElasticBody(triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2)))
-    held = body.clamp(on_plane(1, 0.0))
+    supports = body.clamp(on_plane(1, 0.0))
 
     def distance(x):
         return np.hypot(x[:, 0], x[:, 1] - 4.0) - 3.0
 
     def gradient(x):
-        away = x - [0.0, 4.0]
-        return away / np.linalg.norm(away, axis=1, keepdims=True)
+        from_centre = x - [0.0, 4.0]
+        return from_centre / np.linalg.norm(from_centre, axis=1, keepdims=True)
 
-    def force(surface):
+    def force_and_warning(surface):
         caplog.clear()
-        problem = body.contact_problem(ContactPair(on_plane(1, 1.0), surface), held)
+        problem = body.contact_problem(ContactPair(on_plane(1, 1.0), surface), supports)
         state = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
-        return state.pairs[0].force[1], "half the step of differences" in caplog.text
+        return state.pairs[0].force[1], "halving the step of differences" in caplog.text
 
-    exact, told = force(SignedDistance(distance, gradient, step=1.0))
-    assert not told
+    exact_force, is_logged = force_and_warning(SignedDistance(distance, gradient, step=1.0))
+    assert not is_logged
     for step in (1.0, 0.1):
-        found, told = force(SignedDistance(distance, step=step))
-        assert found != pytest.approx(exact, rel=1e-6)
-        assert told
+        approximate, is_logged = force_and_warning(SignedDistance(distance, step=step))
+        assert approximate != pytest.approx(exact_force, rel=1e-6)
+        assert is_logged
         assert f"{step:.3g}" in caplog.text
         assert "Give a smaller step" in caplog.text
     for step in (1e-3, None):
-        found, told = force(SignedDistance(distance, step=step))
-        assert found == pytest.approx(exact, rel=1e-6)
-        assert not told
-    x = RANDOM.uniform(-1, 1, (20, 2))
+        approximate, is_logged = force_and_warning(SignedDistance(distance, step=step))
+        assert approximate == pytest.approx(exact_force, rel=1e-6)
+        assert not is_logged
+    x = RNG.uniform(-1, 1, (20, 2))
     flat = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1] - 1e4 - 1) - 1e4, step=1e-6)
-    assert step_error(flat, x) < 1e-5
+    assert measure_step_error(flat, x) < 1e-5
 
 
-def test_closest_points_are_infinitely_far_where_nothing_faces_x():
-    """Differences next to the edge are one-sided, those elsewhere as ever."""
+def test_closest_points_are_infinitely_far_where_nothing_is_faced():
+    """Differences near the edge are one-sided, others are central."""
 
-    def half(x):
+    def half_circle(x):
         return np.where(x[:, 0] <= 0.5, np.hypot(x[:, 0], x[:, 1]) - 1.0, np.inf)
 
-    whole = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1]) - 1.0)
+    circle = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1]) - 1.0)
     x = np.array([[0.1, 1.2], [-0.7, 0.9], [0.5, np.sqrt(0.75)], [0.500001, 1.0], [2.0, 0.0]])
-    found, known = SignedDistance(half).closest(x), whole.closest(x)
-    assert np.array_equal(np.isposinf(found[0]), [False, False, False, True, True])
-    faced = np.isfinite(found[0])
-    assert found[0][faced] == pytest.approx(known[0][faced], abs=1e-8)
-    assert found[1][faced] == pytest.approx(known[1][faced], abs=1e-5)
-    assert found[2][:2] == pytest.approx(known[2][:2], abs=1e-3)
-    assert not found[2][~faced].any()
-    assert np.linalg.norm(found[1][~faced], axis=1) == pytest.approx(1)
+    values, expected = SignedDistance(half_circle).closest(x), circle.closest(x)
+    assert np.array_equal(np.isposinf(values[0]), [False, False, False, True, True])
+    is_faced = np.isfinite(values[0])
+    assert values[0][is_faced] == pytest.approx(expected[0][is_faced], abs=1e-8)
+    assert values[1][is_faced] == pytest.approx(expected[1][is_faced], abs=1e-5)
+    assert values[2][:2] == pytest.approx(expected[2][:2], abs=1e-3)
+    assert not values[2][~is_faced].any()
+    assert np.linalg.norm(values[1][~is_faced], axis=1) == pytest.approx(1)

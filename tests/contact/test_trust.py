@@ -1,4 +1,4 @@
-"""No number that is far off, no refusal without cause."""
+"""No state that is far off, no refusal without cause."""
 
 import logging
 from dataclasses import fields, replace
@@ -31,24 +31,24 @@ from tests.contact.cases import BlockOnFloor, ElasticBody, PunchedBlock, on_plan
 from tests.contact.two_bodies import StackedBlocks
 from tests.oracle.random_contact import make_problem
 
-# -- what a stiffness and a surface are ------------------------------------------------------------
+# -- stiffness and surface -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron", "hexahedron"])
 def test_a_surface_with_an_edge_is_refused(cell):
     stack = StackedBlocks((3, 2), cell)
-    below, up = stack.x[:, stack.up] < 1 + 1e-9, np.isclose(stack.x[:, stack.up], 1.0)
-    nodes = below & ~stack.side_nodes("upper") & (up | np.isclose(stack.x[:, 0], 1.0))
+    is_lower, is_on_top = stack.x[:, stack.up] < 1 + 1e-9, np.isclose(stack.x[:, stack.up], 1.0)
+    nodes = is_lower & ~stack.side_nodes("upper") & (is_on_top | np.isclose(stack.x[:, 0], 1.0))
     pair = ContactPair(nodes, DeformableSurface(stack.sides["upper"]))
     with pytest.raises(ValueError, match=r"has an edge at .*1\)"):
         stack.contact_problem(pair)
 
 
-def test_a_stiffness_by_hand_does_not_tell_whether_it_is_axisymmetric():
+def test_a_user_assembled_stiffness_does_not_say_whether_it_is_axisymmetric():
     stack = StackedBlocks((3, 2), state="axisymmetric")
-    free, pair = stack.make_supports(), stack.make_pair()
+    no_supports, pair = stack.make_supports(), stack.make_pair()
     with pytest.raises(ValueError, match="give DeformableSurface"):
-        ContactProblem(AssemblyRecord().attach(stack.K.copy()), free, pair, stack.space)
+        ContactProblem(AssemblyRecord().attach(stack.K.copy()), no_supports, pair, stack.space)
     pair = ContactPair(pair.nodes, DeformableSurface(pair.surface.where, revolved=False))
     with pytest.raises(ValueError, match="the stiffness is one in axisymmetric"):
         stack.contact_problem(pair)
@@ -60,8 +60,8 @@ def test_a_stiffness_that_is_scaled_between_steps_is_noticed():
     problem.step(problem.undeformed, block.pressure_load)
     block.K.scale(3.0)
     state = problem.step(problem.undeformed, block.pressure_load)
-    (fresh,) = block.solve_contact(block.floor_pair(0.3), loads=block.pressure_load)
-    assert np.abs(state.displacement.array - fresh.displacement.array).max() < 1e-12
+    (reference,) = block.solve_contact(block.floor_pair(0.3), loads=block.pressure_load)
+    assert np.abs(state.displacement.array - reference.displacement.array).max() < 1e-12
     assert state.residuals.largest() < 1e-9
 
 
@@ -69,7 +69,7 @@ def test_a_stiffness_that_is_scaled_between_steps_is_noticed():
 
 
 def test_a_slave_node_on_the_axis_neither_sticks_nor_slips():
-    """Its weighted slip has that of its neighbours, which their friction allows or not."""
+    """Its weighted slip contains that of its neighbours, which their friction allows or not."""
     stack = StackedBlocks((4, 3), state="axisymmetric", modulus_ratio=30.0)
     supports, load = (
         stack.make_supports((0, on_plane(0, 0.0)), (1, on_plane(1, 0.0))),
@@ -79,14 +79,14 @@ def test_a_slave_node_on_the_axis_neither_sticks_nor_slips():
     (pair,) = state.pairs
     on_axis = np.isclose(pair.position[:, 0], 0.0)
     assert np.array_equal(pair.status == HELD, on_axis)
-    moved = np.abs(state.displacement.array).max()
-    assert np.abs(pair.displacement[on_axis, 0]).max() > 1e-6 * moved
+    largest = np.abs(state.displacement.array).max()
+    assert np.abs(pair.displacement[on_axis, 0]).max() > 1e-6 * largest
     assert np.allclose(pair.slip[on_axis, 0], pair.displacement[on_axis, 0])
-    assert np.abs(pair.displacement[pair.status == STICK, 0]).max() < 1e-9 * moved
+    assert np.abs(pair.displacement[pair.status == STICK, 0]).max() < 1e-9 * largest
 
 
 def test_residuals_of_two_bodies_that_stick_are_round_off(caplog):
-    """Lengths are over both bodies' displacements, not over what is next to nothing."""
+    """Lengths are relative to both bodies' displacements, not to the small relative ones."""
     caplog.set_level(logging.INFO)
     stack = StackedBlocks((3, 2))
     pair, load = stack.make_pair(friction=10.0), stack.traction_load((0.0, -0.01))
@@ -96,12 +96,12 @@ def test_residuals_of_two_bodies_that_stick_are_round_off(caplog):
 
 
 @pytest.fixture(scope="module")
-def accepted():
-    """An increment with open, sticking and slipping nodes, and a free surface; its solution."""
+def converged_increment():
+    """Return an increment, its solution and its start state; nodes are open, stick and slip."""
     punch = PunchedBlock()
-    stated = punch.contact_problem(punch.punch_pair(0.6), punch.base_supports)
-    stepping, motion = stated._stepping, Motion((0.02, None), (0, -217.3))
-    start = stated.undeformed
+    problem = punch.contact_problem(punch.punch_pair(0.6), punch.base_supports)
+    stepping, motion = problem._stepping, Motion((0.02, None), (0, -217.3))
+    start = problem.undeformed
     target = IncrementTarget.from_motions(punch.zero_load, [motion], stepping.interface)
     increment, kinematics = stepping._start_increment(start, target)
     linearised = stepping._linearise_start(increment, kinematics, start, target)
@@ -120,50 +120,50 @@ def accepted():
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Residuals)])
-def test_no_state_is_accepted_that_its_residuals_reject(accepted, name):
-    """Each condition alone is violated by 1e-7 of the largest force, then by 1e-10 of it."""
-    increment, right, before = accepted
-    contact = right.nodes
-    status, largest = contact.active_set.status, np.abs(right.force).max()
-    first = {kind: np.flatnonzero(status == kind)[0] for kind in (OPEN, STICK, SLIP)}
-    for share in (1e-7, 1e-10):
-        small, now = share * largest, right
+def test_no_state_is_accepted_that_its_residuals_reject(converged_increment, name):
+    """Each condition is violated alone, by 1e-7 and 1e-10 of the largest force."""
+    increment, solution, start = converged_increment
+    contact = solution.nodes
+    status, largest = contact.active_set.status, np.abs(solution.force).max()
+    node_of_status = {kind: np.flatnonzero(status == kind)[0] for kind in (OPEN, STICK, SLIP)}
+    for relative_error in (1e-7, 1e-10):
+        error, disturbed = relative_error * largest, solution
         force, gap, slip = contact.force.copy(), contact.gap.copy(), contact.slip.copy()
         if name == "equilibrium":
-            now = replace(right, unbalanced=np.array([small]))
+            disturbed = replace(solution, unbalanced=np.array([error]))
         elif name == "balance":
-            pushed = right.force.copy()
-            pushed[first[OPEN], 1] += small
-            now = replace(right, force=pushed)
+            unbalanced_force = solution.force.copy()
+            unbalanced_force[node_of_status[OPEN], 1] += error
+            disturbed = replace(solution, force=unbalanced_force)
         elif name in ("penetration", "stick"):
-            changed = gap if name == "penetration" else slip[:, 0]
-            changed[first[STICK]] -= small / contact.scale[first[STICK]]
+            values = gap if name == "penetration" else slip[:, 0]
+            values[node_of_status[STICK]] -= error / contact.scale[node_of_status[STICK]]
         elif name in ("tension", "complementarity"):
-            force[first[OPEN], 0] += small if name == "complementarity" else -small
+            force[node_of_status[OPEN], 0] += error if name == "complementarity" else -error
         else:
-            way = np.sign(force[first[SLIP], 1]) * (1 if name == "cone" else -1)
-            force[first[SLIP], 1] += way * small
-        if now is right:
-            now = replace(right, nodes=replace(contact, force=force, gap=gap, slip=slip))
+            sign = np.sign(force[node_of_status[SLIP], 1]) * (1 if name == "cone" else -1)
+            force[node_of_status[SLIP], 1] += sign * error
+        if disturbed is solution:
+            disturbed = replace(solution, nodes=replace(contact, force=force, gap=gap, slip=slip))
         state = make_contact_state(
-            increment, now, before, iterations=1, report=SolverReport("", 0), smallness=None
+            increment, disturbed, start, iterations=1, report=SolverReport("", 0), smallness=None
         )
-        assert (increment.violation(now) <= 1) == (share == 1e-10)
-        assert getattr(state.residuals, name) > share / 100
-    assert increment.violation(right) <= 1
+        assert (increment.violation(disturbed) <= 1) == (relative_error == 1e-10)
+        assert getattr(state.residuals, name) > relative_error / 100
+    assert increment.violation(solution) <= 1
 
 
-@pytest.mark.parametrize(("share", "unique"), [(0.9, True), (1.0, False)])
-def test_a_block_drawn_by_all_its_friction_is_not_unique(share, unique):
-    """It may slide as far as it likes."""
+@pytest.mark.parametrize(("load_ratio", "is_unique"), [(0.9, True), (1.0, False)])
+def test_a_block_pulled_at_the_friction_limit_is_not_unique(load_ratio, is_unique):
+    """It may slide by any distance."""
     block = BlockOnFloor(8)
-    states = block.solve(0.3, share * 120.0, increments=1, smooth=0.0)
-    assert states[-1].unique is unique
+    states = block.solve(0.3, load_ratio * 120.0, increments=1, frictionless_end=0.0)
+    assert states[-1].unique is is_unique
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.3])
-def test_a_ball_without_force_just_touches(mu):
-    """From a start in which it does, not from what it touched before: no remedy is needed."""
+def test_a_ball_released_to_zero_force_just_touches(mu):
+    """No fallback is needed if the iteration starts from touching, not from the last active set."""
     body = ElasticBody(triangles(MPI.COMM_SELF, (-2.0, 0.0), (2.0, 2.0), (9, 4)))
     motions = [Motion((0, None), (0, force)) for force in (-300.0, -20.0, 0.0)]
     pair = ContactPair(on_plane(1, 2.0), Sphere((0.37, 7.0), 5.0), mu, motions)
@@ -173,35 +173,37 @@ def test_a_ball_without_force_just_touches(mu):
     assert states[-1].residuals.largest() < 1e-9
 
 
-def test_a_refusal_says_what_was_tried_and_how_far_it_got(caplog):
-    with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(NotFound) as refused:
+def test_a_refusal_names_the_fallbacks_and_the_part_that_was_reached(caplog):
+    with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(NotFound) as caught:
         make_problem(104).solve()
     for remedy in ("by springs", "in parts"):
         assert f"{remedy}, for what 150 linear systems take at most" in caplog.text
-    share, state = refused.value.reached
-    assert f"In parts {share} of it was reached" in str(refused.value)
-    assert share == 0.5
+    fraction, state = caught.value.last_substate
+    assert f"In parts {fraction} of it was reached" in str(caught.value)
+    assert fraction == 0.5
     assert state.converged
     assert state.residuals.largest() < 1e-9
 
 
-def test_a_remedy_costs_as_many_first_attempts_as_it_may(monkeypatch):
-    """But for what is begun before these are used up."""
-    remedies, ends = [], []
-    allowed = Stepping._budget
+def test_a_fallback_costs_at_most_its_multiple_of_the_first_attempt(monkeypatch):
+    """Only a part that has begun may exceed the budget."""
+    budgets, remaining_budgets = [], []
+    budget = Stepping._budget
 
-    def noted(stepping, remedy, free):
-        ends.extend(left() for left, _ in remedies[-1:])  # of the one before
-        left = allowed(stepping, remedy, free)
-        remedies.append((left, left()))
-        return left
+    def record_budget(stepping, remedy, free):
+        remaining_budgets.extend(
+            remaining() for remaining, _ in budgets[-1:]
+        )  # of the previous fallback
+        remaining = budget(stepping, remedy, free)
+        budgets.append((remaining, remaining()))
+        return remaining
 
-    monkeypatch.setattr(Stepping, "_budget", noted)
+    monkeypatch.setattr(Stepping, "_budget", record_budget)
     for multiple in (0.1, 3.0):
-        remedies.clear()
-        ends.clear()
+        budgets.clear()
+        remaining_budgets.clear()
         with pytest.raises(NotFound):
             make_problem(93).solve(remedies={"springs": multiple, "cutback": multiple})
-        ends.append(remedies[-1][0]())
-        assert [most for _, most in remedies] == [50 * multiple] * 2
-        assert all(end > -0.5 * 50 * multiple - 10 for end in ends)
+        remaining_budgets.append(budgets[-1][0]())
+        assert [initial_budget for _, initial_budget in budgets] == [50 * multiple] * 2
+        assert all(end > -0.5 * 50 * multiple - 10 for end in remaining_budgets)

@@ -21,7 +21,7 @@ from pw_elements.spaces import locate_exterior_facets
 from study.elements import composite, taylor_hood
 from tests.contact.cases import ElasticBody, on_plane
 
-PRESSURE = 1e-3
+PRESSURE = 1e-3  # over the lower Young's modulus
 PLANE_CELLS = ("triangle", "quadrilateral")
 COMPARISON_ELEMENTS = {"composite": composite, "taylor_hood": taylor_hood}
 

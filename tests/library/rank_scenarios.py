@@ -184,7 +184,7 @@ class HiddenLaw:
     def __init__(self, mu=0.3, max_force=1e3, size=None):
         self._mu, self._max_force, self._size = mu, max_force, size
 
-    def at(self, _):
+    def parameter_at(self, _):
         return self._mu
 
     def limit(self, mu, force):
@@ -214,8 +214,8 @@ class CommunicatingPlane(HiddenPlane):
 class CommunicatingLaw(HiddenLaw):
     """Friction law that communicates in each method."""
 
-    def at(self, x):
-        return communicate(super().at(x))
+    def parameter_at(self, x):
+        return communicate(super().parameter_at(x))
 
     def limit(self, mu, force):
         return communicate(super().limit(mu, force))

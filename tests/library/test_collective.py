@@ -102,7 +102,7 @@ class FailingLaw:
     def __init__(self, first="limit", last=0):
         self._first, self._left = first, last
 
-    def at(self, _):
+    def parameter_at(self, _):
         return fail_on_one_rank(0.0) if self._first == "at" else 0.3
 
     def limit(self, mu, force):

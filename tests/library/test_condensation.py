@@ -76,7 +76,7 @@ def test_displacements_and_reactions_are_those_of_all_nodes(problem):
 def test_reduced_load_does_not_depend_on_the_inner_offset(problem):
     body, f, _ = problem
     reduction = body.supports([prescribe(body.space, 1, left, 0.03)])
-    loaded = reduction.under(body.K, f)
+    loaded = reduction.for_load(body.K, f)
     assert (loaded.offset - reduction.offset).norm() > 1e-3
     difference = loaded.load(body.K, f) - reduction.load(body.K, f)
     assert difference.norm() < 1e-13

@@ -103,7 +103,7 @@ def test_numbers_may_be_of_any_type_and_friction_a_function_of_one():
         pair = solve_one_pair(ContactPair(BOTTOM, FLOOR, mu), max_iterations=np.int64(50))
         assert np.all(pair.friction == 0.25)
     integers = Motion(np.array([0, 1]))
-    assert integers.prescribed().dtype == integers.forces().dtype == float
+    assert integers.translation_and_rotation().dtype == integers.force_and_torque().dtype == float
     assert np.all(prescribe(U, np.int64(1), BOTTOM, np.float32(0.5)).g.value == 0.5)
     body = Body(Spaces.galerkin(MESH), BLOCK.body.material, "axisymmetric")
     assert body.state is StressState.AXISYMMETRIC

@@ -35,7 +35,7 @@ from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, NoEquilibrium, Plane, solve_contact
 from pw_elements.contact.system import krylov
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
-from pw_elements.solvers import Multigrid, choose_solver, iterative, matrices
+from pw_elements.solvers import Multigrid, automatic, choose_solver, iterative, matrices
 from study.elements import composite
 from study.inner_nodes import centre_nodes
 from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
@@ -340,14 +340,18 @@ GAVE_UP = "auto: Iterative gave up, Direct goes on; factors take some"
 @pytest.fixture
 def small(monkeypatch):
     """Bodies of any size are large."""
-    for limit in ("_MANY", "_MANY_LOOSE", "_MANY_FOR_MODES"):
-        monkeypatch.setattr(iterative, limit, 1)
+    for limit in (
+        "_MIN_KRYLOV_DOFS",
+        "_MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS",
+        "_MIN_KRYLOV_DOFS_FOR_MODES",
+    ):
+        monkeypatch.setattr(automatic, limit, 1)
     monkeypatch.setattr(krylov, "_ENOUGH", 0)  # GMRES then fails where no node sticks
 
 
 @pytest.mark.parametrize(("held", "method"), [(False, "LU by mumps"), (True, "GMRES with p-m")])
 def test_what_contact_alone_holds_takes_factors_up_to_a_larger_size(monkeypatch, held, method):
-    monkeypatch.setattr(iterative, "_MANY", 1)
+    monkeypatch.setattr(automatic, "_MIN_KRYLOV_DOFS", 1)
     solid = SolidBlock(n=2)
     supports = (
         solid.make_supports(*((i, on_plane(2, 1.0)) for i in range(3)))
@@ -387,7 +391,7 @@ def test_contact_goes_on_with_factors(caplog):
 @pytest.mark.usefixtures("small")
 def test_without_memory_for_factors_the_error_stays(monkeypatch):
     arguments = nearly_sliding_arguments(SolidBlock(n=2))
-    monkeypatch.setattr(iterative, "free_memory", lambda _: 1e6)
+    monkeypatch.setattr(automatic, "free_memory", lambda _: 1e6)
     with pytest.raises(NotConverged, match=r"\"auto\" does not use .* 0\.001 GB left"):
         solve_contact(*arguments)
 
@@ -404,7 +408,7 @@ def test_a_proof_comes_before_other_ways(solver, caplog):
 
 @pytest.mark.usefixtures("small")
 def test_linear_problems_go_on_with_factors(monkeypatch):
-    monkeypatch.setattr(iterative, "Iterative", lambda: Iterative(options={"ksp_max_it": 3}))
+    monkeypatch.setattr(automatic, "Iterative", lambda: Iterative(options={"ksp_max_it": 3}))
     rubber = ElasticBody(box("tetrahedron"), Spaces.hybrid, "solid", 1.0, 0.5)
     f, foot = rubber.body_force_load((0.0, 0.0, -1.0)), rubber.clamp(on_plane(0, 0.0))
     a, known = (solve(rubber.K, f, foot, solver) for solver in ("auto", Direct()))
@@ -428,6 +432,6 @@ def test_memory():
     assert iterative.memory_of_factors(212_355) == pytest.approx(6.2e9, rel=0.3)
     assert (
         0
-        < iterative.free_memory(MPI.COMM_WORLD)
+        < automatic.free_memory(MPI.COMM_WORLD)
         < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     )

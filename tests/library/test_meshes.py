@@ -13,7 +13,7 @@ from dolfinx.mesh import compute_midpoints
 from pw_elements import assemble_scalar, boundary_measure
 from pw_elements._compat import cell_nodes
 from pw_elements.meshes import from_file, from_gmsh
-from tests.parallel import same_numbers
+from tests.parallel import assert_same_on_processes
 
 COMM = MPI.COMM_SELF
 
@@ -276,7 +276,7 @@ def measure_ball(comm, ball):
 
 
 def test_two_processes_read_the_same_mesh(ball):
-    same_numbers(measure_ball, ball, processes=[2])
+    assert_same_on_processes(measure_ball, ball, processes=[2])
 
 
 CELLS_DECK = SQUARE_DECK[: SQUARE_DECK.index("*Nset")]

@@ -34,14 +34,14 @@ from pw_elements.contact import ContactPair, Plane, Sphere, solve_contact, solve
 from pw_elements.contact.system import krylov
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
-from pw_elements.solvers import iterative
+from pw_elements.solvers import automatic
 from study.discretisation import discretise, mass_left
 from study.verification.t_identity import distorted
 from study.verification.v15_layers import error, layered
 from tests.contact.cases import GALERKIN, PW, ElasticBody, finite_strain_residual, on_plane
 from tests.contact.iterative import STACKED_CASES, SolidBlock, nearly_sliding_arguments
 from tests.contact.two_bodies import StackedBlocks
-from tests.parallel import same_numbers
+from tests.parallel import assert_same_on_processes
 
 
 def box(comm, size=(1, 1, 2), cells=(3, 3, 5), cell="tetrahedron"):
@@ -250,11 +250,11 @@ def by_auto(comm):
     """Without anchors Krylov's method gives up in the second increment."""
     arguments = nearly_sliding_arguments(SolidBlock(n=2, comm=comm))
     with pytest.MonkeyPatch.context() as patch:
-        for limit in ("_MANY", "_MANY_LOOSE"):
-            patch.setattr(iterative, limit, 1)
+        for limit in ("_MIN_KRYLOV_DOFS", "_MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS"):
+            patch.setattr(automatic, limit, 1)
         patch.setattr(krylov, "_ENOUGH", 0)
         states = solve_contact(*arguments)
-        patch.setattr(iterative, "free_memory", lambda _: 1e6)
+        patch.setattr(automatic, "free_memory", lambda _: 1e6)
         with pytest.raises(NotConverged) as caught:
             solve_contact(*arguments)
     assert len(set(comm.allgather(str(caught.value)))) == 1
@@ -306,4 +306,4 @@ def iterative_numbers(comm):
 @pytest.mark.parametrize(("numbers", "rel"), [(direct_numbers, 1e-10), (iterative_numbers, 1e-8)])
 def test_same_numbers_on_several_processes(numbers, rel, request):
     processes = 3 if request.config.getoption("--nightly") else 2
-    same_numbers(numbers, processes=[processes], rel=rel)
+    assert_same_on_processes(numbers, processes=[processes], rel=rel)

@@ -1,6 +1,6 @@
-"""A second solver, which shares nothing with the library: NumPy and SciPy alone.
+"""An independent solver in NumPy and SciPy, which shares no code with the library.
 
-Reference elements (`elements`), matrices and loads (`assembly`), frictional contact by nonlinear
-Gauss-Seidel on a dense compliance (`contact`), the least eigenvalues of a pair (`eigen`). It is
-here to disagree with the library if one of the two is wrong; it is small and slow.
+It has reference elements (`elements`), matrices and loads (`assembly`), frictional contact by
+nonlinear Gauss-Seidel on a dense compliance (`contact`), and the smallest eigenvalues of a pair of
+matrices (`eigen`). It is small and slow; tests compare its results with the library's.
 """

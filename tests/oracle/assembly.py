@@ -95,9 +95,7 @@ class Body:
         return self._assemble_vector(per_node, force)
 
     def traction_load(self, where: NodeMarker, traction: tuple[float, ...]) -> np.ndarray:
-        """Assemble the load of a traction on the facets whose nodes all satisfy `where` ((n, dim)
-        rows).
-        """
+        """Assemble the load of a traction on the facets whose nodes all satisfy `where`."""
         boundary = self._boundary_body(where)
         per_node = sum(np.outer(point.volume, point.weights) for point in boundary._gauss_points())
         return boundary._assemble_vector(per_node, traction)
@@ -109,9 +107,7 @@ class Body:
         return mask
 
     def _boundary_body(self, where: NodeMarker) -> "Body":
-        """Return the facets whose nodes all satisfy `where` as a body with 4 Gauss points per
-        direction.
-        """
+        """Return the facets whose nodes all satisfy `where` as a body of facets."""
         element = ELEMENTS[self.element]
         facets = np.concatenate([self.cells[:, facet] for facet in element.facets])
         facets = facets[where(self.nodes)[facets].all(axis=1)]

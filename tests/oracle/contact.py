@@ -137,9 +137,9 @@ class _ContactCompliance:
         B = sparse.lil_matrix((m * dim, nodes.size))
         B[np.arange(m * dim), dofs.ravel()] = 1.0
         for k, pair in enumerate(pairs):
-            if pair.opposite is not None:
+            if pair.opposite_nodes is not None:
                 rows = np.arange(m * dim).reshape(m, dim)[self.pair == k]
-                B[rows.ravel(), (pair.opposite[:, None] * dim + np.arange(dim)).ravel()] = -1.0
+                B[rows.ravel(), (pair.opposite_nodes[:, None] * dim + np.arange(dim)).ravel()] = -1.0
         surface_columns = np.zeros((m * dim, n_free))
         for column, (k, axis) in enumerate(np.argwhere(free)):
             surface_columns[np.flatnonzero(self.pair == k) * dim + axis, column] = -1.0
@@ -243,12 +243,11 @@ class _LawSolver:
         self.node_stiffness = 1 / np.linalg.norm(self.ds_of_dr @ blocks, ord=2, axis=(1, 2))
 
     def relative_violation(self, y, r):
-        """Return the violation of the law over its tolerance; gaps and slips count times a
-        stiffness.
+        """Return the violation of the law over its tolerance.
 
-        The tolerance is `LAW_TOLERANCE` plus the bounded round-off of these products: it is larger
-        only where slips are long compared with the body's deformation, as for a wedge on soft
-        springs.
+        Gaps and slips count times a stiffness. The tolerance is `LAW_TOLERANCE` plus the bounded
+        round-off of these products: it is larger only where slips are long compared with the body's
+        deformation, as for a wedge on soft springs.
         """
         as_forces = self.node_stiffness[:, None] * y
         round_off = 16 * MACHINE_EPSILON * np.abs(as_forces).max() / (np.abs(r).max() or 1.0)

@@ -33,8 +33,13 @@ from pw_elements.contact import (
     Sphere,
 )
 from pw_elements.contact.model import ContactState
-from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
-from tests.contact.sliding import iterate_along_path, make_die_on_block
+from tests.contact.cases import (
+    finite_strain_residual,
+    neo_hookean_stress,
+    on_plane,
+    states_with_substates,
+)
+from tests.contact.sliding import SlidingBodies, iterate_along_path, make_die_on_block
 from tests.oracle.large import NeoHookeanBody
 from tests.oracle.sliding import SlidingContact
 from tests.oracle.tools import RigidTool, ToolContact, ToolState
@@ -246,6 +251,7 @@ class RigidToolProblem:
 
     @property
     def tool(self) -> RigidTool:
+        """Return the tool at its initial position."""
         sketch = self.sketch
         normal = np.array([np.sin(sketch.tilt), -np.cos(sketch.tilt)])
         if sketch.radius:
@@ -284,6 +290,7 @@ class RigidToolProblem:
         return mask
 
     def tool_state(self, state: ContactState) -> ToolState:
+        """Return the displacements, tool position and nodal forces of a state."""
         (pair,) = state.pairs
         force = np.zeros_like(self.nodes)
         force[pair.node] = pair.force_vector
@@ -332,33 +339,31 @@ class TwoBodyProblem:
         return states, None
 
     def violations(self) -> list[dict[str, float]]:
+        """Return the violations of the law by each accepted state and substate."""
         states, _ = self.solution
-        problem = self._oracle_contact()
-        states_and_substates = [
-            accepted
-            for state in states
-            for accepted in (*(substate for _, substate in state.substates), state)
-        ]
+        problem = make_oracle_contact(self.bodies)
         history = [
-            accepted.displacement.array_r.reshape(-1, 2).copy() for accepted in states_and_substates
+            accepted.displacement.array_r.reshape(-1, 2).copy()
+            for accepted in states_with_substates(states)
         ]
         return [problem.violations(history[:k]) for k in range(2, len(history) + 1)]
 
-    def _oracle_contact(self) -> SlidingContact:
-        """Return the oracle's model of the same two bodies."""
-        bodies = self.bodies
-        nodes = bodies.space.tabulate_dof_coordinates()[:, :2]
-        body = NeoHookeanBody(nodes, bodies.space.dofmap.list, True, 1.5, TRIANGLE_RULE)
-        (pair,) = bodies.problem.undeformed.pairs
-        sides = [side[np.argsort(nodes[side, 0])] for side in (pair.node, pair.opposite)]
-        below = int(nodes[sides[1], 1].mean() < nodes[sides[0], 1].mean())
-        sides[below] = sides[below][::-1]  # the lower body's outside is above
-        mask = np.zeros_like(nodes, dtype=bool)
-        for condition in bodies.conditions:
-            mask.ravel()[condition.dof_indices()[0]] = True
-        return SlidingContact(body, *sides, mask, bodies.pair.law.mu)
+
+def make_oracle_contact(bodies: SlidingBodies) -> SlidingContact:
+    """Return the oracle's model of two bodies."""
+    nodes = bodies.space.tabulate_dof_coordinates()[:, :2]
+    body = NeoHookeanBody(nodes, bodies.space.dofmap.list, True, 1.5, TRIANGLE_RULE)
+    (pair,) = bodies.problem.undeformed.pairs
+    sides = [side[np.argsort(nodes[side, 0])] for side in (pair.node, pair.opposite_node)]
+    below = int(nodes[sides[1], 1].mean() < nodes[sides[0], 1].mean())
+    sides[below] = sides[below][::-1]  # the lower body's outside is above
+    mask = np.zeros_like(nodes, dtype=bool)
+    for condition in bodies.conditions:
+        mask.ravel()[condition.dof_indices()[0]] = True
+    return SlidingContact(body, *sides, mask, bodies.pair.law.mu)
 
 
 def make_problem(seed: int) -> RigidToolProblem | TwoBodyProblem:
+    """Return the problem of a seed."""
     sketch = draw_sketch(seed)
     return TwoBodyProblem(sketch) if sketch.kind == "bodies" else RigidToolProblem(sketch)

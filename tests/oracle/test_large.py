@@ -13,7 +13,12 @@ from dolfinx import mesh as meshes
 
 from pw_elements import Spaces, prescribe
 from pw_elements.contact import ContactFailed, ContactPair, ContactProblem, Motion, Sphere
-from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
+from tests.contact.cases import (
+    finite_strain_residual,
+    neo_hookean_stress,
+    on_plane,
+    states_with_substates,
+)
 from tests.oracle.large import CircleContact, NeoHookeanBody, RigidCircle
 
 TOLERANCE = 1e-8
@@ -88,9 +93,7 @@ class CircleProblem:
 
     @classmethod
     def from_seed(cls, seed):
-        """Return a random problem; lengths over the block's height, stresses over the shear
-        modulus.
-        """
+        """Return a random problem; lengths over the block's height, shear modulus 1."""
         rng = np.random.default_rng(seed)
         radius = rng.uniform(0.4, 1.5)
         translation, depth, increments = 0.0, 0.0, []
@@ -116,15 +119,6 @@ class CircleProblem:
             jiggle=rng.uniform(0.0, 0.2),
             seed=seed,
         )
-
-
-def states_with_substates(states):
-    """Return all states, each after the substeps of its increment."""
-    return [
-        accepted
-        for state in states
-        for accepted in (*(substate for _, substate in state.substates), state)
-    ]
 
 
 def displacement_and_translation(state):
@@ -179,9 +173,7 @@ def largest_violations(all_violations):
 
 
 def drive_error(contact, start, substate, fraction, motion):
-    """Return the relative error of translation and force of a substep at a fraction of an
-    increment.
-    """
+    """Return the relative error of translation and force at a fraction of an increment."""
     (u, U), (end_x, end_y, end_force) = displacement_and_translation(substate), motion
     r = contact.body.nodal_forces(u)
     (_, start_translation), length = displacement_and_translation(start), np.abs(U).max()
@@ -204,14 +196,17 @@ def drive_error(contact, start, substate, fraction, motion):
 
 
 def move_supports(u, contact):
+    """Disturb the displacements at supports."""
     u[contact.prescribed_mask] += 1e-6
 
 
 def move_inner_node(u, contact):
+    """Disturb the displacement of a node inside the body."""
     u[np.abs(contact.body.nodes + np.array([0.0, 0.5])).sum(axis=1).argmin()] += 1e-6
 
 
 def move_open_node(u, contact):
+    """Lift a node that is not in contact."""
     u[np.isclose(contact.body.nodes, [-1.0, 0.0]).all(axis=1), 1] += 1e-4
 
 

@@ -185,12 +185,14 @@ def ball_dragged_on_block():
 
 
 def problem_with_changed_ball(**changes):
+    """Return the dragged ball's problem with another pair, and its steps."""
     problem, steps = ball_dragged_on_block()
     ball, wall = problem.pairs
     return replace(problem, pairs=[replace(ball, **changes), wall]), steps
 
 
 def steps_with_changed_one(change, number=-1):
+    """Return the dragged ball's problem, and its steps with a changed one."""
     problem, steps = ball_dragged_on_block()
     steps = list(steps)
     steps[number] = change(steps[number])
@@ -198,6 +200,8 @@ def steps_with_changed_one(change, number=-1):
 
 
 def displace_nodes(marker, shift):
+    """Return a change of a step that displaces the marked nodes."""
+
     def change(step):
         a, x = step.displacement.copy(), ball_dragged_on_block()[0].space.tabulate_dof_coordinates()
         a[mask := marker(x.T)] += shift
@@ -208,6 +212,7 @@ def displace_nodes(marker, shift):
 
 
 def displace_surfaces(shift):
+    """Return a change of a step that displaces the surfaces."""
     return lambda step: replace(step, translations=step.translations + np.array(shift))
 
 

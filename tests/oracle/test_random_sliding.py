@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import NotFound
+from tests.contact.cases import states_with_substates
 from tests.contact.sliding import kernel_check_differences, mortar_positions_in_states
 from tests.oracle.large import NeoHookeanBody
 from tests.oracle.random_sliding import TRIANGLE_RULE, RigidToolProblem, draw_sketch, make_problem
@@ -78,16 +79,11 @@ def test_verification_of_two_bodies_agrees_with_the_iteration(seed):
 def oracle_contact_and_history(problem):
     """Return the oracle's model of a problem with a tool, and its history."""
     states, _ = problem.solution
-    states_and_substates = [states[0]] + [
-        state_
-        for state in states[1:]
-        for state_ in (*(substate for _, substate in state.substates), state)
-    ]
     sketch = problem.sketch
     lame = 2 * sketch.nu / (1 - 2 * sketch.nu)
     body = NeoHookeanBody(problem.nodes, problem.cells, sketch.linear_weights, lame, TRIANGLE_RULE)
     contact = ToolContact(body, problem.tool, problem.contact_nodes, problem.prescribed_mask)
-    return contact, [problem.tool_state(accepted) for accepted in states_and_substates]
+    return contact, [problem.tool_state(accepted) for accepted in states_with_substates(states)]
 
 
 @pytest.fixture(scope="module", params=[7, 2], ids=["circle", "plane"])

@@ -57,9 +57,7 @@ class RandomSmallProblem:
         self.mesh = self._make_mesh()
 
     def _make_mesh(self):
-        """Return a block [1, 2] x ... x [0, 1] with inner nodes, and boundary nodes along it,
-        moved.
-        """
+        """Return a block [1, 2] x ... x [0, 1]; nodes are moved, those of sides within them."""
         corners = [(1.0,) + (0.0,) * (self.dim - 1), (2.0,) + (1.0,) * (self.dim - 1)]
         if self.is_solid:
             n, cell = (2, 2, 1), meshes.CellType.tetrahedron
@@ -136,7 +134,7 @@ class LibraryProblem(ElasticBody):
     """The problem as the library states it."""
 
     def __init__(self, problem):
-        self.contact_problem = problem
+        self.problem = problem
         method = PW if problem.linear_weights else Q8 if problem.element == "Q8" else GALERKIN
         super().__init__(problem.mesh, method, problem.state, 1.0, problem.nu)
         if problem.state == "axisymmetric":
@@ -146,7 +144,7 @@ class LibraryProblem(ElasticBody):
 
     def solve(self):
         """Yield displacements (n, dim), and positions and forces (m, dim) of contact nodes."""
-        problem, up_axis = self.contact_problem, self.dim - 1
+        problem, up_axis = self.problem, self.dim - 1
         supports = (
             self.make_supports() if problem.rests_on_floor else self.clamp(on_plane(up_axis, 0.0))
         )

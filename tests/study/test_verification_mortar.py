@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pw_elements.contact.interface import Overlap, gathered_trace
+from pw_elements.contact.interface import Overlap, gather_trace
 from study.verification import mortar_ways, v11_two_bodies
 from tests.contact.two_bodies import StackedBlocks
 
@@ -12,8 +12,8 @@ from tests.contact.two_bodies import StackedBlocks
 def test_duals_of_quadratics_are_biorthogonal(cell):
     """In space those of the transformed functions."""
     stack = StackedBlocks((2, 3), cell)
-    one, other = (gathered_trace(stack.space, stack.sides[side]) for side in ("upper", "lower"))
-    overlap = Overlap.of(one, other, one.nodes, revolved=False)
+    one, other = (gather_trace(stack.space, stack.sides[side]) for side in ("upper", "lower"))
+    overlap = Overlap.from_traces(one, other, one.nodes, revolved=False)
     at, N = overlap.functions[0]
     psi = mortar_ways._duals(at, N, overlap.measure, one.dim)
     assert psi.sum(axis=1) == pytest.approx(np.ones(len(psi)))
@@ -34,7 +34,7 @@ def test_duals_of_quadratics_are_biorthogonal(cell):
 def test_with_gaps_by_duals_a_multiplier_presses_its_own_node_alone(cell):
     """By the integral of its weight; and the master as much."""
     stack = StackedBlocks((2, 3), cell)
-    one, other = (gathered_trace(stack.space, stack.sides[side]) for side in ("upper", "lower"))
+    one, other = (gather_trace(stack.space, stack.sides[side]) for side in ("upper", "lower"))
     found = mortar_ways._of_multipliers("pw-dual-gap", one, other, len(stack.x), 1.0)
     forces = found.forces.toarray()
     assert forces[:, one.nodes] == pytest.approx(np.diag(found.weight), abs=1e-12)

@@ -1,22 +1,22 @@
 """Contact points, and the operators between them and the unknowns."""
 
 from pw_elements.contact.interface.build import (
-    check_weights,
-    free_columns,
-    midpoints_around,
-    nodal_interface,
+    average_cell_midpoints,
+    build_interface,
+    check_piecewise_linear_weights,
+    find_reduced_columns,
 )
 from pw_elements.contact.interface.facing import (
-    FacedParts,
+    MortarMatrices,
     measure_gap_and_slip,
 )
 from pw_elements.contact.interface.mortar import (
     Overlap,
     Trace,
-    flat_facets,
-    gathered_trace,
-    sizes,
-    whole_areas,
+    compute_cell_sizes,
+    compute_flat_facets,
+    compute_tributary_areas,
+    gather_trace,
 )
 from pw_elements.contact.interface.operators import (
     DEFORMABLE,
@@ -32,4 +32,4 @@ from pw_elements.contact.interface.probes import (
     probe_interference,
     probe_surface,
 )
-from pw_elements.contact.interface.sliding import PATH_PIECES, SlidingMortar, SlidingReference
+from pw_elements.contact.interface.sliding import N_PATH_PIECES, SlidingMortar, SlidingReference

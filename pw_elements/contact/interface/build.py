@@ -1,4 +1,8 @@
-"""Builders of interfaces: against rigid surfaces, between matching nodes, and of mortars."""
+"""Builders of interfaces: with rigid surfaces, between matching nodes, and by mortars.
+
+The module guarantees contact points whose pairs, supports and surfaces have been checked, and
+whose user functions give the same values on all processes. All of it is collective.
+"""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -19,7 +23,7 @@ from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
-from pw_elements.contact.interface.mortar import Overlap, Trace, gathered_trace
+from pw_elements.contact.interface.mortar import Overlap, Trace, gather_trace
 from pw_elements.contact.interface.operators import (
     DEFORMABLE,
     RIGID,
@@ -33,14 +37,14 @@ from pw_elements.contact.interface.probes import compare_pairs
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     MAX_STEP_ERROR,
-    Cone,
     ContactPair,
     DeformableSurface,
+    FrictionCone,
     MatchingNodes,
     SignedDistance,
     Surface,
-    step_error,
-    with_step,
+    measure_step_error,
+    with_default_step,
 )
 from pw_elements.elasticity import (
     StressState,
@@ -61,148 +65,181 @@ from pw_elements.spaces import (
 )
 
 # Attributes of surfaces that are vectors (dim,)
-_VECTORS = ("point", "direction", "apex", "centre")
-# Cells at a time, to save memory
-_CELLS_AT_ONCE = 20_000
-# Largest distance of a node from where its counterpart should be, over the body's diagonal
-_MATCHING = 1e-6
-# Distance from the axis of revolution, over the body's diagonal, up to which a node lies on it
-_ON_AXIS = 1e-10
-# Cosine up to which a normal is turned into a symmetry plane
-_NEARLY = 0.9
-# Gap of sides that coincide, over the slave's mean sub-facet: that of an octant of a sphere is 0.01
-# with two quadratic facets a side
-_COINCIDE = 0.05
-# Mesh gaps per edge length, over interference per body diagonal, above which a warning is logged:
-# they change pressures by a tenth
-_NOISE = 0.03
-_OF_MESHES = (
-    "contact pair %d: gaps that meshes leave within facets are much of its interference, and "
-    "pressures are off by a tenth or more: use finer meshes, or DeformableSurface(..., "
+_SURFACE_VECTOR_ATTRIBUTES = ("point", "direction", "apex", "centre")
+# Cells processed at a time, to limit memory
+_CELLS_PER_BLOCK = 20_000
+# Largest distance of a node from the expected position of its opposite node, over the body's
+# diagonal
+_MAX_MATCHING_DISTANCE = 1e-6
+# Largest distance of a node on the axis of revolution from it, over the body's diagonal
+_AXIS_TOLERANCE = 1e-10
+# Smallest cosine between a normal and its projection into a symmetry plane for which the normal is
+# replaced by it
+_MIN_SYMMETRY_PLANE_COSINE = 0.9
+# Largest gap between coincident sides, over the mean edge of the slave's sub-facets; the ratio is
+# 0.01 on an octant of a sphere with two quadratic facets along each side
+_MAX_COINCIDENT_GAP = 0.05
+# Limit of mesh gaps per edge length over interference per body diagonal; above it pressures change
+# by a tenth, and a warning is logged
+_MAX_MESH_GAP_RATIO = 0.03
+_MESH_GAP_WARNING = (
+    "contact pair %d: gaps between the meshes within facets are a large part of its interference, "
+    "and pressures are off by a tenth or more: use finer meshes, or DeformableSurface(..., "
     "coincident=True) and the depth as interference"
 )
-# Mean edge of the slave over the master's where they face each other; a warning is logged above
-_COARSE = 3.0
+# Limit of the ratio of mean edges, slave to master, where they face each other; above it a warning
+# is logged
+_MAX_EDGE_RATIO = 3.0
 
 
 class BodyNodes:
-    """Where the nodes of a body are, and which unknowns and equations they have.
+    """Nodes of a body: positions, normals, and columns of their unknowns in the reduced system.
+
+    Args:
+        unknowns_space: space of all unknowns.
+        reduction: supports of the body.
 
     Attributes:
-        given: space of all unknowns.
-        field: the displacements among them.
-        x: (nodes, dim), ghosts too.
-        column: (owned nodes, dim), as of `free_columns`.
-        outward: (owned nodes, dim), normals integrated with the shape functions.
-        beside: (nodes, dim), mean midpoint of the cells around.
-        diagonal: length of the bounding box's.
-        on_axis: (nodes, dim), which components are radial ones of nodes on an axis of revolution.
+        unknowns_space: space of all unknowns.
+        displacements: the displacements among them.
+        space: space of these displacements.
+        x: (nodes, dim), positions, including those of ghosts.
+        reduced_column: (owned nodes, dim), see `find_reduced_columns`.
+        outward_normal: (owned nodes, dim), normals integrated with the shape functions.
+        mean_cell_midpoint: (nodes, dim), mean of the midpoints of the adjacent cells.
+        diagonal: length of the diagonal of the bounding box.
+        on_axis: (nodes, dim), radial components of nodes on an axis of revolution.
     """
 
-    def __init__(self, given: fem.FunctionSpace, reduction: Reduction) -> None:
-        self.given, self.field = given, SubSpace.displacements(given)
-        self.space = self.field.space
+    def __init__(self, unknowns_space: fem.FunctionSpace, reduction: Reduction) -> None:
+        self.unknowns_space = unknowns_space
+        self.displacements = SubSpace.displacements(unknowns_space)
+        self.space = self.displacements.space
         mesh = self.space.mesh
         dim = mesh.geometry.dim
         self.x: Array = self.space.tabulate_dof_coordinates()[:, :dim]
-        self.column: Indices = free_columns(reduction.right)[self.field.owned_unknowns]
+        self.reduced_column: Indices = find_reduced_columns(reduction.right)[
+            self.displacements.owned_unknowns
+        ]
         v = ufl.TestFunction(self.space)
         normal = assemble_vector(ufl.inner(ufl.FacetNormal(mesh), v) * ufl.ds)
-        # a view would keep the vector on the one process whose error holds these nodes
-        self.outward = np.array(normal.array_r).reshape(-1, dim)
-        self.beside = midpoints_around(self.space)
+        # a copy, since a view in a traceback would keep the vector alive on one process only
+        self.outward_normal = np.array(normal.array_r).reshape(-1, dim)
+        self.mean_cell_midpoint = average_cell_midpoints(self.space)
         self.diagonal = float(np.linalg.norm(extents(mesh.comm, mesh.geometry.x)))
         self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
 
-    def find_axis(self, known: AssemblyRecord | None) -> None:
+    def mark_axis_nodes(self, assembly: AssemblyRecord | None) -> None:
         """Mark radial components on the axis, if the stiffness is known to be axisymmetric."""
-        if known is not None and StressState.AXISYMMETRIC.value in known.stress_states:
-            self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _ON_AXIS * self.diagonal
+        if assembly is not None and StressState.AXISYMMETRIC.value in assembly.stress_states:
+            self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _AXIS_TOLERANCE * self.diagonal
 
-    def owned(self, whose: str, nodes: Part) -> LocalIndices:
-        given = locate_nodes(self.given, whose, nodes)
-        return given[given < self.space.dofmap.index_map.size_local]
+    def find_owned_nodes(self, whose: str, nodes: Part) -> LocalIndices:
+        """Return the nodes of a part that this process owns; `whose` names the part in errors."""
+        selected = locate_nodes(self.unknowns_space, whose, nodes)
+        return selected[selected < self.space.dofmap.index_map.size_local]
 
-    def refuse(self, node: LocalIndices, what: str) -> None:
-        """Raises a ValueError that names the positions of nodes, if there are any."""
-        places = np.concatenate(self.space.mesh.comm.allgather(self.x[node]))
-        if len(places):
-            raise ValueError(f"contact nodes at {format_points(places)} {what}")
+    def refuse_nodes(self, nodes: LocalIndices, reason: str) -> None:
+        """Raise ValueError with the positions of nodes, if any process has some; collective."""
+        positions = np.concatenate(self.space.mesh.comm.allgather(self.x[nodes]))
+        if len(positions):
+            raise ValueError(f"contact nodes at {format_points(positions)} {reason}")
 
 
-def nodal_interface(
+def build_interface(
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
     reduction: Reduction,
-    known: AssemblyRecord | None = None,
-    deformed: bool = False,
+    assembly: AssemblyRecord | None = None,
+    large_sliding: bool = False,
 ) -> Interface:
-    """Contact points of pairs, and checks of what can be checked before any computation.
+    """Build the interface of contact pairs, and check all that is known before a computation.
 
-    Bodies that are `deformed` find each other anew where they are.
-    What is `known` of the stiffness tells whether areas are those of a circumference, and whether
-    the unknowns are a sibling's coefficients; gaps are theirs then.
+    Args:
+        pairs: as the user states them.
+        space: of all unknowns.
+        reduction: supports of the body.
+        assembly: record of the stiffness, if there is one. It tells whether areas are those of the
+            whole circumference, and whether the unknowns are coefficients of a sibling; gaps are
+            then transformed likewise.
+        large_sliding: whether two bodies may slide far, so that mortars follow their deformation.
+
+    Raises:
+        ValueError: for pairs, supports or surfaces that state no contact problem.
     """
     dim = space.mesh.geometry.dim
     if not is_hybrid(space) and space.dofmap.index_map_bs != dim:
-        raise ValueError("contact is stated on displacements: the space has to be a vector's")
+        raise ValueError("contact is stated on displacements: the space has to be one of vectors")
     if not pairs:
         raise ValueError("there is no contact pair")
     shapes: list[Surface] = [
         p.surface.shape if isinstance(p.surface, MatchingNodes) else p.surface  # type: ignore[misc]
         for p in pairs
     ]
-    largest = space.mesh.comm.allreduce(np.abs(space.mesh.geometry.x).max(initial=0.0), MPI.MAX)
-    shapes = [with_step(shape, largest) for shape in shapes]
+    max_coordinate = np.abs(space.mesh.geometry.x).max(initial=0.0)
+    max_coordinate = space.mesh.comm.allreduce(max_coordinate, MPI.MAX)
+    shapes = [with_default_step(shape, max_coordinate) for shape in shapes]
     for k, (shape, pair) in enumerate(zip(shapes, pairs, strict=True)):
-        vectors = {f"the {name} of its surface": getattr(shape, name, None) for name in _VECTORS}
+        vectors = {
+            f"the {name} of its surface": getattr(shape, name, None)
+            for name in _SURFACE_VECTOR_ATTRIBUTES
+        }
         for name, vector in {**vectors, "its pivot": pair.pivot}.items():
             if vector is not None and (size := np.size(vector)) != dim:
                 raise ValueError(f"contact pair {k}: {name} has {size} components in {dim}-D")
-        if pair.pivot is not None and not deformed:
+        if pair.pivot is not None and not large_sliding:
             raise ValueError(
-                f"contact pair {k} has a pivot, but surfaces turn at large sliding only: state a "
-                "residual, ContactProblem.of_residual"
+                f"contact pair {k} has a pivot, but surfaces rotate at large sliding only: use "
+                "ContactProblem.of_residual"
             )
     body = BodyNodes(space, reduction)
     names = [f"contact pair {k}" for k in range(len(pairs))]
-    found = [body.owned(name, pair.nodes) for name, pair in zip(names, pairs, strict=True)]
-    for name, node in zip(names, found, strict=True):
-        _tell_of_lone(name, node, body)
+    nodes = [
+        body.find_owned_nodes(name, pair.nodes) for name, pair in zip(names, pairs, strict=True)
+    ]
+    for name, node in zip(names, nodes, strict=True):
+        _warn_of_nodes_without_pressure(name, node, body)
     cones, comm = [], space.mesh.comm
-    for name, pair, node in zip(names, pairs, found, strict=True):
-        at = _at_nodes(comm, f"the friction of {name}", pair.law.at, body.x[node])
-        cones.append(Cone([pair.law], [at]))
-    body.find_axis(known)
-    points, faced = [], []
+    for name, pair, node in zip(names, pairs, nodes, strict=True):
+        parameter = _evaluate_user_function(
+            comm, f"the friction of {name}", pair.law.parameter_at, body.x[node]
+        )
+        cones.append(FrictionCone([pair.law], [parameter]))
+    body.mark_axis_nodes(assembly)
+    points, opposite_nodes = [], []
     mortars: dict[int, SlidingMortar] = {}
-    for k, (pair, node, cone) in enumerate(zip(pairs, found, cones, strict=True)):
+    for k, (pair, node, cone) in enumerate(zip(pairs, nodes, cones, strict=True)):
         if isinstance(pair.surface, DeformableSurface):
-            revolved = _revolved(k, pair.surface, known or AssemblyRecord(), dim)
-            if deformed:
-                of_pair, shapes[k], mortars[k] = sliding_points(k, pair, node, cone, body, revolved)
+            revolved = _is_axisymmetric(k, pair.surface, assembly or AssemblyRecord(), dim)
+            if large_sliding:
+                pair_points, shapes[k], mortars[k] = make_sliding_points(
+                    k, pair, node, cone, body, revolved
+                )
             else:
-                depth = _depth(comm, k, pair, body.x[node])
-                of_pair, shapes[k] = mortar_points(k, pair, node, cone, body, revolved, depth)
+                depth = _evaluate_nominal_interference(comm, k, pair, body.x[node])
+                pair_points, shapes[k] = make_mortar_points(
+                    k, pair, node, cone, body, revolved, depth
+                )
         elif isinstance(pair.surface, MatchingNodes):
-            faced.append(body.owned(f"contact pair {k}, opposite side", pair.surface.nodes))
-            opposite = opposite_nodes(k, pair.surface, node, faced[-1], cone.rough, body)
-            of_pair = _points(body, node, cone, opposite)
+            opposite = body.find_owned_nodes(f"contact pair {k}, opposite side", pair.surface.nodes)
+            opposite_nodes.append(opposite)
+            matched = match_opposite_nodes(k, pair.surface, node, opposite, cone.has_friction, body)
+            pair_points = _make_points(body, node, cone, matched)
         else:
-            of_pair = _points(body, node, cone, None)
-        points.append(of_pair)
+            pair_points = _make_points(body, node, cone, None)
+        points.append(pair_points)
     interfering = [pair.interference is not False for pair in pairs]
-    inverse = None if known is None or known.sibling is None else known.sibling.inverse
-    interface = Interface(points, shapes, body.field, interfering, inverse, mortars)
-    _check_nodes(body, np.concatenate([*found, *faced]))
+    inverse = None if assembly is None or assembly.sibling is None else assembly.sibling.inverse
+    interface = Interface(points, shapes, body.displacements, interfering, inverse, mortars)
+    _check_contact_nodes(body, np.concatenate([*nodes, *opposite_nodes]))
     interface.check(body.diagonal)
     compare_pairs(interface, pairs, shapes)
-    _warn_of_coarse_steps(interface)
+    _warn_of_large_difference_steps(interface)
     return interface
 
 
-def _warn_of_coarse_steps(interface: Interface) -> None:
-    """Log signed distances whose step of differences is too large for their curvature."""
+def _warn_of_large_difference_steps(interface: Interface) -> None:
+    """Log a warning where the difference step of a signed distance is too large; collective."""
     comm = interface.comm
     for k, surface in enumerate(interface.surfaces):
         if not isinstance(surface, SignedDistance):
@@ -210,195 +247,233 @@ def _warn_of_coarse_steps(interface: Interface) -> None:
         x = interface.gathered(interface.position[interface.pair == k])
         with collective_errors(comm):
             error = call_user_function(
-                comm, f"the surface of contact pair {k}", step_error, surface, x
+                comm, f"the surface of contact pair {k}", measure_step_error, surface, x
             )
         if error > MAX_STEP_ERROR:
             words = (
-                f"contact pair {k}: half the step of differences, {surface.step:.3g}, changes the "
-                f"gradient of its SignedDistance by {error:.1e} of its size, and gaps and normals "
-                "likewise. Give a smaller step (a small part of the smallest radius), none, or "
-                "the gradient"
+                f"contact pair {k}: halving the step of differences, {surface.step:.3g}, changes "
+                f"the gradient of its SignedDistance by {error:.1e} of its size, and gaps and "
+                "normals likewise. Give a smaller step (a small part of the smallest radius), no "
+                "step, or the gradient"
             )
             log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-def _tell_of_lone(name: str, node: LocalIndices, body: BodyNodes) -> None:
-    """Logs nodes that have no pressure, which files and pictures refuse when all is solved."""
-    comm, own = body.space.mesh.comm, body.space.dofmap.index_map
-    every = np.concatenate(comm.allgather(own.local_to_global(node)))
-    on_facets = facet_nodes(body.space, facets_with_all_nodes(body.space, every))
-    on_facets = np.concatenate(comm.allgather(own.local_to_global(np.unique(on_facets))))
-    lone = body.x[node[~np.isin(own.local_to_global(node), on_facets)]]
-    places = np.concatenate(comm.allgather(lone))
-    if len(places):
+def _warn_of_nodes_without_pressure(name: str, nodes: LocalIndices, body: BodyNodes) -> None:
+    """Log nodes of a pair that belong to none of its facets; collective.
+
+    Such nodes have no pressure, so that files and pictures would refuse the states after the
+    computation.
+    """
+    comm, index_map = body.space.mesh.comm, body.space.dofmap.index_map
+    pair_nodes = np.concatenate(comm.allgather(index_map.local_to_global(nodes)))
+    on_facets = facet_nodes(body.space, facets_with_all_nodes(body.space, pair_nodes))
+    on_facets = np.concatenate(comm.allgather(index_map.local_to_global(np.unique(on_facets))))
+    isolated = body.x[nodes[~np.isin(index_map.local_to_global(nodes), on_facets)]]
+    positions = np.concatenate(comm.allgather(isolated))
+    if len(positions):
         words = (
-            f"{name}: its nodes at {format_points(places)} belong to no facet that has all "
+            f"{name}: its nodes at {format_points(positions)} belong to no facet that has all "
             "of its nodes in the pair: they may bear forces, but have no pressure, and "
             "ContactFields, write and plot will refuse the states. Let the pair end at vertices"
         )
         log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-def _check_nodes(body: BodyNodes, node: LocalIndices) -> None:
-    unique, times = np.unique(node, return_counts=True)
-    body.refuse(unique[times > 1], "belong to two contact pairs: leave a facet between them")
+def _check_contact_nodes(body: BodyNodes, nodes: LocalIndices) -> None:
+    """Raise ValueError for shared, inner or combined nodes of all pairs; collective."""
+    unique, count = np.unique(nodes, return_counts=True)
+    body.refuse_nodes(unique[count > 1], "belong to two contact pairs: leave a facet between them")
     mesh = body.space.mesh
-    facet = mesh.topology.dim - 1
-    mesh.topology.create_connectivity(facet, mesh.topology.dim)
+    facet_dim = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(facet_dim, mesh.topology.dim)
     facets = exterior_facet_indices(mesh.topology)
-    on_boundary = fem.locate_dofs_topological(body.space, facet, facets)
-    body.refuse(node[~np.isin(node, on_boundary)], "lie inside of the body, not on its boundary")
+    on_boundary = fem.locate_dofs_topological(body.space, facet_dim, facets)
+    inside = nodes[~np.isin(nodes, on_boundary)]
+    body.refuse_nodes(inside, "lie inside of the body, not on its boundary")
     with collective_errors(mesh.comm):
-        if np.any(body.column[node] < -1):
+        if np.any(body.reduced_column[nodes] < -1):
             raise ValueError(
                 "the reduction combines the displacements of a contact node with others: it may "
-                "prescribe them or keep them"
+                "only prescribe them or leave them free"
             )
 
 
-def _depth(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Array | None:
-    """The nominal interference (n,) at positions (n, dim); None where sides do not coincide."""
+def _evaluate_nominal_interference(
+    comm: MPI.Comm, number: int, pair: ContactPair, x: Array
+) -> Array | None:
+    """Return the nominal interference (n,) at positions (n, dim), None if sides do not coincide."""
     depth = pair.interference
     if not getattr(pair.surface, "coincident", False):
         return None
     if not arguments.is_user_function(depth):
         return np.full(len(x), float(depth))  # type: ignore[arg-type]
-    return _at_nodes(comm, f"the interference of contact pair {number}", depth, x)
+    return _evaluate_user_function(comm, f"the interference of contact pair {number}", depth, x)
 
 
-def _at_nodes(
+def _evaluate_user_function(
     comm: MPI.Comm, whose: str, function: Callable[[Array], Array | float], x: Array
 ) -> Array:
-    """Return what a user's function says at positions (n, dim); collective.
+    """Return the values (n,) of a user's function at positions (n, dim); collective.
 
-    Each process asks for the points of all, so that all call the function equally often.
+    Each process evaluates it at the points of all processes, so that all of them call it equally
+    often. `whose` names the function in errors.
     """
-    every, own = gather_points(comm, x)
-    points = np.zeros((3, len(every)))
-    points[: x.shape[1]] = every.T
+    all_x, owned = gather_points(comm, x)
+    points = np.zeros((3, len(all_x)))
+    points[: x.shape[1]] = all_x.T
     layout = "it takes points as columns (3, n) and gives (n,)"
     with collective_errors(comm):
-        given = call_user_function(comm, whose, function, points) if len(every) else points[0]
-        if arguments.is_number(given):  # the same everywhere
-            given = np.full(len(every), given, dtype=float)
-        return arguments.check_function_values(whose, given, (len(every),), layout)[own]
+        values = call_user_function(comm, whose, function, points) if len(all_x) else points[0]
+        if arguments.is_number(values):  # the same everywhere
+            values = np.full(len(all_x), values, dtype=float)
+        return arguments.check_function_values(whose, values, (len(all_x),), layout)[owned]
 
 
-def _revolved(number: int, master: DeformableSurface, known: AssemblyRecord, dim: int) -> bool:
-    """Whether areas are those of a circumference, by what is known of the stiffness if it is."""
-    axisymmetric = StressState.AXISYMMETRIC.value in known.stress_states
-    if dim == 2 and not known.stress_states and master.revolved is None:
+def _is_axisymmetric(
+    number: int, master: DeformableSurface, assembly: AssemblyRecord, dim: int
+) -> bool:
+    """Return whether areas are those of the whole circumference.
+
+    The stiffness' record decides where it has a stress state, else the user's `revolved`.
+
+    Raises:
+        ValueError: if neither tells, or if they contradict each other.
+    """
+    axisymmetric = StressState.AXISYMMETRIC.value in assembly.stress_states
+    if dim == 2 and not assembly.stress_states and master.revolved is None:
         raise ValueError(
-            f"contact pair {number}: the stiffness does not tell whether it is axisymmetric, as "
-            "that of a Body does; give DeformableSurface(..., revolved=True or False)"
+            f"contact pair {number}: the stiffness has no record of whether it is axisymmetric, "
+            "unlike that of a Body; give DeformableSurface(..., revolved=True or False)"
         )
-    if known.stress_states and master.revolved not in (None, axisymmetric):
+    if assembly.stress_states and master.revolved not in (None, axisymmetric):
         raise ValueError(
-            f"contact pair {number}: its surface is said to be revolved={master.revolved}, but the "
-            f"stiffness is one in {' and '.join(sorted(known.stress_states))}"
+            f"contact pair {number}: its surface has revolved={master.revolved}, but the stiffness "
+            f"is one in {' and '.join(sorted(assembly.stress_states))}"
         )
     return bool(axisymmetric or master.revolved)
 
 
-def midpoints_around(space: fem.FunctionSpace) -> Array:
-    """Mean of the midpoints of the cells around each node, ghosts too: (nodes, dim)."""
+def average_cell_midpoints(space: fem.FunctionSpace) -> Array:
+    """Return the mean midpoint of the cells around each node, (nodes, dim), including ghosts."""
     mesh = space.mesh
-    dim, owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
+    dim, n_owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
     sums = la.vector(space.dofmap.index_map, dim + 1)
     sums.array[:] = 0.0
-    for first in range(0, owned, _CELLS_AT_ONCE):
-        some = slice(first, min(first + _CELLS_AT_ONCE, owned))
-        middle = mesh.geometry.x[cell_nodes(mesh)[some], :dim].mean(axis=1)
-        parts = np.concatenate([middle, np.ones((len(middle), 1))], axis=1)
-        cells = space.dofmap.list[some]
-        every = np.repeat(parts, cells.shape[1], axis=0)
-        np.add.at(sums.array.reshape(-1, dim + 1), cells.ravel(), every)
+    for start in range(0, n_owned, _CELLS_PER_BLOCK):
+        block = slice(start, min(start + _CELLS_PER_BLOCK, n_owned))
+        midpoint = mesh.geometry.x[cell_nodes(mesh)[block], :dim].mean(axis=1)
+        midpoint_and_count = np.concatenate([midpoint, np.ones((len(midpoint), 1))], axis=1)
+        cells = space.dofmap.list[block]
+        repeated = np.repeat(midpoint_and_count, cells.shape[1], axis=0)
+        np.add.at(sums.array.reshape(-1, dim + 1), cells.ravel(), repeated)
     sums.scatter_reverse(la.InsertMode.add)
     sums.scatter_forward()
     values = sums.array.reshape(-1, dim + 1)
     return np.asarray(values[:, :dim] / values[:, dim:])
 
 
-def free_columns(right: PETSc.Mat) -> Indices:
-    """Column of each owned row of R that is a row of the identity.
+def find_reduced_columns(right: PETSc.Mat) -> Indices:
+    """Return the column of each owned row of R that is a row of the identity.
 
-    Empty rows (prescribed values) get -1, combinations -2.
+    Rows without entries (prescribed values) get -1, combinations of unknowns -2.
     """
     indptr, indices, data = right.getValuesCSR()
     count = np.diff(indptr)
     column = np.where(count == 0, -1, -2).astype(np.int64)
     single = np.flatnonzero(count == 1)
-    kept = single[data[indptr[single]] == 1.0]
-    column[kept] = indices[indptr[kept]]
+    identity = single[data[indptr[single]] == 1.0]
+    column[identity] = indices[indptr[identity]]
     return column
 
 
-def _points(body: BodyNodes, node: LocalIndices, cone: Cone, opposite: Indices | None) -> Points:
-    """Points at owned nodes; `opposite` has the global numbers of the nodes that they face."""
+def _make_points(
+    body: BodyNodes, nodes: LocalIndices, cone: FrictionCone, opposite: Indices | None
+) -> Points:
+    """Return contact points at owned nodes (m,).
+
+    `opposite` has the global numbers (m,) of the nodes that they face, None of a rigid surface.
+    """
     dim = body.x.shape[1]
-    own = (node + body.space.dofmap.index_map.local_range[0]).astype(np.int64)
-    ends = [(own, 1.0)] + ([] if opposite is None else [(opposite, -1.0)])
+    number = (nodes + body.space.dofmap.index_map.local_range[0]).astype(np.int64)
+    ends = [(number, 1.0)] + ([] if opposite is None else [(opposite, -1.0)])
     dofs = [(end[:, None] * dim + np.arange(dim)).ravel() for end, _ in ends]
-    value = np.repeat([sign for _, sign in ends], len(node) * dim)
-    row = np.tile(np.arange(len(node) * dim), len(ends))
-    shape = (len(node) * dim, body.field.sizes[1])
+    value = np.repeat([sign for _, sign in ends], len(nodes) * dim)
+    row = np.tile(np.arange(len(nodes) * dim), len(ends))
+    shape = (len(nodes) * dim, body.displacements.sizes[1])
     motion = sp.csr_matrix((value, (row, np.concatenate(dofs))), shape)
     return Points(
-        body.x[node],
+        body.x[nodes],
         cone,
-        body.column[node],
+        body.reduced_column[nodes],
         motion,
         motion,
-        body.beside[node],
-        body.outward[node],
-        own,
-        np.full_like(own, RIGID) if opposite is None else opposite,
-        body.on_axis[node],
-        np.full(body.x[node].shape, -1, dtype=np.int64),
+        body.mean_cell_midpoint[nodes],
+        body.outward_normal[nodes],
+        number,
+        np.full_like(number, RIGID) if opposite is None else opposite,
+        body.on_axis[nodes],
+        np.full(body.x[nodes].shape, -1, dtype=np.int64),
     )
 
 
-def opposite_nodes(
+def match_opposite_nodes(
     number: int,
     matching: MatchingNodes,
-    node: LocalIndices,
-    theirs: LocalIndices,
-    rough: Mask,
+    nodes: LocalIndices,
+    opposite: LocalIndices,
+    has_friction: Mask,
     body: BodyNodes,
 ) -> Indices:
-    """Global number (m,) of the node of the opposite side that each of a pair's nodes faces.
+    """Return the global number (m,) of the opposite node that each node of a pair faces.
 
-    `theirs` are nodes of the opposite side that this process owns, `rough` (m,) tells where there
-    is friction: it would be lost where a displacement is prescribed on the pair's own side only.
+    Args:
+        number: of the pair.
+        matching: opposite part and its offset.
+        nodes: (m,), owned nodes of the pair.
+        opposite: (k,), owned nodes of the opposite side.
+        has_friction: (m,); friction would be lost where a displacement is prescribed on the pair's
+            own side only, which is refused.
+        body: both bodies.
+
+    Raises:
+        ValueError: if nodes do not match one to one, or for such prescribed displacements.
     """
     comm, dim = body.space.mesh.comm, body.x.shape[1]
     offset = np.zeros(dim) if matching.offset is None else np.asarray(matching.offset, dtype=float)
     if offset.shape != (dim,):
         raise ValueError(f"contact pair {number}: its offset {offset.tolist()} is not {dim}-D")
-    first = body.space.dofmap.index_map.local_range[0]
-    known, place, held = (
+    first_number = np.int64(body.space.dofmap.index_map.local_range[0])
+    opposite_number, opposite_x, opposite_prescribed = (
         np.concatenate(comm.allgather(values))
-        for values in (theirs + np.int64(first), body.x[theirs], body.column[theirs] == -1)
+        for values in (
+            opposite + first_number,
+            body.x[opposite],
+            body.reduced_column[opposite] == -1,
+        )
     )
-    if not len(known):
+    if not len(opposite_number):
         raise ValueError(f"contact pair {number} has no opposite nodes: their marker holds nowhere")
-    distance, nearest = cKDTree(place).query(body.x[node] + offset)
-    body.refuse(node[distance > _MATCHING * body.diagonal], "face no node of the opposite side")
-    times = np.bincount(nearest, minlength=len(known))
-    comm.Allreduce(MPI.IN_PLACE, times, MPI.SUM)
-    body.refuse(node[times[nearest] > 1], "face the same node of the opposite side")
-    alone = ((body.column[node] == -1) & ~held[nearest]).any(axis=1)
-    body.refuse(
-        node[alone & rough],
+    distance, nearest = cKDTree(opposite_x).query(body.x[nodes] + offset)
+    far = distance > _MAX_MATCHING_DISTANCE * body.diagonal
+    body.refuse_nodes(nodes[far], "face no node of the opposite side")
+    count = np.bincount(nearest, minlength=len(opposite_number))
+    comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
+    body.refuse_nodes(nodes[count[nearest] > 1], "face the same node of the opposite side")
+    prescribed = body.reduced_column[nodes] == -1
+    one_sided = (prescribed & ~opposite_prescribed[nearest]).any(axis=1)
+    body.refuse_nodes(
+        nodes[one_sided & has_friction],
         "have a prescribed displacement that their counterparts have not: exchange both sides",
     )
-    return np.asarray(known[nearest])
+    return np.asarray(opposite_number[nearest])
 
 
-def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
-    """Raises ValueError for a stiffness (n, n) that is known to be tested with other weights.
+def check_piecewise_linear_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
+    """Raise ValueError unless a stiffness (n, n) has piecewise-linear weights, or is not recorded.
 
-    They are told by their values a quarter along an edge, where quadratic ones are down to -1/8.
+    Weight functions are identified by their values at a quarter of an edge, where quadratic ones
+    are as low as -1/8.
     """
     assembled = AssemblyRecord.read(K)
     if (test := assembled.test_space) is None:
@@ -407,169 +482,213 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
     quarter = np.eye(1, space.mesh.topology.dim) / 4
     if assembled.sibling is not None or element.tabulate(0, quarter).min() < -0.1:
         raise ValueError(
-            "a deformable surface hands on forces of piecewise-linear weights, with which the "
-            "stiffness is not made: take Spaces.petrov_galerkin or Spaces.hybrid"
+            "a deformable surface transfers forces by piecewise-linear weights, but the stiffness "
+            "has other ones: use Spaces.petrov_galerkin or Spaces.hybrid"
         )
 
 
-def _sides(
-    number: int, pair: ContactPair, node: LocalIndices, body: BodyNodes
+def _gather_sides(
+    number: int, pair: ContactPair, nodes: LocalIndices, body: BodyNodes
 ) -> tuple[Indices, Trace, Trace]:
-    """Global numbers of a pair's owned nodes (m,), and both sides of it, with what they must be."""
-    space, master, who = body.space, pair.surface, f"contact pair {number}"
+    """Return global numbers of a pair's owned nodes (m,), and traces of slave and master.
+
+    Raises:
+        ValueError: for an empty side, nodes that belong to no facet or to both sides, or an edge
+            of the slave.
+    """
+    space, master, name = body.space, pair.surface, f"contact pair {number}"
     assert isinstance(master, DeformableSurface)
-    own = node + np.int64(space.dofmap.index_map.local_range[0])
-    every = np.concatenate(space.mesh.comm.allgather(own))
-    if not len(every):
-        raise ValueError(f"{who} has no nodes: its marker holds nowhere")
-    one = gathered_trace(space, facets_with_all_nodes(space, every))
-    other = gathered_trace(space, locate_exterior_facets(space.mesh, master.where))
-    if not len(other.node):
-        raise ValueError(f"{who} has no opposite facets: their marker holds nowhere")
-    body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
-    body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
-    if len(places := one.edges()):
+    owned = nodes + np.int64(space.dofmap.index_map.local_range[0])
+    pair_nodes = np.concatenate(space.mesh.comm.allgather(owned))
+    if not len(pair_nodes):
+        raise ValueError(f"{name} has no nodes: its marker holds nowhere")
+    slave_trace = gather_trace(space, facets_with_all_nodes(space, pair_nodes))
+    master_trace = gather_trace(space, locate_exterior_facets(space.mesh, master.where))
+    if not len(master_trace.facet_nodes):
+        raise ValueError(f"{name} has no opposite facets: their marker holds nowhere")
+    without_facet = nodes[~np.isin(owned, slave_trace.facet_nodes)]
+    body.refuse_nodes(without_facet, "belong to no facet that is all in their pair")
+    on_master = nodes[np.isin(owned, master_trace.facet_nodes)]
+    body.refuse_nodes(on_master, "belong to both sides of their pair")
+    if len(edge_positions := slave_trace.find_sharp_edges()):
         raise ValueError(
-            f"{who} has an edge at {format_points(places)}, where its normal would belong to "
-            "neither side: state each side as a pair of its own, one with the nodes of the edge"
+            f"{name} has an edge at {format_points(edge_positions)}, where its normal would belong "
+            "to neither side: state each side as a pair of its own, one with the nodes of the edge"
         )
-    return own, one, other
+    return owned, slave_trace, master_trace
 
 
-_APART = (
+_NO_OVERLAP_MESSAGE = (
     "contact pair %d: no part of its facets faces the opposite part: one of both is on the far "
     "side of its body, or they do not overlap"
 )
 
 
-def sliding_points(
-    number: int, pair: ContactPair, node: LocalIndices, cone: Cone, body: BodyNodes, revolved: bool
+def make_sliding_points(
+    number: int,
+    pair: ContactPair,
+    nodes: LocalIndices,
+    cone: FrictionCone,
+    body: BodyNodes,
+    revolved: bool,
 ) -> tuple[Points, InitialGap, SlidingMortar]:
-    """Points at the owned nodes (m,) of a pair of bodies that slide, as they are at first."""
-    own, one, other = _sides(number, pair, node, body)
-    mortar = SlidingMortar(one, other, revolved)
-    met = mortar.meet(mortar.x)
-    if not met.faced.any():
-        raise ValueError(_APART % number)
-    free = ~_prescribed(one.nodes, body)
-    near = np.linalg.norm(met.normals * free, axis=1) > _NEARLY  # as `_in_symmetry_planes`
-    mortar.kept[near] = free[near]
-    met = mortar.meet(mortar.x)
-    among = np.searchsorted(one.nodes, own)
-    gap = np.where(met.faced, met.gaps, np.inf)[among]
-    points = replace(_points(body, node, cone, None), **_facing(own, node, other, body))
-    return points, InitialGap(body.x[node], gap, met.normals[among]), mortar
+    """Return points, initial gap and mortar at owned nodes (m,) of a pair that may slide far.
+
+    `revolved` tells whether areas are those of the whole circumference.
+    """
+    owned, slave, master = _gather_sides(number, pair, nodes, body)
+    mortar = SlidingMortar(slave, master, revolved)
+    undeformed = mortar.linearise(mortar.x)
+    if not undeformed.faced.any():
+        raise ValueError(_NO_OVERLAP_MESSAGE % number)
+    free = ~_find_prescribed_components(slave.nodes, body)
+    # as in `_turn_into_symmetry_planes`
+    near = np.linalg.norm(undeformed.normals * free, axis=1) > _MIN_SYMMETRY_PLANE_COSINE
+    mortar.allowed_components[near] = free[near]
+    undeformed = mortar.linearise(mortar.x)
+    index = np.searchsorted(slave.nodes, owned)
+    gap = np.where(undeformed.faced, undeformed.gaps, np.inf)[index]
+    points = replace(
+        _make_points(body, nodes, cone, None), **_opposite_side_fields(owned, nodes, master, body)
+    )
+    return points, InitialGap(body.x[nodes], gap, undeformed.normals[index]), mortar
 
 
-def _facing(own: Indices, node: LocalIndices, other: Trace, body: BodyNodes) -> dict[str, Any]:
-    x = other.positions_of_nodes()
-    order, held = order_by_position(x), _prescribed(other.nodes, body)
-    counterpart = np.full(body.x[node].shape, -1, dtype=np.int64)
+def _opposite_side_fields(
+    owned: Indices, nodes: LocalIndices, master: Trace, body: BodyNodes
+) -> dict[str, Any]:
+    """Return the fields of `Points` that describe the master: faced, opposite, counterpart."""
+    x = master.node_positions()
+    order, prescribed = order_by_position(x), _find_prescribed_components(master.nodes, body)
+    counterpart = np.full(body.x[nodes].shape, -1, dtype=np.int64)
     for axis in range(x.shape[1]):
-        some = np.flatnonzero(held[:, axis])
-        if len(some):
-            nearest = cKDTree(x[some]).query(body.x[node])[1]
-            counterpart[:, axis] = other.nodes[some[nearest]]
+        candidates = np.flatnonzero(prescribed[:, axis])
+        if len(candidates):
+            nearest = cKDTree(x[candidates]).query(body.x[nodes])[1]
+            counterpart[:, axis] = master.nodes[candidates[nearest]]
     return {
-        "faced": np.full_like(own, DEFORMABLE),
-        "opposite": other.nodes[order],
+        "faced": np.full_like(owned, DEFORMABLE),
+        "opposite": master.nodes[order],
         "counterpart": counterpart,
     }
 
 
-def mortar_points(
+def make_mortar_points(
     number: int,
     pair: ContactPair,
-    node: LocalIndices,
-    cone: Cone,
+    nodes: LocalIndices,
+    cone: FrictionCone,
     body: BodyNodes,
     revolved: bool,
     depth: Array | None,
 ) -> tuple[Points, InitialGap]:
-    """Points at the owned nodes (m,) of a pair whose opposite is another part of the boundary.
+    """Return points and initial gap at owned nodes (m,) of a pair with a deformable surface.
 
-    Points that face nothing have an infinite gap. `depth` (m,) is the nominal interference of sides
-    that coincide, None of others; `revolved` tells whether areas are those of a circumference.
+    Points that face nothing have an infinite gap.
+
+    Args:
+        number: of the pair.
+        pair: as the user states it.
+        nodes: (m,), owned nodes.
+        cone: friction of the pair.
+        body: both bodies.
+        revolved: whether areas are those of the whole circumference.
+        depth: (m,), nominal interference of coincident sides, None for other pairs.
     """
     comm = body.space.mesh.comm
-    own, one, other = _sides(number, pair, node, body)
-    overlap = Overlap.of(one, other, own, revolved)
+    owned, slave, master = _gather_sides(number, pair, nodes, body)
+    overlap = Overlap.from_traces(slave, master, owned, revolved)
     if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
-        raise ValueError(_APART % number)
-    coarseness = overlap.mean_edge(overlap.ratio, comm)
-    if coarseness > _COARSE:
+        raise ValueError(_NO_OVERLAP_MESSAGE % number)
+    edge_ratio = overlap.mean_edge(overlap.size_ratio, comm)
+    if edge_ratio > _MAX_EDGE_RATIO:
         words = (
-            f"contact pair {number}: its facets are {coarseness:.1f} times as large as those they "
+            f"contact pair {number}: its facets are {edge_ratio:.1f} times as large as those they "
             "face; let the finer mesh be the pair's, or the opposite body's forces may have either "
             "sign"
         )
         log_on_root(comm, logging.WARNING, words, ".contact")
-    m, dim = len(node), body.x.shape[1]
-    shape = m, body.field.sizes[1] // dim
-    area = overlap.per_point(np.ones(len(overlap.measure)), m)
+    m, dim = len(nodes), body.x.shape[1]
+    shape = m, body.displacements.sizes[1] // dim
+    area = overlap.integrate_per_point(np.ones(len(overlap.measure)), m)
     faced = area > 0
-    scale = sp.diags_array(1 / np.where(faced, area, 1.0))
-    unit = sp.csr_array((np.ones(m), (np.arange(m), own)), shape)
-    alone = sp.diags_array(np.where(faced, 0.0, 1.0)) @ unit
-    (at1, N1), (at2, N2), (at3, w2) = overlap.functions
-    motion = overlap.integrals(overlap.weight, at1, N1, shape)
-    motion -= overlap.integrals(overlap.weight, at2, N2, shape)
-    force = unit - scale @ overlap.integrals(overlap.dual, at3, w2, shape)
-    meets = overlap.integrals(overlap.weight, at3, w2, shape)[:, other.nodes] > 0
-    lone = (body.column[node] == -1) & ~(meets @ _prescribed(other.nodes, body))
-    body.refuse(
-        node[faced & cone.rough & lone.any(axis=1)],
+    inverse_area = sp.diags_array(1 / np.where(faced, area, 1.0))
+    identity = sp.csr_array((np.ones(m), (np.arange(m), owned)), shape)
+    unfaced_identity = sp.diags_array(np.where(faced, 0.0, 1.0)) @ identity
+    (nodes1, N1), (nodes2, N2), (weight_nodes2, w2) = overlap.functions
+    motion = overlap.assemble_integrals(overlap.weight, nodes1, N1, shape)
+    motion -= overlap.assemble_integrals(overlap.weight, nodes2, N2, shape)
+    force = identity - inverse_area @ overlap.assemble_integrals(
+        overlap.dual, weight_nodes2, w2, shape
+    )
+    coupled = (
+        overlap.assemble_integrals(overlap.weight, weight_nodes2, w2, shape)[:, master.nodes] > 0
+    )
+    prescribed = body.reduced_column[nodes] == -1
+    one_sided = prescribed & ~(coupled @ _find_prescribed_components(master.nodes, body))
+    body.refuse_nodes(
+        nodes[faced & cone.has_friction & one_sided.any(axis=1)],
         "have a prescribed displacement that none of the nodes which they face has, so that these "
         "would get no friction: exchange both sides",
     )
-    into = _in_symmetry_planes(-one.normals(own), body.column[node] >= 0)
-    apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
-    gap = np.where(faced, np.sum(into * apart, axis=1) * scale.diagonal(), np.inf)
-    edge = overlap.mean_edge(overlap.size, comm)
+    normal = _turn_into_symmetry_planes(
+        -slave.average_normals(owned), body.reduced_column[nodes] >= 0
+    )
+    distance = np.stack([overlap.integrate_per_point(x, m) for x in overlap.separation.T], axis=1)
+    gap = np.where(faced, np.sum(normal * distance, axis=1) * inverse_area.diagonal(), np.inf)
+    edge = overlap.mean_edge(overlap.slave_size, comm)
     if depth is not None:
-        body.refuse(
-            node[faced & (np.abs(gap) > _COINCIDE * edge)],
+        body.refuse_nodes(
+            nodes[faced & (np.abs(gap) > _MAX_COINCIDENT_GAP * edge)],
             "lie away from the opposite side, farther than meshes of one surface do (coincident)",
         )
         gap = np.where(faced, -depth, np.inf)
     elif pair.interference:
-        along = np.einsum("qki,qi->qk", into[overlap.point], overlap.apart)
-        squares = overlap.per_point(along**2, m) * scale.diagonal()
-        _tell_of_noise(number, squares, gap, body, edge)
+        normal_distance = np.einsum("qki,qi->qk", normal[overlap.point], overlap.separation)
+        mean_squares = overlap.integrate_per_point(normal_distance**2, m) * inverse_area.diagonal()
+        _warn_of_mesh_gaps(number, mean_squares, gap, body, edge)
     axes = sp.eye_array(dim)
     points = replace(
-        _points(body, node, cone, None),
-        motion=sp.csr_matrix(sp.kron(scale @ motion + alone, axes)),
+        _make_points(body, nodes, cone, None),
+        motion=sp.csr_matrix(sp.kron(inverse_area @ motion + unfaced_identity, axes)),
         force=sp.csr_matrix(sp.kron(force, axes)),
-        **_facing(own, node, other, body),
+        **_opposite_side_fields(owned, nodes, master, body),
     )
-    return points, InitialGap(body.x[node], gap, into)
+    return points, InitialGap(body.x[nodes], gap, normal)
 
 
-def _tell_of_noise(number: int, squares: Array, gap: Array, body: BodyNodes, edge: float) -> None:
-    """Logs it where gaps that meshes leave within facets are much of an interference.
+def _warn_of_mesh_gaps(
+    number: int, mean_squares: Array, gap: Array, body: BodyNodes, edge: float
+) -> None:
+    """Log a warning where gaps between the meshes are a large part of an interference.
 
-    `squares` (m,) are the mean squares of distances, of which the mean `gap` (m,) is a part.
+    Args:
+        number: of the pair.
+        mean_squares: (m,), mean squares of the distances around each point.
+        gap: (m,), means of these distances.
+        body: both bodies.
+        edge: mean edge of the slave's sub-facets.
     """
     comm, pressed = body.space.mesh.comm, gap < 0
-    left = (squares - gap**2)[pressed].clip(0)
-    sums = np.array([np.sum(left), np.sum(gap[pressed]), len(left)])
+    variance = (mean_squares - gap**2)[pressed].clip(0)
+    sums = np.array([np.sum(variance), np.sum(gap[pressed]), len(variance)])
     total, depth, count = comm.allreduce(sums, MPI.SUM)
-    if np.sqrt(total * count) * body.diagonal > -_NOISE * edge * depth:
-        log_on_root(comm, logging.WARNING, _OF_MESHES % number, ".contact")
+    if np.sqrt(total * count) * body.diagonal > -_MAX_MESH_GAP_RATIO * edge * depth:
+        log_on_root(comm, logging.WARNING, _MESH_GAP_WARNING % number, ".contact")
 
 
-def _prescribed(node: Indices, body: BodyNodes) -> Mask:
-    """Which displacements (n, dim) of global nodes are, of whichever process."""
-    return gather_from_owners(body.space, node, (body.column == -1).astype(np.int8)) > 0
+def _find_prescribed_components(nodes: Indices, body: BodyNodes) -> Mask:
+    """Return which displacements (n, dim) of global nodes (n,) are prescribed; collective."""
+    return gather_from_owners(body.space, nodes, (body.reduced_column == -1).astype(np.int8)) > 0
 
 
-def _in_symmetry_planes(normal: Array, free: Mask) -> Array:
-    """Normals (n, dim) without components that are prescribed, if these are small.
+def _turn_into_symmetry_planes(normal: Array, free: Mask) -> Array:
+    """Return unit normals (n, dim) without prescribed components, where these are small.
 
-    On a symmetry plane the facets of one side alone are averaged.
+    A normal on a symmetry plane is the mean of facets on one side of the plane only. `free` (n,
+    dim) marks components that are not prescribed.
     """
     inside = np.where(free, normal, 0.0)
     length = np.linalg.norm(inside, axis=1, keepdims=True)
-    near = length > _NEARLY
+    near = length > _MIN_SYMMETRY_PLANE_COSINE
     return np.asarray(np.where(near, inside / np.where(near, length, 1.0), normal))

@@ -13,7 +13,7 @@ found. Law, kinematics and loop see points only.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -26,13 +26,15 @@ from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
-    CLOSED_FORMS,
-    KNOWN_BODIES,
-    Cone,
+    BUILT_IN_CLOSEST_POINTS,
+    CLOSED_FORM_SURFACES,
+    SURFACES_DEFINED_EVERYWHERE,
+    ClosestPointSurface,
+    FrictionCone,
     NotFound,
-    RigidBody,
+    PairState,
     Surface,
-    wrong_derivatives,
+    describe_wrong_derivatives,
 )
 from pw_elements.elasticity import order_by_position
 from pw_elements.spaces import SubSpace, gather_from_owners
@@ -61,7 +63,7 @@ class Points:
     """The contact points (m) of one pair that belong to this process."""
 
     position: Array  # (m, dim), undeformed
-    cone: Cone
+    cone: FrictionCone
     # (m, dim), the reduced equation, owned by this process, that holds this component of the
     # point's force and of no other; -1 where none does: the law is not stated there
     equation: Indices
@@ -98,8 +100,9 @@ class InitialGap:
         return self.direction
 
 
-# Surfaces of which each process asks for its own points alone
-_ASKED_LOCALLY = (*CLOSED_FORMS, InitialGap)
+# Surfaces of which each process asks for its own points alone, and those that cannot fail there
+_ASKED_LOCALLY = (*CLOSED_FORM_SURFACES, InitialGap)
+_CANNOT_FAIL = (*SURFACES_DEFINED_EVERYWHERE, InitialGap)
 
 
 class NoContactStated(ValueError):
@@ -128,10 +131,11 @@ class Interface:
         self.field = field
         self.comm: MPI.Comm = field.space.mesh.comm
         self.surfaces, self.pairs = list(surfaces), len(surfaces)
+        self._cannot_fail = all(type(surface) in _CANNOT_FAIL for surface in surfaces)
         counts = [len(part.position) for part in points]
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
         cones = [part.cone for part in points]
-        self.cone = Cone([c.laws[0] for c in cones], [c.at[0] for c in cones], [])
+        self.cone = FrictionCone([c.laws[0] for c in cones], [c.parameters[0] for c in cones], [])
 
         def joined(name: str) -> npt.NDArray:
             return np.concatenate([getattr(part, name) for part in points])
@@ -148,10 +152,10 @@ class Interface:
         # (m, dim), components that supports prescribe and along which friction acts all the same:
         # not on the axis, where it has no direction, nor between bodies that supports hold alike
         stated = (self.equation >= 0) | (self.faced == DEFORMABLE)[:, None]
-        self.held_components: Mask = ~stated & ~joined("on_axis") & self.cone.rough[:, None]
+        self.held_components: Mask = ~stated & ~joined("on_axis") & self.cone.has_friction[:, None]
         self._counterpart = joined("counterpart")
         between = (self.equation < 0) & (self.faced == DEFORMABLE)[:, None] & ~joined("on_axis")
-        self._held_between = between & self.cone.rough[:, None]
+        self._held_between = between & self.cone.has_friction[:, None]
         self.holds_friction: bool = self.comm.allreduce(bool(self.held_components.any()), MPI.LOR)
         self._interfering = np.array(interfering)[self.pair]
 
@@ -165,7 +169,7 @@ class Interface:
                 raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
         with np.errstate(invalid="ignore"):  # of an infinite coefficient
             nothing, slope = self.cone.limit(np.zeros(len(self.pair)))
-        rises = self.cone.rises()
+        rises = self.cone.find_rising_coefficients()
         self.check_laws()
         wrong = ~(np.isfinite(slope) & (slope >= 0) & (nothing == 0))
         self.refuse(wrong, "have a friction coefficient that is negative or not finite")
@@ -174,7 +178,7 @@ class Interface:
             "have a law of friction whose coefficient, the limit over the normal force, rises with "
             "the force: it may stay or fall, so that its slope at zero bounds it",
         )
-        self.check_supports(None)
+        self.check_supports(self.normals(None), self.gaps(None))
         gap = self._by_pair("gap", None)
         cut = ~(gap >= -_PENETRATION * diagonal) & ~self._interfering
         deepest = -self.gathered(np.where(cut, gap, 0.0)).min()
@@ -190,10 +194,10 @@ class Interface:
         Laws that do not hold what is asked of them at normal forces (m,) are a ValueError.
         """
         if force is not None:
-            slope, difference, unlike = self.cone.slopes(force)
-            rises = self.cone.rises_at(force)
+            slope, difference, unlike = self.cone.compare_slopes(force)
+            rises = self.cone.find_rising_coefficients_at(force)
         with collective_errors(self.comm):
-            call_user_function(self.comm, "a law of friction", self.cone.tell)
+            call_user_function(self.comm, "a law of friction", self.cone.raise_law_error)
         if force is None:
             return
         with collective_errors(self.comm):
@@ -219,9 +223,11 @@ class Interface:
         """Depth (m,) of the points inside their surface, zero unless that is asked for."""
         return np.where(self._interfering, np.maximum(0.0, -self._by_pair("gap", None)), 0.0)
 
-    def check_supports(self, translations: Array | None) -> None:
-        """Raises ValueError if a point that a surface faces cannot move along its normal."""
-        normal, gap = self.normals(translations), self.gaps(translations)
+    def check_supports(self, normal: Array, gap: Array) -> None:
+        """Raise ValueError if a point that a surface faces cannot move along its normal.
+
+        Normals (m, dim) and gaps (m,) that are none are refused likewise.
+        """
         self.refuse(np.isnan(gap), "see a surface whose gap is not a number")
         faced = np.isfinite(gap)
         length = np.linalg.norm(normal, axis=1)
@@ -290,15 +296,23 @@ class Interface:
         """Values (m, ...) at a pair's points of all processes, sorted by position."""
         return self.gathered(values[self.pair == pair])[self._order[pair]]
 
-    def local(self, values: Sequence[npt.NDArray]) -> npt.NDArray:
-        """Rows (m, ...) of this process, of values per pair that are sorted as `in_order` does."""
-        rows = []
-        for k, of_pair in enumerate(values):
-            counts = self.comm.allgather(int(np.sum(self.pair == k)))
-            first = sum(counts[: self.comm.rank])
-            place = np.argsort(self._order[k])
-            rows.append(of_pair[place[first : first + counts[self.comm.rank]]])
-        return np.concatenate(rows)
+    def gather_pairs(self, values: Mapping[str, npt.NDArray]) -> list[dict[str, npt.NDArray]]:
+        """Return values (m, ...) of each pair, at its points of all processes, as `in_order`."""
+        of_ranks = self.comm.allgather((self.pair, dict(values)))
+        return [
+            {
+                name: np.concatenate([part[name][pair == k] for pair, part in of_ranks])[order]
+                for name in values
+            }
+            for k, order in enumerate(self._order)
+        ]
+
+    def local(self, states: Sequence[PairState], *names: str) -> list[npt.NDArray]:
+        """Return attributes (m, ...) of the pairs' states at the points of this process."""
+        own = list(zip(states, self._rows_in_order, strict=True))
+        return [
+            np.concatenate([getattr(state, name)[rows] for state, rows in own]) for name in names
+        ]
 
     def rows(self, rows: sp.csr_matrix) -> PETSc.Mat:
         """A matrix with these rows on this process, of displacements, for all unknowns."""
@@ -320,6 +334,16 @@ class Interface:
             for k in range(self.pairs)
         ]
 
+    @cached_property
+    def _rows_in_order(self) -> list[Indices]:
+        """Places of this process' points of each pair among those of all, sorted by position."""
+        rows = []
+        for k, order in enumerate(self._order):
+            counts = self.comm.allgather(int(np.sum(self.pair == k)))
+            first = sum(counts[: self.comm.rank])
+            rows.append(np.argsort(order)[first : first + counts[self.comm.rank]])
+        return rows
+
     @property
     def own_nodes(self) -> Indices:
         """Numbers (m,) of the points' nodes on this process, which owns them."""
@@ -338,17 +362,18 @@ class Interface:
     def extent(self) -> float:
         return float(extents(self.comm, self.position).max())
 
-    def on_opposite(self, pair: int, force: Array, force_operator: PETSc.Mat) -> Array:
-        """Nodal forces (k, dim) of forces (m, dim) at a pair's points on its `opposite` nodes.
+    def on_opposite(self, force: Array, force_operator: PETSc.Mat) -> list[Array]:
+        """Return nodal forces (k, dim) of forces (m, dim) on the `opposite` nodes of each pair.
 
         `force_operator` is H, (n, m dim).
         """
-        nodes = self.opposite[pair]
-        if len(nodes):
-            points = force_operator.createVecRight()
-            points.setArray(np.where((self.pair == pair)[:, None], force, 0.0).ravel())
-            return self.at_nodes(nodes, force_operator * points)
-        return np.zeros((0, force.shape[1]))
+        forces: list[Array] = [np.zeros((0, force.shape[1])) for _ in self.opposite]
+        for k, nodes in enumerate(self.opposite):
+            if len(nodes):
+                points = force_operator.createVecRight()
+                points.setArray(np.where((self.pair == k)[:, None], force, 0.0).ravel())
+                forces[k] = self.at_nodes(nodes, force_operator * points)
+        return forces
 
     def at_points(self, unknowns: PETSc.Vec) -> Array:
         """What unknowns (n,) have at the points' nodes, (m, dim)."""
@@ -401,7 +426,7 @@ class Interface:
         gap, normal, bend = self.look_for_closest(moved)
         lost = self.gathered(self.position[np.isnan(gap)])
         if len(lost):
-            raise NotFound.at("contact nodes first at {} have no closest point", lost)
+            raise NotFound.with_positions("contact nodes first at {} have no closest point", lost)
         return gap, normal, bend
 
     def look_for_closest(self, moved: Array) -> tuple[Array, Array, Array]:
@@ -427,15 +452,15 @@ class Interface:
         users = [
             (k, surface, self.gathered(x[(self.pair == k) & pressed]))
             for k, surface in enumerate(self.surfaces)
-            if k not in self.mortars and type(surface) not in KNOWN_BODIES
+            if k not in self.mortars and type(surface) not in BUILT_IN_CLOSEST_POINTS
         ]
         with collective_errors(self.comm):
             for k, surface, points in users:
-                if not isinstance(surface, RigidBody) or not len(points):
+                if not isinstance(surface, ClosestPointSurface) or not len(points):
                     continue
                 whose = f"the closest points of the surface of contact pair {k}"
                 wrong = call_user_function(
-                    self.comm, whose, wrong_derivatives, surface, points, step
+                    self.comm, whose, describe_wrong_derivatives, surface, points, step
                 )
                 if wrong:
                     raise ValueError(f"{whose} have the {wrong}: correct it")
@@ -449,17 +474,26 @@ class Interface:
         return values
 
     def _ask(self, what: str, x: Array, answers: Sequence[Array], layout: str) -> None:
-        """Fill in what surfaces say of points x (m, dim).
+        """Fill in what surfaces say of points x (m, dim), or raise what one of them raises.
 
         A user's surface is asked of the points of all processes on each of them, so that all call
-        it equally often: it may communicate, or look for closest points until all are found.
+        it equally often: it may communicate, or look for closest points until all are found. Its
+        errors, and answers of the wrong shape, are a ValueError on all processes.
         """
+        asked = [
+            (k, surface, self.pair == k)
+            for k, surface in enumerate(self.surfaces)
+            if not (what == "closest" and k in self.mortars)
+        ]
+        if self._cannot_fail:
+            for _, surface, mine in asked:
+                given = getattr(surface, what)(x[mine])
+                for values, known in zip(answers, _as_tuple(given, answers), strict=True):
+                    values[mine] = known
+            return
         name = "closest points" if what == "closest" else what
         pairs = []
-        for k, surface in enumerate(self.surfaces):
-            mine = self.pair == k
-            if what == "closest" and k in self.mortars:
-                continue
+        for k, surface, mine in asked:
             if type(surface) in _ASKED_LOCALLY:
                 points, own = x[mine], slice(None)
             else:
@@ -472,10 +506,14 @@ class Interface:
                 given = call_user_function(
                     self.comm, whose, getattr(self.surfaces[k], what), points
                 )
-                each = given if len(answers) > 1 else (given,)
-                for values, known in zip(answers, each, strict=True):
+                for values, known in zip(answers, _as_tuple(given, answers), strict=True):
                     shape = (len(points), *values.shape[1:])
                     values[mine] = arguments.check_function_values(whose, known, shape, layout)[own]
+
+
+def _as_tuple(given: Any, answers: Sequence[Array]) -> Sequence[Any]:  # noqa: ANN401
+    """Return the answers of a surface's method, of which a single one is given alone."""
+    return given if len(answers) > 1 else (given,)
 
 
 def gather_points(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:

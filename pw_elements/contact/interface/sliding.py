@@ -1,14 +1,14 @@
-"""Mortars of two deformed sides in the plane, and their derivatives by all positions.
+"""Mortars of two deformed sides in the plane, with derivatives by all positions.
 
-Duals, forces and gaps are those of `mortar`, taken where the sides are now, with who faces whom
-found anew; the guide's page on theory says why so ("Large strains"). With
+Duals, forces and gaps are those of `mortar`, evaluated at the current positions of both sides,
+where the search for facing facets is repeated; the theory page gives reasons ("Large strains").
+With the integrals over the covered parts of the slave's facets,
 
-    D_ji = integral of w_j w_i,   M_jk = integral of w_j w_k,   A_j = integral of w_j
+    D_ji = integral of w_j w_i,   M_jk = integral of w_j w_k,   A_j = integral of w_j,
 
-over what the slave's facets have of the master's, the mean place of a node over the mean place of
-what it faces is S x = (D x_1 - M x_2) / A, the gap n·S x, the slip since S was S_0 t·(S_0 - S) x.
-A node that faced nothing then has no S_0: its slip since positions were x_0 and the tangent t_0
-is t·S x - t_0·S x_0, of what is paired now.
+the mean distance of a slave node from the master is S x = (D x_1 - M x_2) / A, its gap n·S x, and
+its slip since S was S_0 is t·(S_0 - S) x. A node that faced nothing at that time has no S_0: its
+slip since positions were x_0 and the tangent was t_0 is t·S x - t_0·S x_0, with the current S.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,61 +20,67 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.interface.facing import FacedParts, Sides, measure_facing
-from pw_elements.contact.interface.mortar import FACING, Trace
+from pw_elements.contact.interface.facing import (
+    MortarMatrices,
+    MortarSides,
+    evaluate_mortar_matrices,
+)
+from pw_elements.contact.interface.mortar import MAX_FACING_COSINE, Trace
 
-# Of a cubic, such as two weights and a radius, along segments; directions are no polynomials
-_PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
-# Pieces of the straight path on which slip is integrated
-PATH_PIECES = 8
-# Part of a facet that has to face the other side: of less the duals are lost in round-off
-_COVERED = 1e-6
+# Gauss' rule on [-1, 1], exact for a cubic, such as two weight functions and a radius along a
+# segment; directions of projection are no polynomials
+_GAUSS_POINTS, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
+# Pieces of the straight path along which slip is integrated
+N_PATH_PIECES = 8
+# Smallest covered fraction of a facet: below it the duals are dominated by round-off
+_MIN_COVERED_FRACTION = 1e-6
 
 
-class Varying:
-    """Numbers (n,) and derivatives (n, k): automatic differentiation in forward mode."""
+class AutoDiffArray:
+    """Numbers (n,) with derivatives (n, k): automatic differentiation in forward mode."""
 
-    __array_ufunc__ = None  # arrays leave operations to this class
+    __array_ufunc__ = None  # so that NumPy arrays leave mixed operations to this class
 
-    def __init__(self, value: Array, slope: Array) -> None:
-        self.value, self.slope = value, slope
+    def __init__(self, value: Array, derivative: Array) -> None:
+        self.value, self.derivative = value, derivative
 
-    def __add__(self, other: "Numbers") -> "Varying":
-        if isinstance(other, Varying):
-            return Varying(self.value + other.value, self.slope + other.slope)
-        return Varying(self.value + other, self.slope)
+    def __add__(self, other: "Numbers") -> "AutoDiffArray":
+        if isinstance(other, AutoDiffArray):
+            return AutoDiffArray(self.value + other.value, self.derivative + other.derivative)
+        return AutoDiffArray(self.value + other, self.derivative)
 
-    def __mul__(self, other: "Numbers") -> "Varying":
-        if isinstance(other, Varying):
-            slope = self.slope * other.value[:, None] + other.slope * self.value[:, None]
-            return Varying(self.value * other.value, slope)
-        return Varying(self.value * other, (self.slope.T * other).T)
+    def __mul__(self, other: "Numbers") -> "AutoDiffArray":
+        if isinstance(other, AutoDiffArray):
+            derivative = self.derivative * other.value[:, None]
+            derivative = derivative + other.derivative * self.value[:, None]
+            return AutoDiffArray(self.value * other.value, derivative)
+        return AutoDiffArray(self.value * other, (self.derivative.T * other).T)
 
-    def __pow__(self, power: float) -> "Varying":
-        rise = power * self.value ** (power - 1)
-        return Varying(self.value**power, self.slope * rise[:, None])
+    def __pow__(self, power: float) -> "AutoDiffArray":
+        factor = power * self.value ** (power - 1)
+        return AutoDiffArray(self.value**power, self.derivative * factor[:, None])
 
-    def __getitem__(self, rows: Indices) -> "Varying":
-        return Varying(self.value[rows], self.slope[rows])
+    def __getitem__(self, rows: Indices) -> "AutoDiffArray":
+        return AutoDiffArray(self.value[rows], self.derivative[rows])
 
-    def __neg__(self) -> "Varying":
+    def __neg__(self) -> "AutoDiffArray":
         return self * -1.0
 
-    def __sub__(self, other: "Numbers") -> "Varying":
+    def __sub__(self, other: "Numbers") -> "AutoDiffArray":
         return self + -other
 
-    def __rsub__(self, other: "Numbers") -> "Varying":
+    def __rsub__(self, other: "Numbers") -> "AutoDiffArray":
         return -self + other
 
-    def __truediv__(self, other: "Numbers") -> "Varying":
+    def __truediv__(self, other: "Numbers") -> "AutoDiffArray":
         return self * other**-1.0
 
     __radd__, __rmul__ = __add__, __mul__
 
 
-# what formulas take: with derivatives or without
-Numbers: TypeAlias = Varying | Array | float
-Vector: TypeAlias = tuple[Any, Any]  # of numbers
+# Operands of formulas, with or without derivatives
+Numbers: TypeAlias = AutoDiffArray | Array | float
+Vector: TypeAlias = tuple[Any, Any]  # two components, each of type Numbers
 
 
 def _cross(a: Vector, b: Vector) -> Any:  # noqa: ANN401
@@ -85,343 +91,410 @@ def _dot(a: Vector, b: Vector) -> Any:  # noqa: ANN401
     return a[0] * b[0] + a[1] * b[1]
 
 
-def stacked(numbers: Sequence[Varying]) -> tuple[Array, Array]:
-    """Values (q, j) and derivatives (q, j, k) of numbers (q,) with derivatives (q, k)."""
-    parts = ([v.value for v in numbers], [v.slope for v in numbers])
+def stack_values_and_derivatives(numbers: Sequence[AutoDiffArray]) -> tuple[Array, Array]:
+    """Return values (q, j) and derivatives (q, j, k) of j arrays (q,) with derivatives (q, k)."""
+    parts = ([v.value for v in numbers], [v.derivative for v in numbers])
     return np.stack(parts[0], axis=1), np.stack(parts[1], axis=1)
 
 
-def matrix(values: Array, row: Indices, column: Indices, shape: tuple[int, int]) -> sp.csr_array:
-    """Sums of values by their places, which are of the values' shape or broadcast to it."""
-    where = tuple(np.broadcast_to(place, values.shape).ravel() for place in (row, column))
-    return sp.csr_array(sp.coo_array((values.ravel(), where), shape))
+def sum_into_matrix(
+    values: Array, row: Indices, column: Indices, shape: tuple[int, int]
+) -> sp.csr_array:
+    """Return the matrix with these values, summed, at rows and columns that broadcast to them."""
+    indices = tuple(np.broadcast_to(index, values.shape).ravel() for index in (row, column))
+    return sp.csr_array(sp.coo_array((values.ravel(), indices), shape))
 
 
 @dataclass(frozen=True)
 class SlidingReference:
-    """State of both sides at the start of an increment, from which slip counts.
+    """State of both sides at the start of an increment, from which slip is measured.
 
     Args:
-        rows: S_0, (m, n); zero for nodes that faced nothing.
-        faced: (m,), which nodes faced anything.
+        distance_rows: S_0, (m, n); zero for nodes that faced nothing.
+        faced: (m,), whether a node faced the master.
         x: x_0, (n, 2), positions.
         tangents: t_0, (m, 2), unit vectors.
     """
 
-    rows: sp.csr_array
+    distance_rows: sp.csr_array
     faced: Mask
     x: Array
     tangents: Array
 
 
 @dataclass(frozen=True)
-class Meeting:
-    """Slave nodes (m), what they face, and derivatives by all positions, n = m + k nodes.
+class LinearisedMortar:
+    """Mortar of two sides at given positions, with derivatives by these.
+
+    The n nodes of both sides are the slave's m and then the master's k.
 
     Args:
-        faced: (m,), which nodes face anything.
-        normals: (m, 2), out of the master, unit vectors.
-        places: S x, (m, 2); zero where nothing is faced.
-        rows: S, (m, n).
-        parts: (m, k), of a force at each slave node those that the master's get, in sum one.
+        faced: (m,), whether a node faces the master.
+        normals: (m, 2), unit vectors out of the master.
+        mean_distance: S x, (m, 2), mean distances; zero for nodes that face nothing.
+        distance_rows: S, (m, n).
+        master_fractions: (m, k), fractions of the force at each slave node that the master's nodes
+            receive; they add up to one.
         areas: A, (m,).
-        angles: (m, 2 n), derivative of the normals' angles.
-        differentiate_rows: gives the derivative (2 m, 2 n) of S y for fixed y (n, 2).
-        changes: (2 m, 2 n), derivative of S x.
-        turned: gives the derivative (2 k, 2 n) of the master's parts of fixed forces (m, 2).
+        angle_rate: (m, 2 n), derivative of the angles of the normals.
+        differentiate_distance: returns the derivative (2 m, 2 n) of S y for constant y (n, 2).
+        distance_rate: (2 m, 2 n), derivative of S x.
+        differentiate_master_forces: returns the derivative (2 k, 2 n) of the master's fractions of
+            constant forces (m, 2) at the slave's nodes.
     """
 
     faced: Mask
     normals: Array
-    places: Array
-    rows: sp.csr_array
-    parts: sp.csr_array
+    mean_distance: Array
+    distance_rows: sp.csr_array
+    master_fractions: sp.csr_array
     areas: Array
-    angles: sp.csr_array
-    differentiate_rows: Callable[[Array], sp.csr_array]
-    changes: sp.csr_array
-    turned: Callable[[Array], sp.csr_array]
+    angle_rate: sp.csr_array
+    differentiate_distance: Callable[[Array], sp.csr_array]
+    distance_rate: sp.csr_array
+    differentiate_master_forces: Callable[[Array], sp.csr_array]
 
     @property
     def tangents(self) -> Array:
-        """Unit vectors (m, 2), normals turned to the left."""
+        """Unit vectors (m, 2): the normals rotated anticlockwise by a right angle."""
         return np.stack([-self.normals[:, 1], self.normals[:, 0]], axis=1)
 
     @property
     def gaps(self) -> Array:
-        """n·S x, (m,); zero where nothing is faced."""
-        return np.asarray(np.sum(self.normals * self.places, axis=1))
+        """Gaps n·S x, (m,); zero for nodes that face nothing."""
+        return np.asarray(np.sum(self.normals * self.mean_distance, axis=1))
 
-    def motions(self, reference: SlidingReference, x: Array) -> tuple[Array, list[sp.csr_array]]:
-        """Return slip (m,) since `reference`, and derivatives of the motions of the nodes.
+    def measure_slip_and_rates(
+        self, reference: SlidingReference, x: Array
+    ) -> tuple[Array, list[sp.csr_array]]:
+        """Return slip (m,) since the reference, and derivatives of gap, slip and normal angle.
 
-        These are (m, 2 n) each, of gap, slip and the normals' angle.
+        Args:
+            reference: state at the start of the increment.
+            x: (n, 2), the positions of this mortar.
+
+        Returns:
+            The slip, and three derivatives (m, 2 n).
         """
         n, t, m = self.normals, self.tangents, len(self.faced)
         entering = self.faced & ~reference.faced
-        # with what was paired at the start, and with what is paired now
-        apart = np.where(entering[:, None], self.places, reference.rows @ x - self.places)
-        slip = np.sum(t * apart, axis=1)
+        # S_0 x - S x of nodes that faced the master at the start, S x of those that enter contact
+        distance = np.where(
+            entering[:, None], self.mean_distance, reference.distance_rows @ x - self.mean_distance
+        )
+        slip = np.sum(t * distance, axis=1)
 
-        def along(direction: Array) -> sp.csr_array:
+        def component_along(direction: Array) -> sp.csr_array:
             node = np.arange(m)[:, None]
-            return matrix(direction, node, 2 * node + np.arange(2), (m, 2 * m))
+            return sum_into_matrix(direction, node, 2 * node + np.arange(2), (m, 2 * m))
 
-        gap_rate = along(n) @ self.changes
-        gap_rate += sp.diags_array(np.sum(t * self.places, axis=1)) @ self.angles
+        gap_rate = component_along(n) @ self.distance_rate
+        gap_rate += sp.diags_array(np.sum(t * self.mean_distance, axis=1)) @ self.angle_rate
         sign = np.where(entering, 1.0, -1.0)[:, None]
-        slip_rate = along(sign * t) @ self.changes
-        slip_rate += along(t) @ sp.csr_array(sp.kron(reference.rows, sp.eye_array(2)))
-        slip_rate -= sp.diags_array(np.sum(n * apart, axis=1)) @ self.angles
+        slip_rate = component_along(sign * t) @ self.distance_rate
+        slip_rate += component_along(t) @ sp.csr_array(
+            sp.kron(reference.distance_rows, sp.eye_array(2))
+        )
+        slip_rate -= sp.diags_array(np.sum(n * distance, axis=1)) @ self.angle_rate
         if entering.any():
             slip -= np.where(
-                entering, np.sum(reference.tangents * (self.rows @ reference.x), axis=1), 0.0
+                entering,
+                np.sum(reference.tangents * (self.distance_rows @ reference.x), axis=1),
+                0.0,
             )
             start_tangents = np.where(entering[:, None], reference.tangents, 0.0)
-            slip_rate -= along(start_tangents) @ self.differentiate_rows(reference.x)
-        return slip, [gap_rate, slip_rate, self.angles]
+            slip_rate -= component_along(start_tangents) @ self.differentiate_distance(reference.x)
+        return slip, [gap_rate, slip_rate, self.angle_rate]
 
 
 class SlidingMortar:
-    """Two sides in the plane.
+    """Mortar between two sides in the plane whose nodes move.
 
     Args:
-        one, other: slave and master.
-        revolved: whether areas are those of the circumference.
+        slave: trace of the undeformed slave.
+        master: trace of the undeformed master.
+        revolved: whether areas are those of the whole circumference.
 
     Attributes:
-        kept: (m, 2), components that normals of the slave's nodes may have; all by default.
+        allowed_components: (m, 2), components that normals of the slave's nodes may have; all by
+            default.
         nodes: (m + k,), global numbers of the slave's nodes, then of the master's.
-        slaves: m.
+        n_slave_nodes: m, number of the slave's nodes.
         x: (m + k, 2), undeformed positions.
     """
 
-    def __init__(self, one: Trace, other: Trace, revolved: bool) -> None:
-        self.nodes = np.concatenate([one.nodes, other.nodes])
-        self.x = np.concatenate([one.positions_of_nodes(), other.positions_of_nodes()])
-        self.slaves, self._revolved = len(one.nodes), revolved
-        self._one = _directed(one)
-        self._other = _directed(other) + self.slaves
-        self.kept = np.ones((self.slaves, 2), dtype=bool)
-        a, b = self._one.T
-        # nodes before and behind, which are themselves at ends
-        self._before, self._behind = (np.arange(self.slaves) for _ in range(2))
-        self._before[b], self._behind[a] = a, b
+    def __init__(self, slave: Trace, master: Trace, revolved: bool) -> None:
+        self.nodes = np.concatenate([slave.nodes, master.nodes])
+        self.x = np.concatenate([slave.node_positions(), master.node_positions()])
+        self.n_slave_nodes, self._revolved = len(slave.nodes), revolved
+        self._slave_facets = _orient_facets(slave)
+        self._master_facets = _orient_facets(master) + self.n_slave_nodes
+        self.allowed_components = np.ones((self.n_slave_nodes, 2), dtype=bool)
+        a, b = self._slave_facets.T
+        # neighbours along the slave; the nodes at its ends are their own
+        self._previous_node, self._next_node = (np.arange(self.n_slave_nodes) for _ in range(2))
+        self._previous_node[b], self._next_node[a] = a, b
 
     @property
-    def sides(self) -> Sides:
-        """Facets and directions that no state changes."""
-        return Sides(self._one, self._other, self.kept, self._revolved)
+    def sides(self) -> MortarSides:
+        """Facets and admissible normal components, which do not depend on the state."""
+        return MortarSides(
+            self._slave_facets, self._master_facets, self.allowed_components, self._revolved
+        )
 
-    def measure_facing(self, x: Array) -> FacedParts:
-        """Return what checks of states need at positions (n, 2), by code of its own."""
-        return measure_facing(self.sides, x)
+    def evaluate_for_verification(self, x: Array) -> MortarMatrices:
+        """Return the mortar at positions (n, 2) for verification, by code of its own."""
+        return evaluate_mortar_matrices(self.sides, x)
 
-    def meet(self, x: Array) -> Meeting:
-        """Where nodes are at positions (n, 2)."""
-        n, m, f = len(x), self.slaves, len(self._one)
-        one, nodes, (W, dW), (Q, dQ) = self._segments(x)
-        own, theirs = nodes[:, 1:3], nodes[:, 4:]
-        local = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, 12)  # columns of derivatives
-        # integrals W_aa, W_ab and W_bb of each facet, and what of them is in its ends' areas
-        whole = np.zeros((f, 3))
-        np.add.at(whole, one, W)
+    def linearise(self, x: Array) -> LinearisedMortar:
+        """Return the mortar at positions x (n, 2), with its derivatives."""
+        n, m, f = len(x), self.n_slave_nodes, len(self._slave_facets)
+        facet, nodes, (W, dW), (Q, dQ) = self._integrate_segments(x)
+        slave_nodes, master_nodes = nodes[:, 1:3], nodes[:, 4:]
+        dofs = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, 12)  # columns of derivatives
+        # integrals W_aa, W_ab and W_bb of each facet, and the matrix that sums them to areas
+        facet_integrals = np.zeros((f, 3))
+        np.add.at(facet_integrals, facet, W)
         lumped = np.array([[1, 1, 0], [0, 1, 1]])
-        integral = 3 * np.arange(f)[:, None] + np.arange(3)
-        areas_of = matrix(
-            np.tile(lumped, (f, 1, 1)), self._one[:, :, None], integral[:, None], (m, 3 * f)
+        integral_index = 3 * np.arange(f)[:, None] + np.arange(3)
+        area_by_integral = sum_into_matrix(
+            np.tile(lumped, (f, 1, 1)),
+            self._slave_facets[:, :, None],
+            integral_index[:, None],
+            (m, 3 * f),
         )
-        areas = areas_of @ whole.ravel()
+        areas = area_by_integral @ facet_integrals.ravel()
         faced = areas > 0
-        over = 1 / (areas + ~faced)
-        rise = matrix(dW, integral[one][:, :, None], local[:, None], (3 * f, 2 * n))
-        # duals over areas, which depend on five numbers each: a's at a and b, and b's
-        given = np.column_stack([whole[one], areas[own]])
-        units = np.tile(np.eye(5)[:, None], (len(given), 1))
-        aa, ab, bb, A, B = (Varying(given[:, v], units[v]) for v in range(5))
-        determinant = aa * bb - ab**2.0
-        a_over, b_over = (aa + ab) / (determinant * A), (ab + bb) / (determinant * B)
-        duals, bent = (
-            each.reshape(-1, 2, 2, *each.shape[2:])
-            for each in stacked([bb * a_over, -ab * a_over, -ab * b_over, aa * b_over])
+        inverse_area = 1 / (areas + ~faced)
+        integral_by_x = sum_into_matrix(
+            dW, integral_index[facet][:, :, None], dofs[:, None], (3 * f, 2 * n)
         )
-        parts = matrix(duals @ Q, own[:, :, None], theirs[:, None] - m, (m, n - m))
+        # coefficients of the duals (of a at a and b, of b at a and b) over areas, which depend on
+        # five variables: three integrals of the facet and the areas of both ends
+        variables = np.column_stack([facet_integrals[facet], areas[slave_nodes]])
+        units = np.tile(np.eye(5)[:, None], (len(variables), 1))
+        aa, ab, bb, A, B = (AutoDiffArray(variables[:, v], units[v]) for v in range(5))
+        determinant = aa * bb - ab**2.0
+        a_factor, b_factor = (aa + ab) / (determinant * A), (ab + bb) / (determinant * B)
+        duals, dual_derivatives = (
+            values.reshape(-1, 2, 2, *values.shape[2:])
+            for values in stack_values_and_derivatives(
+                [bb * a_factor, -ab * a_factor, -ab * b_factor, aa * b_factor]
+            )
+        )
+        master_fractions = sum_into_matrix(
+            duals @ Q, slave_nodes[:, :, None], master_nodes[:, None] - m, (m, n - m)
+        )
 
-        def turned(force: Array) -> sp.csr_array:
-            row = (2 * (theirs - m)[:, :, None] + np.arange(2))[..., None]
-            direct = np.einsum("qjx,qji,qikc->qkxc", force[own], duals, dQ)
-            through = np.einsum("qjx,qjiv,qik->qkxv", force[own], bent, Q)
-            variable = np.concatenate([integral[one], 3 * f + own], axis=1)[:, None, None]
-            rises = sp.vstack([rise, areas_of @ rise])
-            by_variable = matrix(through, row, variable, (2 * (n - m), 3 * f + m))
-            return matrix(direct, row, local[:, None, None], (2 * (n - m), 2 * n)) + (
-                by_variable @ rises
+        def differentiate_master_forces(force: Array) -> sp.csr_array:
+            row = (2 * (master_nodes - m)[:, :, None] + np.arange(2))[..., None]
+            direct = np.einsum("qjx,qji,qikc->qkxc", force[slave_nodes], duals, dQ)
+            by_variable = np.einsum("qjx,qjiv,qik->qkxv", force[slave_nodes], dual_derivatives, Q)
+            variable = np.concatenate([integral_index[facet], 3 * f + slave_nodes], axis=1)
+            variable = variable[:, None, None]
+            variable_by_x = sp.vstack([integral_by_x, area_by_integral @ integral_by_x])
+            indirect = sum_into_matrix(by_variable, row, variable, (2 * (n - m), 3 * f + m))
+            return sum_into_matrix(direct, row, dofs[:, None, None], (2 * (n - m), 2 * n)) + (
+                indirect @ variable_by_x
             )
 
         D, dD = (v[:, [[0, 1], [1, 2]]] for v in (W, dW))
-        rows = sp.diags_array(over) @ (
-            matrix(D, own[:, :, None], own[:, None], (m, n))
-            - matrix(Q, own[:, :, None], theirs[:, None], (m, n))
+        distance_rows = sp.diags_array(inverse_area) @ (
+            sum_into_matrix(D, slave_nodes[:, :, None], slave_nodes[:, None], (m, n))
+            - sum_into_matrix(Q, slave_nodes[:, :, None], master_nodes[:, None], (m, n))
         )
-        places = rows @ x
+        mean_distance = distance_rows @ x
 
-        def differentiate_rows(y: Array) -> sp.csr_array:
-            # (q, 2, 2, 2), of i from j's mean
-            away = y[own][:, None] - (rows @ y)[own][:, :, None]
-            changed = np.einsum("qjic,qjix->qjxc", dD, away)
-            changed -= np.einsum("qjkc,qkx->qjxc", dQ, y[theirs])
-            row = (2 * own[:, :, None] + np.arange(2))[..., None]
-            changed = changed * over[own][:, :, None, None]
-            return matrix(changed, row, local[:, None, None], (2 * m, 2 * n))
+        def differentiate_distance(y: Array) -> sp.csr_array:
+            # (q, 2, 2, 2), difference of y at node i from the mean S y of node j
+            difference = y[slave_nodes][:, None] - (distance_rows @ y)[slave_nodes][:, :, None]
+            derivative = np.einsum("qjic,qjix->qjxc", dD, difference)
+            derivative -= np.einsum("qjkc,qkx->qjxc", dQ, y[master_nodes])
+            row = (2 * slave_nodes[:, :, None] + np.arange(2))[..., None]
+            derivative = derivative * inverse_area[slave_nodes][:, :, None, None]
+            return sum_into_matrix(derivative, row, dofs[:, None, None], (2 * m, 2 * n))
 
-        changes = differentiate_rows(x) + sp.kron(rows, sp.eye_array(2))
-        normals, angles = self._normals(x)
-        return Meeting(
+        distance_rate = differentiate_distance(x) + sp.kron(distance_rows, sp.eye_array(2))
+        normals, angle_rate = self._average_normals(x)
+        return LinearisedMortar(
             faced,
             normals,
-            places,
-            rows,
-            parts,
+            mean_distance,
+            distance_rows,
+            master_fractions,
             areas,
-            angles,
-            differentiate_rows,
-            changes,
-            turned,
+            angle_rate,
+            differentiate_distance,
+            distance_rate,
+            differentiate_master_forces,
         )
 
-    def _normals(self, x: Array) -> tuple[Array, sp.csr_array]:
-        """Unit normals (m, 2), and the derivative (m, 2 n) of their angles."""
-        chord = x[self._behind] - x[self._before]
-        across = np.stack([-chord[:, 1], chord[:, 0]], axis=1)
-        node = np.arange(self.slaves)[:, None]
-        turn = across / np.sum(chord**2, axis=1, keepdims=True)
-        turn[~self.kept.all(axis=1)] = 0.0
-        ends = np.stack([self._behind, self._before], axis=1)
-        column = 2 * ends[:, :, None] + np.arange(2)
-        signed = turn[:, None] * np.array([1, -1])[:, None]
-        shape = len(chord), x.size
-        normals = np.stack(self._unit(tuple(across.T), slice(None)), axis=1)
-        return normals, matrix(signed, node[:, :, None], column, shape)
+    def _average_normals(self, x: Array) -> tuple[Array, sp.csr_array]:
+        """Return unit normals (m, 2) of chords between neighbours, and the angles' derivative.
 
-    def _segments(self, x: Array) -> tuple[Indices, Indices, tuple, tuple]:
-        """Segments (q): slaves' facets, six nodes each, and integrals with their derivatives.
-
-        Nodes are those before, at and behind the slave's facet, and at the master's. Integrals are
-        W_aa, W_ab, W_bb, (q, 3), and Q, (q, 2, 2), derivatives (..., 12) by the nodes' positions.
+        The derivative is (m, 2 n); it is zero where a component of the normal is excluded.
         """
-        one, other = self._pairs(x)
-        (a, b), (c, d) = self._one[one].T, self._other[other].T
-        nodes = np.stack([self._before[a], a, b, self._behind[b], c, d], axis=1)
+        chord = x[self._next_node] - x[self._previous_node]
+        perpendicular = np.stack([-chord[:, 1], chord[:, 0]], axis=1)
+        node = np.arange(self.n_slave_nodes)[:, None]
+        angle_by_end = perpendicular / np.sum(chord**2, axis=1, keepdims=True)
+        angle_by_end[~self.allowed_components.all(axis=1)] = 0.0
+        ends = np.stack([self._next_node, self._previous_node], axis=1)
+        column = 2 * ends[:, :, None] + np.arange(2)
+        signed = angle_by_end[:, None] * np.array([1, -1])[:, None]
+        shape = len(chord), x.size
+        normals = np.stack(self._unit_normal(tuple(perpendicular.T), slice(None)), axis=1)
+        return normals, sum_into_matrix(signed, node[:, :, None], column, shape)
+
+    def _integrate_segments(self, x: Array) -> tuple[Indices, Indices, tuple, tuple]:
+        """Integrate products of weight functions over segments (q) that face each other.
+
+        Returns:
+            Numbers (q,) of the slave's facets; six nodes (q, 6): the previous node, both ends of
+            the slave's facet, the next node, and both ends of the master's facet; integrals W_aa,
+            W_ab and W_bb, (q, 3), of the slave's functions; Q, (q, 2, 2), of the slave's and the
+            master's. Both integrals come with derivatives (..., 12) by the positions of the nodes.
+        """
+        facet, master_facet = self._find_near_facets(x)
+        (a, b), (c, d) = self._slave_facets[facet].T, self._master_facets[master_facet].T
+        nodes = np.stack([self._previous_node[a], a, b, self._next_node[b], c, d], axis=1)
         corners: Any = [(x[node, 0], x[node, 1]) for node in nodes.T]
-        low, high = self._find_limits(corners, nodes)
+        low, high = self._find_facing_limits(corners, nodes)
         length = np.maximum(0.0, np.minimum(high, 1.0) - np.maximum(low, -1.0)) / 2
-        covered = np.bincount(one, length, minlength=len(self._one))[one]
-        some = (length > 0) & (covered > _COVERED)
-        one, nodes = one[some], nodes[some]
-        units: Any = np.eye(12).reshape(6, 2, 1, 12) + np.zeros((len(one), 1))
+        covered = np.bincount(facet, length, minlength=len(self._slave_facets))[facet]
+        facing = (length > 0) & (covered > _MIN_COVERED_FRACTION)
+        facet, nodes = facet[facing], nodes[facing]
+        units: Any = np.eye(12).reshape(6, 2, 1, 12) + np.zeros((len(facet), 1))
         corners = [
-            tuple(Varying(x[node, axis], unit[axis]) for axis in (0, 1))
+            tuple(AutoDiffArray(x[node, axis], unit[axis]) for axis in (0, 1))
             for node, unit in zip(nodes.T, units, strict=True)
         ]
-        W, Q = self._integrals(corners, nodes, (low[some] < -1, high[some] > 1))
-        value, slope = stacked(Q)
-        return one, nodes, stacked(W), (value.reshape(-1, 2, 2), slope.reshape(-1, 2, 2, 12))
+        W, Q = self._integrate_products(corners, nodes, (low[facing] < -1, high[facing] > 1))
+        Q_value, Q_derivative = stack_values_and_derivatives(Q)
+        return (
+            facet,
+            nodes,
+            stack_values_and_derivatives(W),
+            (Q_value.reshape(-1, 2, 2), Q_derivative.reshape(-1, 2, 2, 12)),
+        )
 
     def make_reference(self, x: Array) -> SlidingReference:
-        """Return what slip counts from, at positions (m + k, 2)."""
-        met = self.meet(x)
-        return SlidingReference(met.rows, met.faced, x, met.tangents)
+        """Return the reference of slip at positions (m + k, 2)."""
+        mortar = self.linearise(x)
+        return SlidingReference(mortar.distance_rows, mortar.faced, x, mortar.tangents)
 
     def integrate_slip(self, start: Array, end: Array) -> Array:
-        """Return slip (m, 2) on the straight path from positions (n, 2) to others.
+        """Return slip (m, 2) along the straight path from positions (n, 2) to others.
 
-        On each piece of the path a slave node moves along what is closest to it at the end of the
-        piece: t·(x_j - x_p) there, less the same at the beginning of the piece.
+        On each piece of the path a slave node moves relative to the point p of the master that is
+        closest to it at the end of the piece: by t·(x_j - x_p) there, less the value at the start.
         """
-        slip, before, tangents = np.zeros(self.slaves), start, self._tangents(start)
-        for share in np.arange(1, PATH_PIECES + 1) / PATH_PIECES:
-            now = (1 - share) * start + share * end
-            ends, parts = self._find_closest(now)
-            turned = self._tangents(now)
-            for x, along, sign in ((now, turned, 1.0), (before, tangents, -1.0)):
-                closest = np.einsum("jk,jkx->jx", parts, x[ends])
-                slip += sign * np.sum(along * (x[: self.slaves] - closest), axis=1)
-            before, tangents = now, turned
-        return slip[:, None] * tangents
+        slip, previous_x = np.zeros(self.n_slave_nodes), start
+        previous_tangents = self._average_tangents(start)
+        for fraction in np.arange(1, N_PATH_PIECES + 1) / N_PATH_PIECES:
+            next_x = (1 - fraction) * start + fraction * end
+            ends, fractions = self._find_closest_points(next_x)
+            next_tangents = self._average_tangents(next_x)
+            for x, tangents, sign in (
+                (next_x, next_tangents, 1.0),
+                (previous_x, previous_tangents, -1.0),
+            ):
+                closest = np.einsum("jk,jkx->jx", fractions, x[ends])
+                slip += sign * np.sum(tangents * (x[: self.n_slave_nodes] - closest), axis=1)
+            previous_x, previous_tangents = next_x, next_tangents
+        return slip[:, None] * previous_tangents
 
-    def measure_depth(self, start: Array, end: Array) -> Array:
-        """Return how deep (m,) slave nodes that begin outside get into the master's side.
+    def measure_penetration(self, start: Array, end: Array) -> Array:
+        """Return the largest depth (m,) to which slave nodes get into the master on their path.
 
-        On the straight path between positions (n, 2), in `2 PATH_PIECES` pieces. What is next to
-        an end of the master is on neither side.
+        The path between positions (n, 2) is straight, and sampled in `2 N_PATH_PIECES` pieces. The
+        depth is zero for nodes that start inside the master by more than a facet's length, and
+        wherever the closest point is an end of the master.
         """
-        rims = np.setdiff1d(*self._other.T), np.setdiff1d(*self._other.T[::-1])
-        deepest, outside = np.zeros(self.slaves), np.zeros(self.slaves, dtype=bool)
-        for piece, share in enumerate(np.linspace(0, 1, 2 * PATH_PIECES + 1)):
-            x = (1 - share) * start + share * end
-            ends, parts = self._find_closest(x)
+        end_nodes = np.setdiff1d(*self._master_facets.T), np.setdiff1d(*self._master_facets.T[::-1])
+        depth, outside = np.zeros(self.n_slave_nodes), np.zeros(self.n_slave_nodes, dtype=bool)
+        for piece, fraction in enumerate(np.linspace(0, 1, 2 * N_PATH_PIECES + 1)):
+            x = (1 - fraction) * start + fraction * end
+            ends, fractions = self._find_closest_points(x)
             edge = x[ends[:, 1]] - x[ends[:, 0]]
-            away = x[: self.slaves] - np.einsum("jk,jkx->jx", parts, x[ends])
-            height = np.sum(edge[:, ::-1] * [1, -1] * away, axis=1)
+            from_closest = x[: self.n_slave_nodes] - np.einsum("jk,jkx->jx", fractions, x[ends])
+            height = np.sum(edge[:, ::-1] * [1, -1] * from_closest, axis=1)
             height /= np.linalg.norm(edge, axis=1)
-            at_rim = (np.isin(ends, np.concatenate(rims)) & (parts == 1)).any(axis=1)
+            at_end = (np.isin(ends, np.concatenate(end_nodes)) & (fractions == 1)).any(axis=1)
             if piece == 0:
-                outside = height > -self.measure_facets()
-            deepest = np.maximum(deepest, np.where(at_rim, 0.0, -height))
-        return np.where(outside, deepest, 0.0)
+                outside = height > -self.measure_shortest_facets()
+            depth = np.maximum(depth, np.where(at_end, 0.0, -height))
+        return np.where(outside, depth, 0.0)
 
-    def measure_facets(self) -> Array:
-        """Return the length (m,) of the shortest facet at each slave node, undeformed."""
-        shortest = np.full(self.slaves, np.inf)
-        edges = np.diff(self.x[self._one], axis=1)[:, 0]
-        for end in self._one.T:
+    def measure_shortest_facets(self) -> Array:
+        """Return the length (m,) of the shortest undeformed facet at each slave node."""
+        shortest = np.full(self.n_slave_nodes, np.inf)
+        edges = np.diff(self.x[self._slave_facets], axis=1)[:, 0]
+        for end in self._slave_facets.T:
             np.minimum.at(shortest, end, np.linalg.norm(edges, axis=1))
         return shortest
 
-    def _tangents(self, x: Array) -> Array:
-        normals = self._normals(x)[0]
+    def _average_tangents(self, x: Array) -> Array:
+        normals = self._average_normals(x)[0]
         return np.stack([-normals[:, 1], normals[:, 0]], axis=1)
 
-    def _find_closest(self, x: Array) -> tuple[Indices, Array]:
-        """Return the master's nodes (m, 2) and their parts (m, 2) in the slave's closest points."""
-        first, edge = x[self._other[:, 0]], x[self._other[:, 1]] - x[self._other[:, 0]]
-        away = x[: self.slaves, None] - first
-        along = np.clip(np.sum(away * edge, axis=2) / np.sum(edge**2, axis=1), 0.0, 1.0)
-        nearest = np.linalg.norm(away - along[..., None] * edge, axis=2).argmin(axis=1)
-        share = along[np.arange(self.slaves), nearest]
-        return self._other[nearest], np.stack([1 - share, share], axis=1)
+    def _find_closest_points(self, x: Array) -> tuple[Indices, Array]:
+        """Return the points of the master that are closest to the slave's nodes.
 
-    def _unit(self, across: Vector, node: Any) -> Vector:  # noqa: ANN401
-        kept = across[0] * self.kept[node, 0], across[1] * self.kept[node, 1]
-        over = _dot(kept, kept) ** -0.5
-        return kept[0] * over, kept[1] * over
-
-    def _pairs(self, x: Array) -> tuple[Indices, Indices]:
-        """Facets that may see each other, for they are near and look at each other.
-
-        Middles are at most by half of both lengths (the master's longest) farther apart than the
-        nearest ones. No distance depends on axes, so that turned bodies find the same.
+        Returns:
+            Both nodes (m, 2) of the master's facet, and their fractions (m, 2) of the point.
         """
-        (own, half), (middles, halves) = (
-            (ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2)
-            for ends in (x[self._one], x[self._other])
-        )
-        tree = cKDTree(middles)
-        found = tree.query_ball_point(own, half + halves.max() + tree.query(own)[0])
-        one = np.repeat(np.arange(len(own)), [len(near) for near in found])
-        other = np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
-        (a, b), edge = self._one.T, np.diff(x[self._other], axis=1)[:, 0]
-        n, _ = self._normals(x)
-        out = edge[:, ::-1] * [1, -1] / np.linalg.norm(edge, axis=1, keepdims=True)
-        facing = np.sum((n[a] + n[b])[one] * out[other], axis=1) > -2 * FACING
-        return one[facing], other[facing]
+        start = x[self._master_facets[:, 0]]
+        edge = x[self._master_facets[:, 1]] - start
+        from_start = x[: self.n_slave_nodes, None] - start
+        fractions = np.sum(from_start * edge, axis=2) / np.sum(edge**2, axis=1)
+        fractions = np.clip(fractions, 0.0, 1.0)
+        distance = np.linalg.norm(from_start - fractions[..., None] * edge, axis=2)
+        nearest = distance.argmin(axis=1)
+        fraction = fractions[np.arange(self.n_slave_nodes), nearest]
+        return self._master_facets[nearest], np.stack([1 - fraction, fraction], axis=1)
 
-    def _frame(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Vector, ...]:
-        """Middles and halves of chords and of normals along them."""
-        before, a, b, behind = corners[:4]
+    def _unit_normal(self, perpendicular: Vector, node: Any) -> Vector:  # noqa: ANN401
+        """Return the unit vector along the admissible components of a vector at slave nodes."""
+        x, y = (
+            perpendicular[0] * self.allowed_components[node, 0],
+            perpendicular[1] * self.allowed_components[node, 1],
+        )
+        inverse_length = _dot((x, y), (x, y)) ** -0.5
+        return x * inverse_length, y * inverse_length
+
+    def _find_near_facets(self, x: Array) -> tuple[Indices, Indices]:
+        """Return pairs of facets, slave's and master's, that are near and face each other.
+
+        The distance of their middles exceeds that of the nearest facet by at most half the length
+        of the slave's facet and half the length of the longest facet of the master. Distances do
+        not depend on the axes, so that the result is the same for rotated bodies.
+        """
+        (middles, half_lengths), (master_middles, master_half_lengths) = (
+            (ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2)
+            for ends in (x[self._slave_facets], x[self._master_facets])
+        )
+        tree = cKDTree(master_middles)
+        radius = half_lengths + master_half_lengths.max() + tree.query(middles)[0]
+        neighbours = tree.query_ball_point(middles, radius)
+        facet = np.repeat(np.arange(len(middles)), [len(near) for near in neighbours])
+        master_facet = np.concatenate([np.asarray(near, dtype=np.int64) for near in neighbours])
+        (a, b), edge = self._slave_facets.T, np.diff(x[self._master_facets], axis=1)[:, 0]
+        n, _ = self._average_normals(x)
+        outward = edge[:, ::-1] * [1, -1] / np.linalg.norm(edge, axis=1, keepdims=True)
+        cosine = np.sum((n[a] + n[b])[facet] * outward[master_facet], axis=1)
+        facing = cosine > -2 * MAX_FACING_COSINE
+        return facet[facing], master_facet[facing]
+
+    def _middles_and_halves(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Vector, ...]:
+        """Return x_0, x_1, n_0, n_1 of the slave's facets: points x_0 + s x_1, normals n_0 + s n_1.
+
+        The coordinate s is from -1 to 1. Normals are interpolated between those of both ends.
+        """
+        previous_node, a, b, next_node = corners[:4]
         normals = [
-            self._unit((low[1] - high[1], high[0] - low[0]), nodes[:, k])
-            for k, (low, high) in ((1, (before, b)), (2, (a, behind)))
+            self._unit_normal((low[1] - high[1], high[0] - low[0]), nodes[:, k])
+            for k, (low, high) in ((1, (previous_node, b)), (2, (a, next_node)))
         ]
         return tuple(
             ((low[0] + sign * high[0]) * 0.5 * sign, (low[1] + sign * high[1]) * 0.5 * sign)
@@ -429,91 +502,109 @@ class SlidingMortar:
             for sign in (1.0, -1.0)
         )
 
-    def _find_limits(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Array, Array]:
-        """Return what of [-1, 1] on the slave's facets (q,) faces the master's, low and high.
+    def _find_facing_limits(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Array, Array]:
+        """Return lower and upper limits (q,) of s on the slave's facets that face the master's.
 
-        They may be beyond -1 and 1. On the side of a master's node p on which its facet is,
+        They may be outside of [-1, 1]. On the side of a master's node p on which its facet is,
         f(s) = (x(s) - p) x n(s) is positive for the lower limit and negative for the upper one. A
-        facet that is seen only beyond the point where normals meet, f falling with s, is not faced.
+        facet that is visible only beyond the point where normals intersect, where f decreases with
+        s, does not face the slave's.
         """
         limits = []
-        for outside, (c0, c1, c2) in zip(
-            (-1.0, 1.0), self._quadratics(corners, nodes), strict=True
+        for side, (c0, c1, c2) in zip(
+            (-1.0, 1.0), self._limit_quadratics(corners, nodes), strict=True
         ):
             root = _smaller_root(c0, c1, c2)
-            changes = np.abs(root) <= 1  # false for none
-            inside = np.where(c0 * outside < 0, outside * np.inf, -outside * np.inf)
-            limits.append(np.where(changes, np.where(c1 > 0, root, -outside * np.inf), inside))
+            has_root = np.abs(root) <= 1  # False for NaN
+            without_root = np.where(c0 * side < 0, side * np.inf, -side * np.inf)
+            limits.append(np.where(has_root, np.where(c1 > 0, root, -side * np.inf), without_root))
         return limits[0], limits[1]
 
-    def _quadratics(self, corners: Sequence[Vector], nodes: Indices) -> list[tuple[Any, Any, Any]]:
+    def _limit_quadratics(
+        self, corners: Sequence[Vector], nodes: Indices
+    ) -> list[tuple[Any, Any, Any]]:
         """Return c_0, c_1, c_2 of f(s) = (x(s) - p) x n(s), for the master's second and first node.
 
-        x and n are on the slave's facets and their normals: both run against each other.
+        x(s) and n(s) are points and normals of the slave's facets. The order of the nodes follows
+        from the opposite directions in which both sides are traversed.
         """
-        middle, half, mean, change = self._frame(corners, nodes)
+        x0, x1, n0, n1 = self._middles_and_halves(corners, nodes)
         coefficients = []
         for node in (corners[5], corners[4]):
-            away = middle[0] - node[0], middle[1] - node[1]
-            c1 = _cross(half, mean) + _cross(away, change)
-            coefficients.append((_cross(away, mean), c1, _cross(half, change)))
+            from_node = x0[0] - node[0], x0[1] - node[1]
+            c1 = _cross(x1, n0) + _cross(from_node, n1)
+            coefficients.append((_cross(from_node, n0), c1, _cross(x1, n1)))
         return coefficients
 
-    def _integrals(
-        self, corners: Sequence[Vector], nodes: Indices, whole: tuple[Mask, Mask]
+    def _integrate_products(
+        self, corners: Sequence[Vector], nodes: Indices, at_facet_end: tuple[Mask, Mask]
     ) -> tuple[list[Any], list[Any]]:
-        """Integrals (q,) of two of the slave's weights, and of one with one of the master's.
+        """Integrate products of two of the slave's weights, and of one with one of the master's.
 
-        Where a segment reaches as far as its facet, `whole` (q,) tells it of each end.
+        Args:
+            corners: positions of the six nodes of each segment, with derivatives.
+            nodes: (q, 6), numbers of these nodes.
+            at_facet_end: (q,) of the lower and the upper limit: whether the segment extends to that
+                end of the slave's facet.
         """
         q, ends = len(nodes), list[Any]()
-        middle, half, mean, change = self._frame(corners, nodes)
-        quadratics = self._quadratics(corners, nodes)
-        for coefficients, all_, side in zip(quadratics, whole, (-1.0, 1.0), strict=True):
-            ends.append(_where(all_, side, _smaller_root(*coefficients)))
-        each, t = np.repeat(np.arange(q), len(_PLACES)), np.tile(_PLACES, q)
-        extent = (ends[1] - ends[0]) * 0.5
-        at = ((ends[0] + ends[1]) * 0.5)[each] + extent[each] * t
-        measure = (extent * _dot(half, half) ** 0.5)[each] * np.tile(_WEIGHTS, q)
-        place, direction = (
-            (mid[0][each] + way[0][each] * at, mid[1][each] + way[1][each] * at)
-            for mid, way in ((middle, half), (mean, change))
+        x0, x1, n0, n1 = self._middles_and_halves(corners, nodes)
+        quadratics = self._limit_quadratics(corners, nodes)
+        for coefficients, is_end, side in zip(quadratics, at_facet_end, (-1.0, 1.0), strict=True):
+            ends.append(_set_constant_where(is_end, side, _smaller_root(*coefficients)))
+        index, t = np.repeat(np.arange(q), len(_GAUSS_POINTS)), np.tile(_GAUSS_POINTS, q)
+        half_extent = (ends[1] - ends[0]) * 0.5
+        s = ((ends[0] + ends[1]) * 0.5)[index] + half_extent[index] * t
+        measure = (half_extent * _dot(x1, x1) ** 0.5)[index] * np.tile(_GAUSS_WEIGHTS, q)
+        point, direction = (
+            (mean[0][index] + half[0][index] * s, mean[1][index] + half[1][index] * s)
+            for mean, half in ((x0, x1), (n0, n1))
         )
         if self._revolved:
-            measure = measure * place[0] * (2 * np.pi)
+            measure = measure * point[0] * (2 * np.pi)
         c, d = corners[4:]
-        apart = place[0] - c[0][each], place[1] - c[1][each]
-        edge = (d[0] - c[0])[each], (d[1] - c[1])[each]
-        along = _cross(apart, direction) / _cross(edge, direction)
-        w = (1 - at) * 0.5, (1 + at) * 0.5
+        from_c = point[0] - c[0][index], point[1] - c[1][index]
+        edge = (d[0] - c[0])[index], (d[1] - c[1])[index]
+        master_coordinate = _cross(from_c, direction) / _cross(edge, direction)
+        w = (1 - s) * 0.5, (1 + s) * 0.5
 
-        def integral(v: Varying) -> Varying:
+        def sum_over_points(v: AutoDiffArray) -> AutoDiffArray:
             parts = (
-                values.reshape(q, len(_PLACES), *values.shape[1:]) for values in vars(v).values()
+                values.reshape(q, len(_GAUSS_POINTS), *values.shape[1:])
+                for values in vars(v).values()
             )
-            return Varying(*(part.sum(axis=1) for part in parts))
+            return AutoDiffArray(*(part.sum(axis=1) for part in parts))
 
-        own = [integral(measure * w[i] * w[j]) for i, j in ((0, 0), (0, 1), (1, 1))]
-        return own, [integral(measure * w_i * v) for w_i in w for v in (1 - along, along)]
+        W = [sum_over_points(measure * w[i] * w[j]) for i, j in ((0, 0), (0, 1), (1, 1))]
+        return W, [
+            sum_over_points(measure * w_i * v)
+            for w_i in w
+            for v in (1 - master_coordinate, master_coordinate)
+        ]
 
 
 def _smaller_root(c0: Any, c1: Any, c2: Any) -> Any:  # noqa: ANN401
-    """Return the root of c_0 + c_1 s + c_2 s^2 that is nearer to zero, NaN where there is none."""
+    """Return the root of c_0 + c_1 s + c_2 s^2 that is nearer to zero, NaN if there is none."""
     sign = np.where(getattr(c1, "value", c1) < 0, -1.0, 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         return c0 * -2.0 / (c1 + (c1**2.0 - c0 * c2 * 4.0) ** 0.5 * sign)
 
 
-def _where(fixed: Mask, value: float, numbers: Varying) -> Varying:
-    """A value where it is fixed, and numbers elsewhere, which may be none where it is."""
-    slope = np.where(fixed[:, None], 0.0, numbers.slope)
-    return Varying(np.where(fixed, value, numbers.value), slope)
+def _set_constant_where(
+    is_constant: Mask, constant: float, numbers: AutoDiffArray
+) -> AutoDiffArray:
+    """Replace numbers, which may be NaN, by a constant where `is_constant` (n,) holds."""
+    derivative = np.where(is_constant[:, None], 0.0, numbers.derivative)
+    return AutoDiffArray(np.where(is_constant, constant, numbers.value), derivative)
 
 
-def _directed(trace: Trace) -> Indices:
-    """Nodes (f, 2) of the sub-facets, by places among the trace's; what is outside on the right."""
-    nodes, corners, outward = trace.parts
+def _orient_facets(trace: Trace) -> Indices:
+    """Return nodes (f, 2) of the sub-facets, as indices of the trace's nodes.
+
+    They are ordered so that the outside is on the right.
+    """
+    nodes, corners, outward = trace.sub_facets
     edge = corners[:, 1] - corners[:, 0]
-    right = np.sum(edge[:, ::-1] * [1, -1] * outward, axis=1) > 0
-    place = np.searchsorted(trace.nodes, nodes)
-    return np.where(right[:, None], place, place[:, ::-1])
+    is_right = np.sum(edge[:, ::-1] * [1, -1] * outward, axis=1) > 0
+    index = np.searchsorted(trace.nodes, nodes)
+    return np.where(is_right[:, None], index, index[:, ::-1])

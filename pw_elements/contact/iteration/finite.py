@@ -19,7 +19,7 @@ from dolfinx import fem
 from ufl.algorithms import extract_elements
 
 from pw_elements._compat import cell_nodes
-from pw_elements.algebra import Reduction, ResidualSystem
+from pw_elements.algebra import Reduction, ResidualSystem, reduce_load
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import ROUND_OFF
 from pw_elements.contact.iteration.increment import LinearEquilibrium
@@ -116,7 +116,7 @@ class FiniteEquilibrium:
         self._volume_round_off: Array | float = 0.0
         body.set_unknowns(start)
         if guard.min_determinant() <= 0:
-            raise NotFound.at(
+            raise NotFound.with_positions(
                 "cells at {} are turned inside out at the start", guard.inverted_midpoints()
             )
         free = reduction.right.createVecRight()
@@ -145,7 +145,7 @@ class FiniteEquilibrium:
             step_length /= 2
         else:
             midpoints = self._guard.inverted_midpoints()
-            raise NotFound.at("cells at {} would be turned inside out", midpoints)
+            raise NotFound.with_positions("cells at {} would be turned inside out", midpoints)
         self._u, self._satisfies_supports = u, step_length == 1
         self._update_forces()
         return step_length
@@ -184,7 +184,7 @@ class FiniteEquilibrium:
         load = K.createVecLeft()
         K.mult(self._u, load)
         load.axpy(-1.0, self._forces)
-        reduced = reduction.load(K, load)
+        _, reduced = reduce_load(reduction, K, load)
         self._linear = LinearEquilibrium(
             self._system.stiffness, reduced, reduction.right, reduction.offset
         )

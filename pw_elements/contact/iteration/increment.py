@@ -7,6 +7,7 @@ are kept by the contact system. It assumes that arguments have been checked wher
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 from mpi4py import MPI
@@ -14,6 +15,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from pw_elements.algebra import reduce_load
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.support_friction import SupportFriction
@@ -27,6 +29,7 @@ from pw_elements.contact.nodes import (
     LinearisedKinematics,
     TorqueMap,
     count_statuses,
+    eliminate_known_motions,
 )
 from pw_elements.contact.system import Accuracy, ContactSystem
 from pw_elements.solvers import SingularSystem
@@ -97,8 +100,7 @@ class LinearEquilibrium:
         reduction = system.reduction
         if load_factor != 1:
             reduction = replace(reduction, offset=load_factor * reduction.offset)
-        reduction = reduction.for_load(K, load)
-        reduced_load = reduction.load(K, load)
+        reduction, reduced_load = reduce_load(reduction, K, load)
         max_row_sum = K.norm(PETSc.NormType.INFINITY)
         return cls(system.stiffness, reduced_load, reduction.right, reduction.offset, max_row_sum)
 
@@ -140,7 +142,11 @@ class NewtonState:
         unbalanced: sizes of unbalanced forces in the equations of this process.
         nodes: gaps, slips and forces in the frames.
         kinematics: through which they are seen.
+        displacement_size: (m, dim), how far a point and what it faces have moved together.
+        allowance: force by which the law may be violated.
+        round_off: force that may be nothing but round-off, a part of the allowance.
         violation: of the law, equilibrium and balances, over what is allowed.
+        is_solution: whether nothing is violated, by a system that was solved exactly enough.
         is_exact: whether the same system, solved again, would give nothing better.
         is_final: whether it was solved exactly enough for an end.
     """
@@ -153,13 +159,13 @@ class NewtonState:
     unbalanced: Array
     nodes: ContactNodes
     kinematics: LinearisedKinematics
+    displacement_size: Array
+    allowance: float
+    round_off: float
     violation: float
+    is_solution: bool
     is_exact: bool
     is_final: bool
-
-    @property
-    def is_solution(self) -> bool:
-        return self.violation <= 1 and self.is_final
 
 
 class Increment:
@@ -193,9 +199,11 @@ class Increment:
         self.prescribed, self.totals = prescribed, totals
         self.nearest: NewtonState | None = None
         self._support_displacement = system.point_displacements(equilibrium.offset)
-        self.support_friction = SupportFriction(
-            system, start, prescribed, self._support_displacement
-        )
+
+    @cached_property
+    def support_friction(self) -> SupportFriction:
+        """Friction on supports, which is made where supports hold nodes along a rough surface."""
+        return SupportFriction(self.system, self.start, self.prescribed, self._support_displacement)
 
     def make_first_set(self, active: ActiveSet, kinematics: LinearisedKinematics) -> ActiveSet:
         """Return an active set with the friction on supports of the increment's start."""
@@ -216,8 +224,9 @@ class Increment:
         known_q = np.nan_to_num(self.prescribed)[self.interface.pair]
         torque_map = kinematics.torque_map.eliminate_known(known_q, self._support_displacement)
         load = equilibrium.linearise(torque_map)
+        known_v = system.point_motions(equilibrium.offset)
         law = kinematics.linearise_law(active, system.scale)
-        law = law.eliminate_known(known_q, system.point_motions(equilibrium.offset))
+        law = eliminate_known_motions(law, known_q, known_v)
         totals: Array = self.totals
         springs: Array = np.zeros(len(system.free))
         if self.interface.holds_friction and system.free:
@@ -261,8 +270,10 @@ class Increment:
         """
         interface, system = self.interface, self.system
         unknowns = self.equilibrium.displacements(reduced)
+        residual = self.equilibrium.residual(reduced)
         displacement = system.point_displacements(unknowns)
-        force, unbalanced = system.forces(self.equilibrium.residual(reduced))
+        displacement_size = system.displacement_sizes(unknowns)
+        force, unbalanced = system.forces(residual)
         kinematics, v = self.kinematics.evaluate_iterate(kinematics, q, displacement, force)
         nodes = kinematics.evaluate_nodes(v, q, force, cone=interface.cone, scale=system.scale)
         if interface.holds_friction:
@@ -271,6 +282,9 @@ class Increment:
             nodes, force = self.support_friction.add_to_nodes(
                 nodes, kinematics, force, support_friction
             )
+        largest_force, of_displacements, of_coordinates = self._force_sizes(
+            force, displacement_size, kinematics.torque_map
+        )
         state = NewtonState(
             reduced=reduced,
             unknowns=unknowns,
@@ -280,11 +294,17 @@ class Increment:
             unbalanced=unbalanced,
             nodes=nodes,
             kinematics=kinematics,
+            displacement_size=displacement_size,
+            allowance=TOLERANCE * largest_force + (of_displacements + of_coordinates),
+            round_off=of_displacements + of_coordinates,
             violation=np.inf,
+            is_solution=False,
             is_exact=is_exact,
             is_final=is_final,
         )
-        return replace(state, violation=self.violation(state))
+        allowed = TOLERANCE * largest_force + of_displacements
+        violation = self.violation(state, allowed, of_coordinates)
+        return replace(state, violation=violation, is_solution=violation <= 1 and is_final)
 
     def relinearise(self, state: NewtonState) -> NewtonState:
         """Evaluate the law again at a solution, with kinematics linearised there."""
@@ -317,41 +337,30 @@ class Increment:
         self, state: NewtonState, force: float, length: Array | float
     ) -> dict[str, Array]:
         """Return the fields of `Residuals` on this process, over a force and lengths (m,)."""
-        system, torque_map = self.system, state.kinematics.torque_map
-        unbalanced = system.totals(torque_map.resultants(state.force)) - self.totals
-        unbalanced += system.springs * system.select_free(state.q)
         return state.nodes.residuals(force, length) | {
             "equilibrium": np.asarray(state.unbalanced / force, dtype=float),
-            "balance": np.abs(unbalanced) / (force * system.lever_arms(torque_map)),
+            "balance": self.system.balance_residuals(
+                state.force, state.q, self.totals, state.kinematics.torque_map, force
+            ),
         }
 
-    def allowance(self, state: NewtonState) -> float:
-        """Return the force by which the law may be violated."""
-        return TOLERANCE * self.max_over_ranks(np.abs(state.force)) + self.round_off(state)
+    def max_over_ranks(self, *arrays: Array) -> list[float]:
+        """Return the largest value of each array on all processes, 0 without any."""
+        largest = [np.max(values, initial=0.0) for values in arrays]
+        return [float(value) for value in np.max(self.system.comm.allgather(largest), axis=0)]
 
-    def round_off(self, state: NewtonState) -> float:
-        """Return the force that may be nothing but round-off."""
-        return sum(self._round_off_parts(state))
+    def violation(self, state: NewtonState, allowed: float, of_coordinates: float) -> float:
+        """Return the largest of the residuals over a force, lengths being forces of the nodes.
 
-    def max_over_ranks(self, values: Array) -> float:
-        """Return the largest of values of all processes, 0 without any."""
-        return float(self.system.comm.allreduce(np.max(values, initial=0.0), MPI.MAX))
-
-    def violation(self, state: NewtonState) -> float:
-        """Largest of the residuals over what is allowed, lengths being forces of the nodes.
-
-        Coordinates' round-off is allowed for in gaps and balances, and in friction at points which
-        are not pressed by more: slips have no coordinates, but friction's limit has the gap.
+        Coordinates' round-off is allowed for besides in gaps and balances, and in friction at
+        points which are not pressed by more: slips have no coordinates, but friction's limit has
+        the gap.
         """
         nodes = state.nodes
         if self.interface.cone.has_user_law:
             self.interface.check_laws(nodes.force[:, 0])
-        of_displacements, of_coordinates = self._round_off_parts(state)
-        allowed = TOLERANCE * self.max_over_ranks(np.abs(state.force)) + of_displacements
-        gap = np.where(np.isfinite(nodes.gap), np.abs(nodes.gap), 0.0)
-        of_friction = nodes.friction_limits[1] * nodes.scale * gap
-        of_friction = np.where(nodes.force[:, 0] > of_coordinates, of_friction, of_coordinates)
         residuals = self.residuals(state, 1.0, 1 / nodes.scale)
+        of_friction = nodes.friction_round_off(of_coordinates)
         worst = self.equilibrium.violation(
             residuals.pop("equilibrium"), allowed + of_coordinates, state.unknowns
         )
@@ -366,19 +375,21 @@ class Increment:
     def _is_settled(self, state: NewtonState) -> bool:
         """Return whether the surfaces are where they were linearised, to the law's tolerance."""
         change = np.abs(state.q - state.kinematics.q0).max()
-        return bool(change <= TOLERANCE * self.max_over_ranks(np.abs(state.displacement)))
+        largest = self.max_over_ranks(np.abs(state.displacement))[0]
+        return bool(change <= TOLERANCE * largest)
 
-    def _round_off_parts(self, state: NewtonState) -> tuple[float, float]:
-        """Forces that may be nothing but round-off: of displacements, and of coordinates."""
+    def _force_sizes(
+        self, force: Array, displacement_size: Array, torque_map: TorqueMap
+    ) -> list[float]:
+        """Return the largest force, and those that may be nothing but round-off.
+
+        The latter are of displacements and of coordinates.
+        """
         position, scale = self.interface.position, self.system.scale[:, None]
-        arms = state.kinematics.torque_map.V[:, :, position.shape[1] :].sum(axis=2)
-        lengths = (
-            DISPLACEMENT_ROUND_OFF * self.system.displacement_sizes(state.unknowns),
-            ROUND_OFF * (np.abs(position) + np.abs(arms)),
-        )
-        forces = [(scale * length).max(initial=0.0) for length in lengths]
-        displacement, coordinate = np.max(self.system.comm.allgather(forces), axis=0)
-        return float(displacement), float(coordinate)
+        arms = torque_map.V[:, :, position.shape[1] :].sum(axis=2)
+        of_displacements = scale * (DISPLACEMENT_ROUND_OFF * displacement_size)
+        of_coordinates = scale * (ROUND_OFF * (np.abs(position) + np.abs(arms)))
+        return self.max_over_ranks(np.abs(force), of_displacements, of_coordinates)
 
 
 class LinearIncrement(Increment):

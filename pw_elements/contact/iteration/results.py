@@ -18,6 +18,7 @@ def make_contact_state(
     state: NewtonState,
     before: ContactState,
     *,
+    sizes: tuple[Scale, float, float],
     iterations: int,
     report: SolverReport,
     smallness: Smallness | None,
@@ -30,6 +31,7 @@ def make_contact_state(
         increment: its equations.
         state: of the iteration.
         before: at the start of the increment.
+        sizes: as `reference_sizes` gives them.
         iterations: linear systems solved.
         report: of their solver.
         smallness: of the displacements; None at large strains.
@@ -38,10 +40,11 @@ def make_contact_state(
     """
     system = increment.system
     signs = frozenset(system.tangent.solver.determinant_signs)
-    orientations = signs | before.orientations if before.free == system.free else signs
+    orientations = signs | before.orientations if before.free_motions == system.free else signs
     is_unique = len(orientations) <= 1 if signs else None
-    scale, force, length = reference_sizes(increment, state, before.scale)
+    scale, force, length = sizes
     residuals = increment.residuals(state, force, length)
+    largest = increment.max_over_ranks(*residuals.values())
     if increment.interface.cone.has_user_law:
         increment.interface.check_laws()
     return ContactState(
@@ -49,12 +52,10 @@ def make_contact_state(
         pairs=_make_pair_states(increment, state),
         iterations=iterations,
         unique=False if slides else is_unique,
-        residuals=Residuals(
-            **{name: increment.max_over_ranks(values) for name, values in residuals.items()}
-        ),
+        residuals=Residuals(**dict(zip(residuals, largest, strict=True))),
         report=report,
         increment=before.increment + 1,
-        free=system.free,
+        free_motions=system.free,
         orientations=orientations,
         scale=scale,
         smallness=smallness,
@@ -73,7 +74,7 @@ def make_undeformed_state(interface: Interface, unknowns: PETSc.Vec) -> ContactS
         interface.force,
         normal=interface.normals(None),
         gap=interface.gaps(None),
-        friction=interface.cone.steepest,
+        friction=interface.cone.max_coefficient,
     )
     return ContactState(interface.field.extract(unknowns), pairs, unknowns=unknowns)
 
@@ -82,7 +83,7 @@ def _make_pair_states(increment: Increment, state: NewtonState) -> tuple[PairSta
     interface, start, nodes = increment.interface, increment.start, state.nodes
     active, normal, tangents = nodes.active_set, nodes.frame[:, 0], nodes.frame[:, 1:]
     has_no_tangent = ~tangents.any(axis=(1, 2))
-    is_held = (interface.faced == DEFORMABLE) & interface.cone.rough & has_no_tangent
+    is_held = (interface.faced == DEFORMABLE) & interface.cone.has_friction & has_no_tangent
     status = np.where(is_held & (active.status != OPEN), HELD, active.status).astype(np.int8)
     dim = state.displacement.shape[1]
     motion = state.displacement - start.displacement
@@ -91,10 +92,9 @@ def _make_pair_states(increment: Increment, state: NewtonState) -> tuple[PairSta
     def to_global(values: Array) -> Array:
         return np.einsum("nab,na->nb", tangents, values)
 
-    slip = np.where(
-        (status == HELD)[:, None], remove_normal_part(motion, normal), to_global(nodes.slip)
-    )
     path_slip = increment.kinematics.integrate_slip(state.q, state.displacement, normal)
+    of_held = remove_normal_part(motion, normal)
+    slip = np.where((status == HELD)[:, None], of_held, to_global(nodes.slip))
     is_closed = (status != OPEN)[:, None]
     return make_pair_states(
         interface,
@@ -112,7 +112,7 @@ def _make_pair_states(increment: Increment, state: NewtonState) -> tuple[PairSta
         status=status,
         displacement=state.displacement,
         direction=to_global(active.direction),
-        turning=active.turning,
+        friction_ratio=active.turning,
     )
 
 
@@ -133,24 +133,26 @@ def make_pair_states(
         points: what else `PairState` has of each point, (m, ...); zero and open by default.
     """
     no_vector, dim = np.zeros_like(force), force.shape[1]
-    of_points = {name: getattr(interface, name) for name in ("position", "node", "faced")}
+    of_points = {"position": interface.position, "node": interface.node}
+    of_points["faced_node"] = interface.faced
     of_points |= dict.fromkeys(
         ("force_tangential", "slip", "path_slip", "displacement", "direction"), no_vector
     )
-    of_points |= dict.fromkeys(("force_normal", "turning", "torque"), no_vector[:, 0])
+    of_points |= dict.fromkeys(("force_normal", "friction_ratio", "torque"), no_vector[:, 0])
     of_points |= {"status": np.full(len(no_vector), OPEN, dtype=np.int8)} | points
-    torque = of_points.pop("torque")
+    opposite_force = interface.on_opposite(force, force_operator)
+    of_pairs = interface.gather_pairs(of_points | {"total": force})
     return tuple(
         PairState(
             translation=q[k, :dim].copy(),
-            force=interface.in_order(k, force).sum(axis=0),
+            force=of_pair.pop("total").sum(axis=0),
             rotation=np.array(q[k, dim:].sum()),
-            torque=np.array(interface.in_order(k, torque).sum()),
-            opposite=interface.opposite[k].copy(),
-            opposite_force=interface.on_opposite(k, force, force_operator),
-            **{name: interface.in_order(k, values) for name, values in of_points.items()},
+            torque=np.array(of_pair.pop("torque").sum()),
+            opposite_node=interface.opposite[k].copy(),
+            opposite_force=opposite_force[k],
+            **of_pair,
         )
-        for k in range(interface.pairs)
+        for k, of_pair in enumerate(of_pairs)
     )
 
 
@@ -158,16 +160,19 @@ def reference_sizes(
     increment: Increment, state: NewtonState, before: Scale
 ) -> tuple[Scale, float, float]:
     """Return the scale of the history up to here, and force and length that residuals are over."""
-    force = increment.max_over_ranks(np.linalg.norm(state.force, axis=1))
     pair, V = increment.interface.pair, state.kinematics.torque_map.V
     shifts = np.einsum("nak,nk->na", V, state.q[pair])
-    displacements = np.concatenate([increment.system.displacement_sizes(state.unknowns), shifts])
-    length = increment.max_over_ranks(np.linalg.norm(displacements, axis=1))
+    displacements = np.concatenate([state.displacement_size, shifts])
+    force, length, extent, stiffness = increment.max_over_ranks(
+        np.linalg.norm(state.force, axis=1),
+        np.linalg.norm(displacements, axis=1),
+        np.abs(increment.interface.position),
+        increment.system.scale,
+    )
     scale = before
-    if force > increment.round_off(state):
+    if force > state.round_off:
         scale = Scale(max(force, before.force), max(length, before.length))
-    extent = increment.max_over_ranks(np.abs(increment.interface.position))
     length = max(length, scale.length)
     length = length if length > ROUND_OFF * extent else extent
-    force = scale.force or increment.max_over_ranks(increment.system.scale) * length
+    force = scale.force or stiffness * length
     return scale, force, length

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.increment import Increment, NewtonState
-from pw_elements.contact.model import ContactState, Cycling, FreeBody, LostHold, NotFound
+from pw_elements.contact.model import ContactState, Cycling, FreeBody, LastContactLost, NotFound
 from pw_elements.contact.nodes import (
     HELD,
     OPEN,
@@ -29,6 +29,7 @@ from pw_elements.contact.nodes import (
     count_statuses,
     find_differences,
     is_same_set,
+    linearise_friction_limits,
     make_sticking_set,
     rotate_to_frames,
     select_nodes,
@@ -144,7 +145,7 @@ class SetHistory:
             changing |= (np.round(active.direction) != np.round(last.direction)).any(axis=1)
         positions = interface.gathered(interface.position[changing])
         n_sets = len({key for key, _ in self._recent})
-        return Cycling.at(
+        return Cycling.with_positions(
             f"{message}: {n_sets} sets come back, which differ at {len(positions)} of the nodes, "
             "at {}, and the law holds in none of them",
             positions,
@@ -184,7 +185,7 @@ class ActiveSetUpdate:
 
         Raises:
             NotFound: for sets that come back.
-            LostHold: for a set that would let a body go.
+            LastContactLost: for a set that would let a body go.
         """
         if state.violation <= 1:
             return active, "tightened"  # equilibrium may lag behind
@@ -221,7 +222,7 @@ class ActiveSetUpdate:
         """Return the proposed set, less changes that would make the tangent singular.
 
         Of the nodes that let go, those that violate the law least are kept for one more iteration,
-        as many as it takes. LostHold is raised if they do not suffice.
+        as many as it takes. LastContactLost is raised if they do not suffice.
         """
         releases = (proposed.status != active.status) & (active.status != OPEN)
         releases &= proposed.status != STICK
@@ -240,7 +241,7 @@ class ActiveSetUpdate:
             if not self._free_motions(candidate, nodes.frame):
                 return candidate
             n_released //= 2
-        raise LostHold(
+        raise LastContactLost(
             f"{' and '.join(motions)}: nothing holds it once the nodes that would have to pull are "
             f"open and those that cannot hold slip ({count_statuses(proposed, self._comm)})"
         )
@@ -353,19 +354,22 @@ def resume_active_set(
     interface: Interface, kinematics: LinearisedKinematics, before: ContactState
 ) -> ActiveSet:
     """Return the active set that a state ended with."""
-    local, pairs = interface.local, before.pairs
-    status = local([pair.status for pair in pairs])
-    direction, friction = (
-        np.einsum("nab,nb->na", kinematics.frame[:, 1:], local(vectors))
-        for vectors in zip(
-            *((pair.direction, pair.force_tangential) for pair in pairs), strict=True
-        )
+    status, turning, force_normal, *vectors = interface.local(
+        before.pairs, "status", "friction_ratio", "force_normal", "direction", "force_tangential"
     )
-    return ActiveSet.at_trial_pressure(
+    direction, friction = (
+        np.einsum("nab,nb->na", kinematics.frame[:, 1:], vector) for vector in vectors
+    )
+    pressure = np.maximum(0.0, force_normal)
+    limits = interface.cone.limit(pressure)
+    slope, intercept = linearise_friction_limits(pressure, limits, direction)
+    return ActiveSet(
         np.where(status == HELD, STICK, status).astype(np.int8),
         direction,
-        local([pair.turning for pair in pairs]),
-        cone=interface.cone,
-        trial_pressure=local([pair.force_normal for pair in pairs]),
+        turning,
+        slope,
+        intercept,
+        turning_by_slip=np.zeros_like(turning),
         support_friction=np.where(kinematics.held_tangents, friction, 0.0),
+        support_slip=np.zeros_like(direction),
     )

@@ -1,4 +1,4 @@
-"""Errors of contact computations, and positions in words for their messages."""
+"""Errors of contact computations, and descriptions for their messages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,23 +10,24 @@ from pw_elements.checks import format_points
 from pw_elements.contact.model.state import ContactState
 from pw_elements.solvers import SingularSystem
 
-# Part of the largest friction that counts as all of it, next to a failure
-_USED_UP = 0.9
+# Fraction of the largest friction from which on friction counts as exhausted after a failure
+_EXHAUSTED_FRACTION = 0.9
 
 
 @dataclass(frozen=True)
 class RigidVelocity:
-    """A rigid motion of each connected piece, and of the surfaces that are free to move.
+    """Rigid velocity of each connected piece of the body, and of the surfaces that are free.
 
-    A node at x of piece k moves with translation[k] + rotation[k] × (x - centre[k]); in the plane
-    rotation has one component, w, and w × (x, y) is (-w y, w x). The motion's size is arbitrary: of
-    all translations, and rotations times the piece's radius of gyration, the largest is one.
+    The velocity of a node at x of piece k is translation[k] + rotation[k] × (x - centre[k]); in the
+    plane the rotation has one component w, and w × (x, y) is (-w y, w x). The velocity is scaled so
+    that the largest of all translations, and of rotations times the radius of gyration of their
+    piece, is one.
 
     Args:
-        centre: (pieces, dim), mean position of a piece's nodes; pieces are sorted by it.
-        translation: (pieces, dim).
-        rotation: (pieces, 1) in the plane, (pieces, 3) in space.
-        surface: (pairs, dim), zero where a surface's translation is prescribed.
+        centre: (pieces, dim), mean position of a piece's nodes, by which pieces are sorted.
+        translation: (pieces, dim), velocities of the centres.
+        rotation: (pieces, 1) in the plane, (pieces, 3) in space, angular velocities.
+        surface: (pairs, dim), velocities of surfaces; zero for prescribed translations.
         power: of the loads and of the forces on the free surfaces, positive.
     """
 
@@ -39,15 +40,16 @@ class RigidVelocity:
 
 @dataclass(frozen=True)
 class MissingForce:
-    """The least addition to the loads that makes equilibrium possible.
+    """Smallest addition to the loads that makes equilibrium possible.
 
-    The least is that with the smallest sum of the components' magnitudes, moments being divided by
-    the piece's radius of gyration. Components that supports balance are zero.
+    It has the smallest sum of the magnitudes of all components, where moments are divided by the
+    radius of gyration of their piece. Components that supports balance are zero.
 
     Args:
         force: (pieces, dim), on each connected piece.
-        moment: (pieces, 1) in the plane, (pieces, 3) in space, about its `RigidVelocity.centre`.
-        surface: (pairs, dim), on each free surface.
+        moment: (pieces, 1) in the plane, (pieces, 3) in space, on each piece about its
+            `RigidVelocity.centre`.
+        surface: (pairs, dim), force on each free surface.
     """
 
     force: Array
@@ -56,32 +58,32 @@ class MissingForce:
 
 
 class ContactFailed(RuntimeError):
-    """An increment has no state; a class derived from this one says why.
+    """No state was computed for an increment; derived classes tell the reason.
 
     Attributes:
-        states: `ContactState`s of the increments before the one that failed.
-        state: the `ContactState` of this increment that came nearest to a solution, or None. It
-            is not a solution (`converged` is False; its residuals say by how much), but shows where
-            the iteration got stuck.
-        reached: the largest share of this increment that was solved in parts, and the state there,
-            or None. It is a solution, from which other increments can go on.
+        states: states of the increments before the failed one.
+        state: the iterate of the failed increment that is nearest to a solution, or None. It is not
+            a solution (`converged` is False, and `residuals` tell by how much), but shows where the
+            iteration failed.
+        last_substate: load factor and state at the end of the last substep that was solved, or
+            None. The state is a solution from which other increments can start.
     """
 
     states: Sequence[ContactState] = ()
     state: ContactState | None = None
-    reached: tuple[float, ContactState] | None = None
+    last_substate: tuple[float, ContactState] | None = None
 
 
 class FreeBody(ContactFailed, SingularSystem):
-    """A rigid motion is held neither by supports nor by contact, even if every node stuck."""
+    """A rigid motion is prevented neither by supports nor by contact, even if all nodes stuck."""
 
 
 class NoEquilibrium(FreeBody):
-    """No contact forces that the law allows balance the loads: statics prove it.
+    """No contact forces that the law admits balance the loads, as statics prove.
 
     Attributes:
-        velocity: `RigidVelocity` that no such force can brake, while the loads do work on it.
-        missing: `MissingForce`, the least that would have to be added to the loads.
+        velocity: rigid velocity on which the loads do work that no admissible force takes up.
+        missing: smallest addition to the loads that makes equilibrium possible.
     """
 
     velocity: RigidVelocity
@@ -89,46 +91,46 @@ class NoEquilibrium(FreeBody):
 
 
 class NotUnique(ContactFailed, SingularSystem):
-    """The tangent is singular at a solution: it is not unique, by friction or a loose body."""
+    """The tangent is singular at a solution, which is not unique: by friction or a loose body."""
 
 
 class NotFound(ContactFailed):
-    """The iteration found no solution; whether there is one is not known."""
+    """The iteration found no solution; it is not known whether there is one."""
 
     @classmethod
-    def at(cls, words: str, places: Array) -> "NotFound":
-        """With the coordinates of places (k, dim) for {} in the words.
+    def with_positions(cls, message: str, positions: Array) -> "NotFound":
+        """Create the error with positions in its message.
 
         Args:
-            words: with one {}.
-            places: (k, dim), undeformed.
+            message: with one {}, which the positions replace.
+            positions: (k, dim), undeformed.
         """
-        return cls(words.format(format_points(places)))
+        return cls(message.format(format_points(positions)))
 
 
 class Cycling(NotFound):
-    """Active sets come back, and the law holds in none of them."""
+    """The iteration repeats active sets, none of which gives a solution."""
 
 
-class LostHold(NotFound):
-    """A body or surface that contact alone holds would be let go."""
+class LastContactLost(NotFound):
+    """The next active set would release a body or surface that only contact holds."""
 
 
-def exhausted_friction(state: ContactState) -> str:
-    """Words that name the capacity of pairs whose friction is used up; none where it is not."""
+def describe_exhausted_friction(state: ContactState) -> str:
+    """Return a message on the pairs of a state whose friction is exhausted, empty if none is."""
     words = []
     for k, pair in enumerate(state.pairs):
         capacity = pair.friction_capacity
         carried = float(np.linalg.norm(pair.force_tangential, axis=1).sum())
-        if capacity > 0 and carried >= _USED_UP * capacity:
+        if capacity > 0 and carried >= _EXHAUSTED_FRACTION * capacity:
             words.append(
-                f"Friction of contact pair {k} is used up: beside the normal forces found, whose "
-                f"sum is {pair.force_normal.sum():.4g}, its nodes carry {carried:.4g} of at most "
-                f"{capacity:.4g} along the surface. More needs a larger coefficient or larger "
-                "normal forces; smaller increments do not help"
+                f"Friction of contact pair {k} is exhausted: with normal forces whose sum is "
+                f"{pair.force_normal.sum():.4g}, its nodes carry {carried:.4g} of at most "
+                f"{capacity:.4g} along the surface. A larger friction force needs a larger "
+                "coefficient or larger normal forces; smaller increments do not help"
             )
     return ". ".join(words)
 
 
 class SurfacePassed(ContactFailed):
-    """A rigid surface has gone through the body, or pushes it outwards."""
+    """A rigid surface has passed through the body, or pushes it outwards."""

@@ -1,4 +1,4 @@
-"""States of a contact computation: results, and all that the next increment has to know."""
+"""States of a contact computation: results, and data that the next increment needs."""
 
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -11,46 +11,48 @@ import numpy.typing as npt
 from pw_elements.arrays import Array, Indices
 from pw_elements.solvers import SolverReport
 
-Free: TypeAlias = tuple[tuple[int, int], ...]
-NOTHING_DONE = SolverReport("nothing", 0)
+FreeMotions: TypeAlias = tuple[tuple[int, int], ...]
+NO_SOLVER_REPORT = SolverReport("nothing", 0)
 
 
 @dataclass(frozen=True)
 class PairState:
-    """One pair at the end of one increment; its m nodes in the order of their positions.
+    """State of one pair at the end of one increment; its m nodes are sorted by position.
 
     Arrays are read-only and the same on every process.
 
     Args:
         position: (m, dim), undeformed, sorted by the first coordinate, then the next.
-        normal: (m, dim), from the rigid surface into the body.
+        normal: (m, dim), from the surface into the body.
         force_normal: (m,), nodal force along the normal; compression is positive.
-        force_tangential: (m, dim), the rest of the nodal force of the surface on the body, be it
-            borne by supports. Where these hold a node and the surface rests along them, it is what
-            it was before the increment, within its limit.
-        gap: (m,), infinite for nodes that nothing faces.
+        force_tangential: (m, dim), tangential part of the nodal force of the surface on the body,
+            even if supports bear it. Where supports hold a node and the surface does not move along
+            them, it is that of the increment's start, reduced to the limit of friction.
+        gap: (m,), infinite for nodes that face nothing.
         slip: (m, dim), tangential displacement relative to the surface in this increment;
             zero for open nodes.
-        path_slip: (m, dim), the same from the straight path of the material points of both sides
-            in this increment, by other formulas than the law's; zero for open nodes. A warning is
-            logged where both are apart.
-        friction: (m,), Coulomb's mu; of another law its limit over the normal force.
-        status: (m,), OPEN, STICK or SLIP; or HELD, of nodes in rough contact with a deformable
-            surface where supports move both sides alike: there is no friction along them. Nodes
-            that supports move along a rigid surface slip where the surface moves otherwise.
-        translation: (dim,) of the surface from its initial place.
+        path_slip: (m, dim), slip integrated along the straight path of the material points of both
+            sides in this increment, by formulas that the law does not use; zero for open nodes. A
+            warning is logged where it differs from the slip.
+        friction: (m,), Coulomb's mu; for other laws the limit of friction over the normal force.
+        status: (m,), OPEN, STICK or SLIP; or HELD, for nodes in rough contact with a deformable
+            surface where supports prescribe the same motion of both sides: there is no friction
+            along them. Nodes that supports move along a rigid surface slip if the surface moves
+            differently.
+        translation: (dim,) of the surface from its initial position.
         force: (dim,), total force of the surface on the body; in axisymmetry sums round the
-            axis, so that the radial one is no resultant.
+            axis, so that the radial component is no resultant.
         rotation: (), angle of the surface about its pivot.
-        torque: (), of the surface on the body about the pivot's present place.
-        displacement: (m, dim), of the nodes; relative to what they face where nodes match.
+        torque: (), of the surface on the body about the current position of the pivot.
+        displacement: (m, dim), of the nodes; relative to the opposite nodes where nodes match.
         direction: (m, dim), unit direction of the tangential force of slipping nodes, else zero.
-        turning: (m,), of the law's linearisation at slipping nodes, which the next iteration needs.
-        node: (m,), global node numbers, valid for the present number of processes; component i of
+        friction_ratio: (m,), ratio of the limit of friction to the trial friction at slipping
+            nodes, from which the next increment's linearised law starts.
+        node: (m,), global node numbers, valid for the current number of processes; component i of
             node k is entry dim k + i of `ContactState.displacement`.
-        faced: (m,), global number of the node that each of them faces; -1 where it faces a rigid
-            surface, -2 where a deformable one.
-        opposite: (k,), global numbers of a deformable surface's nodes, sorted by position.
+        faced_node: (m,), global number of the node that each node faces; -1 for a rigid surface,
+            -2 for a deformable one.
+        opposite_node: (k,), global numbers of a deformable surface's nodes, sorted by position.
         opposite_force: (k, dim), nodal forces on these.
     """
 
@@ -69,10 +71,10 @@ class PairState:
     torque: Array
     displacement: Array
     direction: Array
-    turning: Array
+    friction_ratio: Array
     node: Indices
-    faced: Indices
-    opposite: Indices
+    faced_node: Indices
+    opposite_node: Indices
     opposite_force: Array
 
     def __post_init__(self) -> None:
@@ -81,40 +83,40 @@ class PairState:
 
     @property
     def friction_capacity(self) -> float:
-        """Sum of the largest tangential forces beside the normal forces of this state."""
+        """Sum of the largest tangential forces that the normal forces of this state admit."""
         return float(np.sum(self.friction * np.maximum(0.0, self.force_normal)))
 
     @property
     def force_vector(self) -> Array:
-        """Nodal force (m, dim) of the surface on the body, its normal part and the rest."""
+        """Nodal force (m, dim) of the surface on the body, with both its parts."""
         return self.force_normal[:, None] * self.normal + self.force_tangential
 
 
 @dataclass(frozen=True)
 class Residuals:
-    """How well each condition is satisfied: the largest violation over all nodes.
+    """Largest violation of each contact condition over all nodes, relative to a scale.
 
     Forces are divided by the largest nodal contact force, lengths by the largest displacement of a
-    contact node or its surface (of two bodies: of both together), each the largest of this state
-    and of all earlier ones with contact (`Scale`). Where these are only round-off, lengths are
+    contact node or its surface (for two bodies, of both), where the largest values of this state
+    and of all earlier ones with contact count (`Scale`). If these are only round-off, lengths are
     divided by the largest coordinate of a contact node, and forces by a node's stiffness times it.
 
-    They are computed anew from displacements, form or stiffness, surfaces and law: nothing of the
-    iteration enters. No state is returned of which one exceeds 1e-9 plus its allowance, which
-    `ContactState.allowance` has: possible round-off, 1e-13 of displacements and 1e-15 of
-    coordinates, and of both times the stiffness; the noise of a surface's differences; and
-    for lengths 1e-9 of the force over a node's stiffness. It is large where a body is far stiffer
-    than what holds it, or moves far under small forces.
+    Residuals are evaluated from displacements, form or stiffness, surfaces and law, independently
+    of the iteration. A state is returned only if each is at most 1e-9 plus its allowance, see
+    `ContactState.allowance`: possible round-off, 1e-13 of displacements and 1e-15 of coordinates,
+    and both times the stiffness; the noise of a surface's differences; and for lengths 1e-9 of the
+    force over a node's stiffness. The allowance is large where a body is much stiffer than its
+    supports, or moves far under small forces.
 
     Args:
-        equilibrium: unbalanced force at all other nodes than the pairs' own.
+        equilibrium: unbalanced force at all nodes but the contact nodes.
         penetration: -g where it is positive.
         tension: -r_n where it is positive.
-        complementarity: smaller of r_n and g, where both are positive.
-        cone: |r_t| less the limit of friction (Coulomb's mu r_n), where it is positive.
-        stick: smaller of the slip |v| and of what |r_t| lacks to the limit l.
+        complementarity: smaller one of r_n and g, where both are positive.
+        cone: |r_t| minus the limit l of friction (Coulomb's mu r_n), where it is positive.
+        stick: smaller one of the slip |v| and of l - |r_t|.
         direction: | |v| r_t + l v |, over a force and a length or the slip: r_t opposes the slip.
-        balance: total force (or torque over its arm) less the one given, on free motions.
+        balance: total force (or torque over its arm) minus the prescribed one, on free motions.
     """
 
     equilibrium: float = 0.0
@@ -127,29 +129,29 @@ class Residuals:
     balance: float = 0.0
 
     def largest(self) -> float:
-        """The largest violation of any condition."""
+        """Return the largest violation of any condition."""
         return max(vars(self).values())
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Largest force and length of a history from the undeformed body on, while there is contact."""
+    """Largest force and length in a history from the undeformed body on, during contact."""
 
-    force: float = 0.0  # nodal contact force; 0 as long as it was nothing but round-off
+    force: float = 0.0  # nodal contact force; 0 as long as it has been only round-off
     length: float = 0.0  # displacement of a contact node or its surface
 
 
 @dataclass(frozen=True)
 class Smallness:
-    """How small displacements are: neglected second-order terms are of this relative size.
+    """Measures of displacements, equal to the relative size of neglected second-order terms.
 
     Args:
         strain: largest principal strain by magnitude; without the hoop strain u_r/r of bodies
-            of revolution, since the stiffness does not tell what it is of.
+            of revolution, since the stiffness does not tell whether a body is one.
         rotation: largest angle, in radians.
-        slip: largest slip of a node in contact over the size of the smallest facet around it: of
-            this increment against rigid surfaces, which are met where they are now; from the
-            undeformed body on between two bodies, whose nodes keep their partners.
+        slip: largest slip of a node in contact over the size of the smallest adjacent facet: in
+            this increment against rigid surfaces, as contact is stated at their current position;
+            since the undeformed body between two bodies, whose nodes keep their opposite parts.
     """
 
     strain: float = 0.0
@@ -159,7 +161,7 @@ class Smallness:
 
 @dataclass(frozen=True)
 class ContactState:
-    """The body at the end of one increment; `ContactProblem.step` continues from it.
+    """State of the body at the end of one increment, from which `ContactProblem.step` continues.
 
     `ContactProblem.save` writes a state to a file, for any number of processes.
 
@@ -167,33 +169,36 @@ class ContactState:
         displacement: full vector in the numbering of the displacements' space, which is the trial
             space unless that is hybrid.
         pairs: one state per contact pair.
-        iterations: linear systems solved, including those of failed attempts and of parts.
+        iterations: number of linear systems solved, including those of failed attempts and of
+            substeps.
         unique: False if the determinants of the tangents that the problem has factorised so far
-            (and those on the way to a loaded state) differ in sign: friction is so large that
-            several states may be in equilibrium with the same loads, and smaller increments may
-            lead to another one. False, too, if friction is used up, so that a body may slide on for
-            ever. None by a solver without determinants, and of `ContactProblem.of_residual`.
+            (including those of a loaded state that was continued) differ in sign: friction is so
+            large that several states may be in equilibrium with the same loads, and smaller
+            increments may lead to another one. Also False if friction is exhausted, so that a body
+            may slide without limit. None for solvers without determinants, and for
+            `ContactProblem.of_residual`.
         residuals: of all conditions.
-        allowance: what of each residual may be round-off or noise, beside the tolerance of 1e-9.
-        report: what solved the linear systems of this increment.
-        increment: number of increments from the undeformed body, where it is 0.
-        free: (pair, component) of the surfaces' free translations; component dim is the angle.
-        orientations: signs of the determinants that `unique` compares; of
-            `ContactProblem.of_residual` that of the last tangent, by which an unstable state is
-            told from a stable one. Empty with `Iterative()`, which looks for negative
-            eigenvalues of the preconditioned tangent by Arnoldi's method: no proof.
-        scale: what `residuals` are relative to.
+        allowance: part of each residual that round-off and noise explain, besides the tolerance of
+            1e-9.
+        report: report of the solver of this increment's linear systems.
+        increment: number of increments since the undeformed body, where it is 0.
+        free_motions: (pair, component) of the free motions of surfaces; component dim is the angle.
+        orientations: signs of the determinants that `unique` compares; for
+            `ContactProblem.of_residual` that of the last tangent, which distinguishes unstable
+            states from stable ones. Empty with `Iterative()`, which searches for negative
+            eigenvalues of the preconditioned tangent by Arnoldi's method, without a proof.
+        scale: force and length by which `residuals` are divided.
         smallness: largest strain, rotation and slip; a warning is logged when they leave the range
             of small displacements. None for `ContactProblem.of_residual`, where they may be large.
-        substates: (share, state) at the end of each part but the last, if the increment was cut
-            into parts (see `ContactProblem`); the share runs from 0 at the loads and motions before
-            the increment to 1 at its own. This state's `slip` and `iterations` are those of all
-            parts together. Files do not include substates.
-        converged: False in the `state` of an error, which is no solution: nothing can continue from
-            it.
+        substates: (load factor, state) at the end of each substep but the last one, if the
+            increment was cut (see `ContactProblem`); the factor is 0 at the loads and motions
+            before the increment and 1 at its own. `slip` and `iterations` of this state are sums
+            over all substeps. Files do not include substates.
+        converged: False for the `state` of an error, which is no solution and from which no
+            increment can start.
         unknowns: full vector (n,) in the trial space's numbering; `split` gives displacement and
-            pressure of a hybrid one. By default the displacement.
-        history: of a residual's `history`, the values of each function on this process.
+            pressure of a hybrid space. By default the displacement.
+        history: values on this process of each function in the `history` of a residual.
     """
 
     displacement: PETSc.Vec
@@ -202,9 +207,9 @@ class ContactState:
     unique: bool | None = None
     residuals: Residuals = Residuals()
     allowance: Residuals = Residuals()
-    report: SolverReport = NOTHING_DONE
+    report: SolverReport = NO_SOLVER_REPORT
     increment: int = 0
-    free: Free = ()
+    free_motions: FreeMotions = ()
     orientations: frozenset[int] = frozenset()
     scale: Scale = Scale()
     smallness: Smallness | None = Smallness()
@@ -219,10 +224,10 @@ class ContactState:
 
     @property
     def translations(self) -> Array:
-        """Translations (pairs, dim) of all pairs' surfaces from their initial places."""
+        """Translations (pairs, dim) of all surfaces from their initial positions."""
         return np.array([pair.translation for pair in self.pairs])
 
     @property
     def placements(self) -> Array:
-        """Translations and, last, angles (pairs, dim + 1) of all pairs' surfaces."""
+        """Translations and, in the last column, angles of all surfaces, (pairs, dim + 1)."""
         return np.array([[*pair.translation, pair.rotation] for pair in self.pairs])

@@ -1,9 +1,9 @@
-"""Rigid surfaces: the gap to them and the direction in which they push.
+"""Rigid surfaces: their gaps, normals and closest points.
 
-A surface is anything with the two methods of `Surface`. Points are rows (n, dim), other than in
-markers and friction functions, which take DOLFINx's columns (3, n); in axisymmetry the coordinates
-are (r, z). The normal points from the rigid surface into the body, and the gap is counted along
-it: negative inside the rigid.
+A surface is any object with the two methods of `Surface`. Points are rows (n, dim), in contrast to
+markers and friction functions, which take columns (3, n) as in DOLFINx; in axisymmetry the
+coordinates are (r, z). The normal points from the rigid surface into the body, and the gap is
+measured along it: it is negative inside the rigid surface.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,34 +17,42 @@ from pw_elements.checks import arguments, defer_errors_if_parallel
 
 Points = Array
 
-# Newton's method for closest points: most steps, and the size of the last one over the largest
+# Newton's method for closest points: limit of steps, and size of the final step over the largest
 # coordinate, with a gradient function and with differences
-_PROJECTIONS = 30
-_PROJECTED, _PROJECTED_BY_DIFFERENCES = 1e-12, 1e-8
-# Step of first differences over the largest coordinate; step of second ones over that of first ones
-_STEP, _COARSER = 1e-6, 100
-# Difference of a given gradient, over its size, that passes, and round-off of values in eps
-_GRADIENT, _LOST_DIGITS = 1e-5, 64
-# The same of a normal and its derivative, over the largest entry
-_DERIVATIVE = 1e-4
-# Distance from the centre over a sphere's radius at which there is no closest point
-_AT_CENTRE = 1e-12
-# Relative change of a gradient by differences, if the step is halved, above which the step is told:
-# that of the default step is round-off of the function, up to 1e-6 of a radius of 1e4 bodies
+_MAX_PROJECTION_STEPS = 30
+_PROJECTION_TOLERANCE, _PROJECTION_TOLERANCE_BY_DIFFERENCES = 1e-12, 1e-8
+# Step of first differences over the largest coordinate; step of second differences over that of
+# first ones
+_DIFFERENCE_STEP, _SECOND_DIFFERENCE_FACTOR = 1e-6, 100
+# Largest error of a user's gradient, over its size, and round-off of function values in eps
+_GRADIENT_TOLERANCE, _ROUND_OFF_IN_EPS = 1e-5, 64
+# Largest error of a user's normal and of its derivative, over the largest entry
+_NORMAL_DERIVATIVE_TOLERANCE = 1e-4
+# Distance from the centre of a sphere, over its radius, up to which there is no closest point
+_CENTRE_TOLERANCE = 1e-12
+# Largest relative change of a gradient by differences when their step is halved; above it a warning
+# is logged. With the default step the change is round-off of the function, up to 1e-6 for a radius
+# of 1e4 times the body's size
 MAX_STEP_ERROR = 1e-5
 
 
-def unit(direction: Sequence[float]) -> Array:
-    """The unit vector (dim,) along a direction; a ValueError if that has no finite length."""
-    along = arguments.check_vector("direction", direction)
-    length = np.linalg.norm(along)
+def unit_vector(direction: Sequence[float]) -> Array:
+    """Return the unit vector (dim,) along a direction; ValueError if it has no finite length."""
+    vector = np.asarray(direction, dtype=float)
+    length = np.linalg.norm(vector)
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"direction {list(direction)}: needs a finite length")
-    return along / length
+    return vector / length
 
 
-def normalised(vectors: Points) -> Points:
-    """Unit vectors (n, dim) along vectors; a ValueError if one has no length."""
+def check_direction(direction: Sequence[float]) -> None:
+    """Raise ValueError unless a direction is a vector of finite numbers and has a length."""
+    arguments.check_vector("direction", direction)
+    unit_vector(direction)
+
+
+def normalise_rows(vectors: Points) -> Points:
+    """Return unit vectors (n, dim) along vectors; ValueError if one has no length."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if not length.all():
         raise ValueError("the normal of a surface is not defined at a contact node")
@@ -52,27 +60,28 @@ def normalised(vectors: Points) -> Points:
 
 
 class Surface(Protocol):
-    """Geometry of a rigid surface at its initial place."""
+    """Geometry of a rigid surface at its initial position."""
 
     def gap(self, x: Points) -> Array:
-        """Distance (n,) of points x (n, dim); negative inside, infinite where nothing faces x."""
+        """Return gaps (n,) at points x (n, dim), negative inside, infinite if nothing faces x."""
 
     def normal(self, x: Points) -> Points:
-        """Unit vectors (n, dim) in which the surface pushes points x (n, dim), near it or not."""
+        """Return the unit directions (n, dim) in which the surface pushes points x (n, dim)."""
 
 
 @runtime_checkable
-class RigidBody(Surface, Protocol):
-    """A surface that deformed bodies may touch: it knows the closest point, and its curvature."""
+class ClosestPointSurface(Surface, Protocol):
+    """Surface for deformed bodies, with closest points and curvature."""
 
     def closest(self, x: Points) -> tuple[Array, Points, Array]:
-        """What points x (n, dim) have of their closest points on the surface.
+        """Return distances of points x (n, dim) from their closest points, with derivatives.
 
         Returns:
-            Distance (n,), negative inside, normal (n, dim), and its derivative by x (n, dim, dim);
-            Infinite distance, any normal and a derivative of zero where nothing faces x; NaN where
-            there is no closest point. Where nodes touch, the normal has to be the distance's
-            derivative, and both are compared with differences.
+            Distance (n,), negative inside; normal (n, dim) at the closest point; and derivative
+            (n, dim, dim) of the normal by x. Where nothing faces x the distance is infinite, the
+            normal arbitrary and the derivative zero; where there is no closest point all are NaN.
+            Where nodes touch, the normal has to be the derivative of the distance, and both
+            derivatives are compared with differences.
         """
 
 
@@ -81,7 +90,7 @@ class Plane:
     """Plane, in 2-D a line, through a point.
 
     Args:
-        point: (dim,), any on the plane.
+        point: (dim,), any point on the plane.
         direction: (dim,) from the rigid surface into the body, of any length.
 
     Raises:
@@ -94,35 +103,35 @@ class Plane:
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
         arguments.check_vector("the point of a plane", self.point)
-        unit(self.direction)
+        check_direction(self.direction)
 
     def gap(self, x: Points) -> Array:
-        """Distance (n,) of points x (n, dim), positive on the side that the direction points to."""
-        return (x - np.asarray(self.point)) @ unit(self.direction)
+        """Return distances (n,) of points x (n, dim), positive on the side of the direction."""
+        return (x - np.asarray(self.point)) @ unit_vector(self.direction)
 
     def normal(self, x: Points) -> Points:
-        """The unit direction (n, dim), at any points x (n, dim)."""
-        return np.tile(unit(self.direction), (len(x), 1))
+        """Return the unit direction (n, dim) at points x (n, dim)."""
+        return np.tile(unit_vector(self.direction), (len(x), 1))
 
     def closest(self, x: Points) -> tuple[Array, Points, Array]:
-        """Distance of points x (n, dim), normal and its derivative, which is zero."""
+        """Return distances of points x (n, dim), normals and their derivatives, which are zero."""
         return self.gap(x), self.normal(x), np.zeros((*x.shape, x.shape[1]))
 
 
 @dataclass(frozen=True)
 class Parabola:
-    """Parabola y = y_apex + s²/(2 radius), s the distance from the axis through the apex.
+    """Parabola y = y_apex + s²/(2 radius), with s the distance from the axis through the apex.
 
-    y is the last coordinate and s that of all others: a parabola in 2-D, a paraboloid in
+    y is the last coordinate, and s is measured along all others: a parabola in 2-D, a paraboloid in
     axisymmetry and 3-D. The rigid body is above the curve for a positive radius (a
     punch that presses downwards), and below it for a negative one.
 
-    The gap is measured along the axis and the normal is the axis: Hertz's approximation for
-    contacts that are small compared to the radius, where slopes are small, too.
+    The gap is measured along the axis, and the normal is the axis: Hertz's approximation for
+    contact areas that are small compared to the radius, so that slopes are small, too.
 
     Args:
-        apex: (dim,).
-        radius: of curvature at the apex.
+        apex: (dim,), position of the apex.
+        radius: radius of curvature at the apex, positive or negative.
 
     Raises:
         ValueError: for a radius of zero.
@@ -135,15 +144,15 @@ class Parabola:
     def __post_init__(self) -> None:
         arguments.check_vector("the apex of a parabola", self.apex)
         if arguments.check_number("radius", self.radius) == 0:
-            raise ValueError(f"radius = {self.radius}: a parabola needs one that is not zero")
+            raise ValueError(f"radius = {self.radius}: a parabola needs a radius that is not zero")
 
     def gap(self, x: Points) -> Array:
-        """Distance (n,) of points x (n, dim) along the axis."""
+        """Return distances (n,) of points x (n, dim) along the axis."""
         s, radius = x - np.asarray(self.apex), self.radius
         return np.sign(radius) * (np.sum(s[:, :-1] ** 2, axis=1) / (2 * radius) - s[:, -1])
 
     def normal(self, x: Points) -> Points:
-        """The axis (n, dim), from the rigid surface into the body, at any points x (n, dim)."""
+        """Return the axis (n, dim), from the rigid surface into the body, at points x (n, dim)."""
         axis = np.zeros_like(x)
         axis[:, -1] = -np.sign(self.radius)
         return axis
@@ -154,7 +163,7 @@ class Sphere:
     """Sphere, in 2-D a circle, in axisymmetry a sphere on the axis; its inside is rigid.
 
     Args:
-        centre: (dim,).
+        centre: (dim,), position of the centre.
         radius: positive.
 
     Raises:
@@ -170,9 +179,9 @@ class Sphere:
         arguments.check_positive("radius", self.radius)
 
     def gap(self, x: Points) -> Array:
-        """Distance (n,) of points x (n, dim) from the sphere."""
+        """Return distances (n,) of points x (n, dim) from the sphere."""
         y, row = x - np.asarray(self.centre), np.arange(len(x))
-        # counted from the pole next to x, for |y| - R would lose the digits of a small gap
+        # measured from the nearest pole, since |y| - R would lose digits of small gaps
         axis = np.abs(y).argmax(axis=1)
         side = np.where(y[row, axis] < 0, -1.0, 1.0)
         pole = np.asarray(self.centre)[axis] + side * self.radius
@@ -181,31 +190,31 @@ class Sphere:
         return squares / (np.sqrt(squares + self.radius**2) + self.radius)
 
     def normal(self, x: Points) -> Points:
-        """Unit vectors (n, dim) away from the centre, at points x (n, dim)."""
-        return normalised(x - np.asarray(self.centre))
+        """Return unit vectors (n, dim) from the centre towards points x (n, dim)."""
+        return normalise_rows(x - np.asarray(self.centre))
 
     def closest(self, x: Points) -> tuple[Array, Points, Array]:
-        """Distance of points x (n, dim), normal n, and (I - n n^T)/(distance from the centre).
+        """Return distances of points x (n, dim), normals n, and (I - n n^T)/|x - centre|.
 
-        All are NaN at the centre, of which no point of the sphere is the closest.
+        All are NaN at the centre, which has no closest point.
         """
-        gap, away = self.gap(x), x - np.asarray(self.centre)
-        distance = np.linalg.norm(away, axis=1)
-        central = distance <= _AT_CENTRE * self.radius
+        gap, from_centre = self.gap(x), x - np.asarray(self.centre)
+        distance = np.linalg.norm(from_centre, axis=1)
+        central = distance <= _CENTRE_TOLERANCE * self.radius
         gap[central] = distance[central] = np.nan
-        normal = away / distance[:, None]
-        across = np.eye(x.shape[1]) - normal[:, :, None] * normal[:, None, :]
-        return gap, normal, across / distance[:, None, None]
+        normal = from_centre / distance[:, None]
+        tangential = np.eye(x.shape[1]) - normal[:, :, None] * normal[:, None, :]
+        return gap, normal, tangential / distance[:, None, None]
 
 
 @dataclass(frozen=True)
 class FlatPunch:
-    """Flat face of finite width, a disc in 3-D; only nodes below it can touch.
+    """Flat face of finite width, a disc in 3-D; only nodes within the width can touch it.
 
     Args:
-        centre: (dim,) of the face.
+        centre: (dim,), centre of the face.
         direction: (dim,) from the rigid surface into the body, of any length.
-        half_width: distance from centre to edge; a node on the edge touches.
+        half_width: distance from centre to edge; a node on the edge can touch.
 
     Raises:
         ValueError: for a direction of no length, or a half width that is not positive.
@@ -218,39 +227,39 @@ class FlatPunch:
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
         arguments.check_vector("the centre of a punch", self.centre)
-        unit(self.direction)
+        check_direction(self.direction)
         arguments.check_positive("half_width", self.half_width)
 
     def gap(self, x: Points) -> Array:
-        """Distance (n,) of points x (n, dim) from the face; infinite beside it."""
-        s, n = x - np.asarray(self.centre), unit(self.direction)
+        """Return distances (n,) of points x (n, dim) from the face, infinite outside its width."""
+        s, n = x - np.asarray(self.centre), unit_vector(self.direction)
         gap = s @ n
-        beside = np.linalg.norm(s - np.outer(gap, n), axis=1) > self.half_width * (1 + 1e-9)
-        return np.where(beside, np.inf, gap)
+        outside = np.linalg.norm(s - np.outer(gap, n), axis=1) > self.half_width * (1 + 1e-9)
+        return np.where(outside, np.inf, gap)
 
     def normal(self, x: Points) -> Points:
-        """The unit direction (n, dim), at any points x (n, dim)."""
-        return np.tile(unit(self.direction), (len(x), 1))
+        """Return the unit direction (n, dim) at points x (n, dim)."""
+        return np.tile(unit_vector(self.direction), (len(x), 1))
 
 
 @dataclass(frozen=True)
 class SignedDistance:
-    """Surface given as a function of points: positive in the body, negative in the rigid surface.
+    """Level-set surface: zero of a function that is positive in the body, negative in the surface.
 
-    The gap is the function divided by the size of its gradient, which near the surface is the
-    distance whatever the function's scale: x² + y² - R² will do for a circle.
+    The gap is the function divided by the size of its gradient, which is the distance close to the
+    surface for any scale of the function: x² + y² - R² may be used for a circle.
 
     Args:
         function: of points as rows, (n, dim) to (n,), zero on the surface; infinite where nothing
             faces x.
-        gradient: of points as rows, (n, dim) to (n, dim), by default central differences, with
-            which a given one is compared where it is used.
-        step: of the differences, a small part of the smallest radius of the surface; by default
-            1e-6 of the largest coordinate, in contact that of the mesh. Contact warns where half
-            the step changes the gradient by more than 1e-5.
+        gradient: of points as rows, (n, dim) to (n, dim). By default it is computed by central
+            differences, with which a user's gradient is compared where it is used.
+        step: step of these differences, a small part of the smallest radius of the surface; by
+            default 1e-6 of the largest coordinate, in contact that of the mesh. Contact logs a
+            warning where half the step changes the gradient by more than 1e-5.
 
     Raises:
-        TypeError: for anything but functions.
+        TypeError: for arguments that are not functions.
         ValueError: for a step that is not positive.
     """
 
@@ -261,208 +270,239 @@ class SignedDistance:
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
         for name in ("function", "gradient"):
-            given = getattr(self, name)
-            if not (arguments.is_user_function(given) or (name == "gradient" and given is None)):
-                raise TypeError(f"{name} = {given!r}: has to be a function of points (n, dim)")
+            function = getattr(self, name)
+            is_default = name == "gradient" and function is None
+            if not (arguments.is_user_function(function) or is_default):
+                raise TypeError(f"{name} = {function!r}: has to be a function of points (n, dim)")
         if self.step is not None:
             arguments.check_positive("step", self.step)
 
     def gap(self, x: Points) -> Array:
-        """Distance (n,) of points x (n, dim), at first order."""
-        gap = self._values(x)
+        """Return distances (n,) of points x (n, dim), of first order."""
+        gap = self._evaluate_function(x)
         faced = np.isfinite(gap)
-        gap[faced] /= np.linalg.norm(self._slope(x[faced]), axis=1)
+        gap[faced] /= np.linalg.norm(self._evaluate_gradient(x[faced]), axis=1)
         return gap
 
     def normal(self, x: Points) -> Points:
-        """The gradient's unit vectors (n, dim) at points x (n, dim); any where nothing faces x."""
-        faced = np.isfinite(self._values(x))
+        """Return unit gradients (n, dim) at points x (n, dim), arbitrary where nothing faces x."""
+        faced = np.isfinite(self._evaluate_function(x))
         self._check_gradient(x[faced])
         normal = np.tile(np.eye(x.shape[1])[-1], (len(x), 1))
-        normal[faced] = normalised(self._slope(x[faced]))
+        normal[faced] = normalise_rows(self._evaluate_gradient(x[faced]))
         return normal
 
     def closest(self, x: Points) -> tuple[Array, Points, Array]:
-        """Distance of points x (n, dim), normal and its derivative, as `RigidBody` says.
+        """Return distances of points x (n, dim), normals and derivatives of the normals.
 
-        By Newton's method on p + l grad f(p) = x, f(p) = 0, with p the closest point.
+        Newton's method solves p + l grad f(p) = x, f(p) = 0 for the closest point p.
 
-        The Hessian is made of differences of the gradient; without a gradient function it has half
-        of the digits. Where the function is infinite nothing faces x; next to such points
+        The Hessian is computed from differences of the gradient; without a gradient function it has
+        half of the digits. Where the function is infinite nothing faces x; close to such points
         differences are one-sided.
         """
         n, dim = x.shape
-        faced = ~np.isposinf(self._values(x))
+        faced = ~np.isposinf(self._evaluate_function(x))
         gap, normal = np.full(n, np.inf), np.tile(np.eye(dim)[-1], (n, 1))
-        shape = np.zeros((n, dim, dim))
+        curvature = np.zeros((n, dim, dim))
         if faced.any():
-            gap[faced], normal[faced], shape[faced] = self._closest(x[faced])
-        return gap, normal, shape
+            gap[faced], normal[faced], curvature[faced] = self._project_points(x[faced])
+        return gap, normal, curvature
 
-    def _closest(self, x: Points) -> tuple[Array, Points, Array]:
+    def _project_points(self, x: Points) -> tuple[Array, Points, Array]:
+        """Return distances, normals and their derivatives at points x (n, dim) with finite values.
+
+        They are NaN where Newton's method finds no closest point.
+        """
         n, dim = x.shape
         self._check_gradient(x)
-        one, p = np.eye(dim), x.copy()
-        slope, flat = self._directed(x)
-        length = self._values(x) / np.sum(slope**2, axis=1)
-        small = _PROJECTED_BY_DIFFERENCES if self.gradient is None else _PROJECTED
-        small *= np.abs(x).max(initial=0.0)
-        for _ in range(_PROJECTIONS):
-            slope, bend = self._directed(p)[0], self._bend(p)
-            system = np.zeros((n, dim + 1, dim + 1))
-            system[:, :dim, :dim] = one + length[:, None, None] * bend
-            system[:, :dim, dim] = system[:, dim, :dim] = slope
-            wrong = x - p - length[:, None] * slope
-            right = np.concatenate([wrong, -self._values(p)[:, None]], axis=1)
-            known = np.isfinite(system).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
-            system[~known], right[~known] = np.eye(dim + 1), np.nan
-            step = np.linalg.solve(system, right[:, :, None])[:, :, 0]
-            p[known] += step[known, :dim]
-            length[known] += step[known, dim]
-            found = np.abs(step[:, :dim]).max(axis=1) <= small
-            if found.all():
+        identity, p = np.eye(dim), x.copy()
+        gradient, zero_at_x = self._nonzero_gradient(x)
+        length = self._evaluate_function(x) / np.sum(gradient**2, axis=1)
+        tolerance = _PROJECTION_TOLERANCE
+        if self.gradient is None:
+            tolerance = _PROJECTION_TOLERANCE_BY_DIFFERENCES
+        tolerance *= np.abs(x).max(initial=0.0)
+        for _ in range(_MAX_PROJECTION_STEPS):
+            gradient, hessian = self._nonzero_gradient(p)[0], self._evaluate_hessian(p)
+            matrix = np.zeros((n, dim + 1, dim + 1))
+            matrix[:, :dim, :dim] = identity + length[:, None, None] * hessian
+            matrix[:, :dim, dim] = matrix[:, dim, :dim] = gradient
+            residual = x - p - length[:, None] * gradient
+            right = np.concatenate([residual, -self._evaluate_function(p)[:, None]], axis=1)
+            finite = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
+            matrix[~finite], right[~finite] = np.eye(dim + 1), np.nan
+            step = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+            p[finite] += step[finite, :dim]
+            length[finite] += step[finite, dim]
+            converged = np.abs(step[:, :dim]).max(axis=1) <= tolerance
+            if converged.all():
                 break
-        slope, flat_there = self._directed(p)
-        found &= ~(flat | flat_there)
-        size = np.linalg.norm(slope, axis=1)
-        normal, gap = slope / size[:, None], length * size
-        across = one - normal[:, :, None] * normal[:, None, :]
-        shape = across @ bend @ across / size[:, None, None]
-        normal[~found] = gap[~found] = np.nan
-        return gap, normal, np.linalg.solve(one + gap[:, None, None] * shape, shape)
+        gradient, zero_at_p = self._nonzero_gradient(p)
+        converged &= ~(zero_at_x | zero_at_p)
+        size = np.linalg.norm(gradient, axis=1)
+        normal, gap = gradient / size[:, None], length * size
+        tangential = identity - normal[:, :, None] * normal[:, None, :]
+        curvature = tangential @ hessian @ tangential / size[:, None, None]
+        normal[~converged] = gap[~converged] = np.nan
+        return gap, normal, np.linalg.solve(identity + gap[:, None, None] * curvature, curvature)
 
-    def _values(self, x: Points) -> Array:
+    def _evaluate_function(self, x: Points) -> Array:
+        """Return values (n,) of the function."""
         layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
         return arguments.check_function_values(
             "the function of a signed distance", self.function(x), (len(x),), layout
         )
 
-    def _slope(self, x: Points) -> Points:
-        """Gradient (n, dim) of the function."""
+    def _evaluate_gradient(self, x: Points) -> Points:
+        """Return the gradient (n, dim), by differences if there is no gradient function."""
         if self.gradient is not None:
             layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
-            given = self.gradient(x)
+            gradient = self.gradient(x)
             return arguments.check_function_values(
-                "the gradient of a signed distance", given, x.shape, layout
+                "the gradient of a signed distance", gradient, x.shape, layout
             )
-        steps, here = self._step(x) * np.eye(x.shape[1]), self._values(x)
-        slopes = [_differences(self._values, x, here, h) for h in steps]
-        return np.asarray(np.array(slopes).T, dtype=float)
+        steps, values = self._difference_step(x) * np.eye(x.shape[1]), self._evaluate_function(x)
+        derivatives = [
+            _directional_derivative(self._evaluate_function, x, values, h) for h in steps
+        ]
+        return np.asarray(np.array(derivatives).T, dtype=float)
 
     def _check_gradient(self, x: Points) -> None:
-        """Raise ValueError if the given gradient is none of the function at points x (n, dim).
+        """Raise ValueError if differences contradict a user's gradient at points x (n, dim).
 
-        At an edge any component between those of both sides will do.
+        At an edge any component between those of both sides is accepted.
         """
         if self.gradient is None or not len(x):
             return
-        given, here, step = self._slope(x), self._values(x), self._step(x)
-        with np.errstate(all="ignore"):  # beyond where the function is stated
-            sides = [
-                [sign * (self._values(x + sign * h) - here) / step for sign in (-1, 1)]
+        gradient, values = self._evaluate_gradient(x), self._evaluate_function(x)
+        step = self._difference_step(x)
+        with np.errstate(all="ignore"):  # points may be outside the domain of the function
+            one_sided = [
+                [sign * (self._evaluate_function(x + sign * h) - values) / step for sign in (-1, 1)]
                 for h in step * np.eye(x.shape[1])
             ]
-        (least, most), mean = np.sort(sides, axis=1).transpose(1, 2, 0), np.mean(sides, axis=1).T
-        size = np.linalg.norm(mean, axis=1)
-        lost = np.abs(here) + size * np.abs(x).max(axis=1)
-        allowed = (_GRADIENT * size + _LOST_DIGITS * np.finfo(float).eps * lost / step)[:, None]
-        unlike = ((given < least - allowed) | (given > most + allowed)).any(axis=1)
-        unlike &= np.isfinite(mean).all(axis=1)
-        if unlike.any():
-            k = int(unlike.argmax())
+        smallest, largest = np.sort(one_sided, axis=1).transpose(1, 2, 0)
+        central = np.mean(one_sided, axis=1).T
+        size = np.linalg.norm(central, axis=1)
+        magnitude = np.abs(values) + size * np.abs(x).max(axis=1)
+        round_off = _ROUND_OFF_IN_EPS * np.finfo(float).eps * magnitude / step
+        tolerance = (_GRADIENT_TOLERANCE * size + round_off)[:, None]
+        too_small, too_large = gradient < smallest - tolerance, gradient > largest + tolerance
+        wrong = (too_small | too_large).any(axis=1)
+        wrong &= np.isfinite(central).all(axis=1)
+        if wrong.any():
+            k = int(wrong.argmax())
             raise ValueError(
-                f"the gradient of a signed distance is {given[k].tolist()} at {x[k].tolist()}, but "
-                f"differences of its function give {mean[k].tolist()}: correct the gradient, or "
-                "leave it out"
+                f"the gradient of a signed distance is {gradient[k].tolist()} at {x[k].tolist()}, "
+                f"but differences of its function give {central[k].tolist()}: correct the "
+                "gradient, or leave it out"
             )
 
-    def _step(self, x: Points) -> float:
-        return self.step or _STEP * (np.abs(x).max(initial=0.0) or 1.0)
+    def _difference_step(self, x: Points) -> float:
+        return self.step or _DIFFERENCE_STEP * (np.abs(x).max(initial=0.0) or 1.0)
 
-    def _directed(self, x: Points) -> tuple[Points, Mask]:
-        """Gradient (n, dim), any direction where it vanishes, and where (n,) that is."""
-        slope = self._slope(x)
-        flat = ~np.any(slope != 0, axis=1)
-        return np.where(flat[:, None], np.eye(x.shape[1])[-1], slope), flat
+    def _nonzero_gradient(self, x: Points) -> tuple[Points, Mask]:
+        """Return the gradient (n, dim), replaced by a unit vector where (n,) it vanishes."""
+        gradient = self._evaluate_gradient(x)
+        is_zero = ~np.any(gradient != 0, axis=1)
+        return np.where(is_zero[:, None], np.eye(x.shape[1])[-1], gradient), is_zero
 
-    def _bend(self, x: Points) -> Array:
-        """Second derivatives (n, dim, dim) of the function."""
-        step = self._step(x) * (1 if self.gradient is not None else _COARSER)
-        steps, here = step * np.eye(x.shape[1]), self._slope(x)
-        bend = np.array([_differences(self._slope, x, here, h) for h in steps])
-        return np.asarray(bend.transpose(1, 0, 2) + bend.transpose(1, 2, 0)) / 2
-
-
-# Surfaces whose closest points are the library's own, and those of which nothing is a user's
-KNOWN_BODIES = (Plane, Sphere, SignedDistance)
-CLOSED_FORMS = (Plane, Parabola, Sphere, FlatPunch)
+    def _evaluate_hessian(self, x: Points) -> Array:
+        """Return second derivatives (n, dim, dim) of the function, symmetrised."""
+        factor = 1 if self.gradient is not None else _SECOND_DIFFERENCE_FACTOR
+        step = self._difference_step(x) * factor
+        steps, gradient = step * np.eye(x.shape[1]), self._evaluate_gradient(x)
+        hessian = np.array(
+            [_directional_derivative(self._evaluate_gradient, x, gradient, h) for h in steps]
+        )
+        return np.asarray(hessian.transpose(1, 0, 2) + hessian.transpose(1, 2, 0)) / 2
 
 
-def wrong_derivatives(surface: RigidBody, x: Points, step: float) -> str:
-    """Say what differences contradict of a surface's closest points at points x (n, dim), or "".
+# Surfaces whose closest points the library computes, those without any function of the user, and
+# those among them that have a normal everywhere
+BUILT_IN_CLOSEST_POINTS = (Plane, Sphere, SignedDistance)
+CLOSED_FORM_SURFACES = (Plane, Parabola, Sphere, FlatPunch)
+SURFACES_DEFINED_EVERYWHERE = (Plane, Parabola, FlatPunch)
 
-    A normal is the derivative of the distance, and has one itself; at an edge any derivative
-    between those of both sides will do.
+
+def describe_wrong_derivatives(surface: ClosestPointSurface, x: Points, step: float) -> str:
+    """Return how differences contradict a surface's closest points at points x (n, dim), or "".
+
+    The normal is compared with differences of the distance, and its derivative with differences of
+    the normal; at an edge any derivative between those of both sides is accepted.
     """
-    gap, normal, bend = surface.closest(x)
-    here = np.concatenate([gap[:, None], normal], axis=1)
-    sides = np.empty((x.shape[1], 2, *here.shape))
-    for axis, side in np.ndindex(sides.shape[:2]):
+    gap, normal, curvature = surface.closest(x)
+    values = np.concatenate([gap[:, None], normal], axis=1)
+    one_sided = np.empty((x.shape[1], 2, *values.shape))
+    for axis, side in np.ndindex(one_sided.shape[:2]):
         sign = 2 * side - 1
-        moved = surface.closest(x + sign * step * np.eye(x.shape[1])[axis])
-        there = np.concatenate([moved[0][:, None], moved[1]], axis=1)
-        sides[axis, side] = sign * (there - here) / step
+        next_gap, next_normal, _ = surface.closest(x + sign * step * np.eye(x.shape[1])[axis])
+        next_values = np.concatenate([next_gap[:, None], next_normal], axis=1)
+        one_sided[axis, side] = sign * (next_values - values) / step
     # (n, 1 + dim, dim), of the distance and of the normal
-    (least, most), mean = np.sort(sides, axis=1).transpose(1, 2, 3, 0), sides.mean(axis=1)
-    given, mean = np.concatenate([normal[:, None], bend], axis=1), mean.transpose(1, 2, 0)
-    lost = _LOST_DIGITS * np.finfo(float).eps * (1 + np.abs(x).max(axis=1)) / step
-    size = np.abs(mean).max(axis=(1, 2)) + np.abs(given).max(axis=(1, 2))
-    allowed = (_DERIVATIVE * size + lost)[:, None, None]
-    unlike = (given < least - allowed) | (given > most + allowed)
-    unlike &= np.isfinite(mean).all(axis=(1, 2))[:, None, None]
-    if not unlike.any():
+    smallest, largest = np.sort(one_sided, axis=1).transpose(1, 2, 3, 0)
+    central = one_sided.mean(axis=1).transpose(1, 2, 0)
+    derivatives = np.concatenate([normal[:, None], curvature], axis=1)
+    round_off = _ROUND_OFF_IN_EPS * np.finfo(float).eps * (1 + np.abs(x).max(axis=1)) / step
+    size = np.abs(central).max(axis=(1, 2)) + np.abs(derivatives).max(axis=(1, 2))
+    tolerance = (_NORMAL_DERIVATIVE_TOLERANCE * size + round_off)[:, None, None]
+    wrong = (derivatives < smallest - tolerance) | (derivatives > largest + tolerance)
+    wrong &= np.isfinite(central).all(axis=(1, 2))[:, None, None]
+    if not wrong.any():
         return ""
-    k = int(unlike.any(axis=(1, 2)).argmax())
-    what = "normal" if unlike[k, 0].any() else "derivative of the normal"
-    part = slice(0, 1) if unlike[k, 0].any() else slice(1, None)
+    k = int(wrong.any(axis=(1, 2)).argmax())
+    quantity = "normal" if wrong[k, 0].any() else "derivative of the normal"
+    part = slice(0, 1) if wrong[k, 0].any() else slice(1, None)
     return (
-        f"{what} {np.squeeze(given[k, part]).tolist()} at {x[k].tolist()}, but differences give "
-        f"{np.squeeze(mean[k, part]).tolist()}"
+        f"{quantity} {np.squeeze(derivatives[k, part]).tolist()} at {x[k].tolist()}, but "
+        f"differences give {np.squeeze(central[k, part]).tolist()}"
     )
 
 
-def _differences(function: Callable[[Points], Array], x: Points, here: Array, h: Array) -> Array:
-    """Return the derivative (n, ...) along h (dim,), from the finite side next to infinity."""
+def _directional_derivative(
+    function: Callable[[Points], Array], x: Points, values: Array, h: Array
+) -> Array:
+    """Return the derivative (n, ...) along h (dim,) by differences, one-sided next to infinity.
+
+    Args:
+        function: of points (n, dim).
+        x: (n, dim), points.
+        values: (n, ...), of the function at x.
+        h: (dim,), step.
+    """
     size = np.linalg.norm(h)
     with np.errstate(invalid="ignore"):
-        after, before = function(x + h), function(x - h)
-        central = (after - before) / (2 * size)
+        next_values, previous_values = function(x + h), function(x - h)
+        central = (next_values - previous_values) / (2 * size)
         if np.isfinite(central).all():
             return central
-        forward, backward = (after - here) / size, (here - before) / size
+        forward, backward = (next_values - values) / size, (values - previous_values) / size
     one_sided = np.where(np.isfinite(forward), forward, backward)
     return np.where(np.isfinite(central), central, one_sided)
 
 
-def step_error(surface: SignedDistance, x: Points) -> float:
-    """Return the largest relative change of the gradient if the step of differences is halved.
+def measure_step_error(surface: SignedDistance, x: Points) -> float:
+    """Return the largest relative change of the gradient when the step of differences is halved.
 
-    It is that at the surface, at the first-order closest points of points x (n, dim); zero with a
-    gradient function.
+    It is evaluated on the surface, at first-order closest points of points x (n, dim), and is zero
+    with a gradient function.
     """
-    faced = np.isfinite(surface._values(x))
+    faced = np.isfinite(surface._evaluate_function(x))
     if surface.gradient is not None or not faced.any():
         return 0.0
-    at = x[faced]
-    at = at - surface.gap(at)[:, None] * surface.normal(at)
-    slope = surface._slope(at)
-    finer = replace(surface, step=surface._step(at) / 2)._slope(at)
-    change = np.linalg.norm(slope - finer, axis=1) / np.linalg.norm(finer, axis=1)
+    point = x[faced]
+    point = point - surface.gap(point)[:, None] * surface.normal(point)
+    gradient = surface._evaluate_gradient(point)
+    finer_surface = replace(surface, step=surface._difference_step(point) / 2)
+    finer_gradient = finer_surface._evaluate_gradient(point)
+    change = np.linalg.norm(gradient - finer_gradient, axis=1)
+    change = change / np.linalg.norm(finer_gradient, axis=1)
     return float(np.max(change, where=np.isfinite(change), initial=0.0))
 
 
-def with_step(surface: Surface, largest: float) -> Surface:
-    """A surface, its step being the default one of a body with a largest coordinate."""
+def with_default_step(surface: Surface, max_coordinate: float) -> Surface:
+    """Return a surface whose step of differences suits a body with this largest coordinate."""
     if isinstance(surface, SignedDistance) and surface.step is None:
-        return replace(surface, step=_STEP * largest)
+        return replace(surface, step=_DIFFERENCE_STEP * max_coordinate)
     return surface

@@ -19,8 +19,10 @@ from pw_elements.contact.nodes.nodes import (
     TorqueMap,
     assemble_node_equations,
     count_statuses,
+    eliminate_known_motions,
     find_differences,
     is_same_set,
+    linearise_friction_limits,
     make_sticking_set,
     rotate_to_frames,
     select_nodes,
@@ -30,5 +32,6 @@ from pw_elements.contact.nodes.undeformed import (
     IncrementStart,
     Kinematics,
     UndeformedKinematics,
+    make_increment_start,
     remove_normal_part,
 )

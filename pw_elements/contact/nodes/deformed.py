@@ -11,7 +11,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import PATH_PIECES, RIGID, Interface, SlidingReference
+from pw_elements.contact.interface import N_PATH_PIECES, RIGID, Interface, SlidingReference
 from pw_elements.contact.model import ContactPair
 from pw_elements.contact.nodes.nodes import (
     LinearisedKinematics,
@@ -35,7 +35,7 @@ class RigidSurfaceMotion:
 
     def __init__(self, interface: Interface, pairs: Sequence[ContactPair]) -> None:
         self._pair, dim = interface.pair, interface.position.shape[1]
-        self._pivots = [pair.spin(dim) for pair in pairs]
+        self._pivots = [pair.pivot_and_spin(dim) for pair in pairs]
         pivots, spins = zip(*self._pivots, strict=True)
         self._from_pivot = interface.position - np.array(pivots)[self._pair]
         self._spin = np.array(spins)[self._pair]  # J v = w x v, (m, dim, dim)
@@ -225,12 +225,12 @@ class DeformedKinematics:
     def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
         """Return slip (m, dim) on the straight path to q (pairs, dim + 1) and displacements.
 
-        In the frame of a surface, closest points go along it in `PATH_PIECES` chords. Vectors in
+        In the frame of a surface, closest points go along it in `N_PATH_PIECES` chords. Vectors in
         its tangent plane turn as the normal does, about an axis at right angles to it.
         """
         interface, surfaces, start = self._interface, self._surfaces, self._start
         normal, point, slip = self._normal0, self._point0, np.zeros_like(displacement)
-        for share in np.arange(1, PATH_PIECES + 1) / PATH_PIECES:
+        for share in np.arange(1, N_PATH_PIECES + 1) / N_PATH_PIECES:
             motion = surfaces.motion_in_surface_frame(
                 (1 - share) * start.q + share * q,
                 (1 - share) * start.displacement + share * displacement,

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.arrays import Array, LocalIndices, Mask
-from pw_elements.contact.model import Cone, projected
+from pw_elements.contact.model import FrictionCone
 
 OPEN, STICK, SLIP = 0, 1, 2
 # Of states alone: in rough contact with a deformable surface, and moved along it by supports
@@ -64,39 +64,22 @@ class ActiveSet:
     support_friction: Array
     support_slip: Array
 
-    @classmethod
-    def at_trial_pressure(
-        cls,
-        status: npt.NDArray[np.int8],
-        direction: Array,
-        turning: Array,
-        *,
-        cone: Cone,
-        trial_pressure: Array,
-        turning_by_slip: Array | float = 0.0,
-        support_friction: Array | float = 0.0,
-        support_slip: Array | float = 0.0,
-    ) -> "ActiveSet":
-        """Linearise the limits of friction at trial pressures p (m,)."""
-        pressure = np.maximum(0.0, trial_pressure)
-        limit, slope = cone.limit(pressure)
-        slips = np.any(direction != 0, axis=1)
-        return cls(
-            status,
-            direction,
-            turning,
-            np.where(slips, slope, 0.0),
-            np.where(slips, limit - slope * pressure, 0.0),
-            np.broadcast_to(turning_by_slip, turning.shape),
-            np.broadcast_to(support_friction, direction.shape),
-            np.broadcast_to(support_slip, direction.shape),
-        )
+
+def linearise_friction_limits(
+    pressure: Array, limits: tuple[Array, Array], direction: Array
+) -> tuple[Array, Array]:
+    """Return slope and intercept (m,) of an active set, at pressures max(0, p) (m,).
+
+    Limits of friction and their slopes are (m,) each; `direction` is that of the active set.
+    """
+    (limit, slope), slips = limits, np.any(direction != 0, axis=1)
+    return np.where(slips, slope, 0.0), np.where(slips, limit - slope * pressure, 0.0)
 
 
-def make_sticking_set(closed: Mask, cone: Cone, n_tangents: int) -> ActiveSet:
+def make_sticking_set(closed: Mask, cone: FrictionCone, n_tangents: int) -> ActiveSet:
     """Return the set in which closed nodes (m,) stick, or slip where there is no friction."""
     m = len(closed)
-    status = np.where(closed, np.where(cone.rough, STICK, SLIP), OPEN).astype(np.int8)
+    status = np.where(closed, np.where(cone.has_friction, STICK, SLIP), OPEN).astype(np.int8)
     no_vector = np.zeros((m, n_tangents))
     turning, slope, intercept, turning_by_slip = np.zeros((4, m))
     return ActiveSet(
@@ -158,7 +141,7 @@ class ContactNodes:
     gap: Array
     slip: Array
     force: Array
-    cone: Cone
+    cone: FrictionCone
     scale: Array
     held_tangents: Mask
     is_dragged: Mask
@@ -189,10 +172,10 @@ class ContactNodes:
         """Tangential forces (m, dim - 1) of the law, under limits (m,), at these slips."""
         slip_size = np.linalg.norm(self.slip, axis=1)
         against_slip = -(limit / np.where(self.is_dragged, slip_size, 1.0))[:, None] * self.slip
-        friction = projected(self.trial_friction, limit)
+        friction = shorten_to(limit, self.trial_friction)
         if self.resting_tangents.any():  # what friction along free tangents leaves of the limit
             left = np.sqrt(np.maximum(0.0, limit**2 - np.sum(friction**2, axis=1)))
-            friction += projected(np.where(self.resting_tangents, self.force[:, 1:], 0.0), left)
+            friction += shorten_to(left, np.where(self.resting_tangents, self.force[:, 1:], 0.0))
         return np.where(self.is_dragged[:, None], against_slip, friction)
 
     @cached_property
@@ -214,18 +197,22 @@ class ContactNodes:
         slip_size = np.linalg.norm(self.slip, axis=1)
         s = np.where(dragged[:, None], -self.slip, s)
         size = np.where(dragged, slip_size, size)
-        has_direction = slipping & self.cone.rough
+        has_direction = slipping & self.cone.has_friction
         status = np.where(p > 0, STICK, OPEN)
         status[slipping] = SLIP
         divisor = np.where(has_direction, size, 1.0)
         turning = np.where(has_direction, limit / divisor, 0.0)
         of_iteration_before = self.held_tangents & self.is_coupled[:, None]
-        return ActiveSet.at_trial_pressure(
+        direction = np.where(has_direction, 1 / divisor, 0.0)[:, None] * s
+        slope, intercept = linearise_friction_limits(
+            np.maximum(0.0, p), self.friction_limits, direction
+        )
+        return ActiveSet(
             status.astype(np.int8),
-            np.where(has_direction, 1 / divisor, 0.0)[:, None] * s,
+            direction,
             np.where(dragged, 0.0, turning),
-            cone=self.cone,
-            trial_pressure=p,
+            slope,
+            intercept,
             turning_by_slip=np.where(dragged, turning, 0.0),
             support_friction=np.where(of_iteration_before, self.force[:, 1:], 0.0),
             support_slip=np.where(of_iteration_before, self.slip, 0.0),
@@ -236,6 +223,16 @@ class ContactNodes:
         normal = self.force[:, :1] - np.maximum(0.0, self.trial_pressure)[:, None]
         tangential = self.force[:, 1:] - self.admitted_friction(self.friction_limits[0])
         return np.hstack([normal, tangential])
+
+    def friction_round_off(self, of_coordinates: float) -> Array:
+        """Return what of friction (m,) may be round-off, given that of nodes' coordinates.
+
+        Slips have no coordinates, but friction's limit has the gap at nodes that are pressed by
+        more than this round-off.
+        """
+        gap = np.where(np.isfinite(self.gap), np.abs(self.gap), 0.0)
+        of_limit = self.friction_limits[1] * self.scale * gap
+        return np.where(self.force[:, 0] > of_coordinates, of_limit, of_coordinates)
 
     def residuals(self, force: float, length: Array | float) -> dict[str, Array]:
         """Return how far each condition is from holding, (m,), over a force and lengths (m,)."""
@@ -252,6 +249,14 @@ class ContactNodes:
             "stick": slip_size / length,
             "direction": np.where(sticks, 0.0, difference) / force,
         }
+
+
+def shorten_to(limit: Array, vectors: Array) -> Array:
+    """Return vectors (m, dim - 1), of which those longer than a limit (m,) are shortened to it."""
+    size = np.linalg.norm(vectors, axis=1)
+    is_longer = size > limit
+    factor = np.where(is_longer, limit / np.where(is_longer, size, 1.0), 1.0)
+    return np.asarray(factor[:, None] * vectors)
 
 
 def assemble_node_equations(active: ActiveSet, scale: Array) -> tuple[Array, Array, Array]:
@@ -291,11 +296,12 @@ class LinearisedLaw:
     D: Array
     c: Array
 
-    def eliminate_known(self, q: Array, v: Array) -> "LinearisedLaw":
-        """Return the law of what is free, known parts (m, k) of q and (m, p) of v being given."""
-        known = np.einsum("nij,nj->ni", self.D, q)
-        known -= np.einsum("nij,nj->ni", self.C, v)
-        return replace(self, c=self.c + known)
+
+def eliminate_known_motions(law: LinearisedLaw, q: Array, v: Array) -> LinearisedLaw:
+    """Return the law of what is free, known parts (m, k) of q and (m, p) of v being given."""
+    known = np.einsum("nij,nj->ni", law.D, q)
+    known -= np.einsum("nij,nj->ni", law.C, v)
+    return replace(law, c=law.c + known)
 
 
 @dataclass(frozen=True)
@@ -367,7 +373,7 @@ class LinearisedKinematics:
     held_tangents: Mask
 
     def evaluate_nodes(
-        self, v: Array, q: Array, force: Array, *, cone: Cone, scale: Array
+        self, v: Array, q: Array, force: Array, *, cone: FrictionCone, scale: Array
     ) -> ContactNodes:
         """Return the nodes at motions v (m, p) and q (pairs, k), under forces r (m, dim)."""
         dv, dq = v - self.v0, (q - self.q0)[self.pair]

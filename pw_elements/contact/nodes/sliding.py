@@ -45,7 +45,9 @@ class MortarKinematics:
         # points of this process, and their numbers among the slave's nodes
         self._points = {k: np.flatnonzero(interface.pair == k) for k in self._references}
         self._slave_number = {
-            k: np.searchsorted(interface.mortars[k].nodes[: interface.mortars[k].slaves], node)
+            k: np.searchsorted(
+                interface.mortars[k].nodes[: interface.mortars[k].n_slave_nodes], node
+            )
             for k, node in ((k, interface.node[points]) for k, points in self._points.items())
         }
         self.motion: PETSc.Mat = interface.motion
@@ -56,7 +58,7 @@ class MortarKinematics:
         self._positions = {
             k: self._positions_of(k, unknowns, self._translations) for k in self._references
         }
-        self._mortars = {k: interface.mortars[k].meet(x) for k, x in self._positions.items()}
+        self._mortars = {k: interface.mortars[k].linearise(x) for k, x in self._positions.items()}
         m, (_, n_dofs), dim = (
             len(interface.node),
             interface.field.sizes,
@@ -64,8 +66,11 @@ class MortarKinematics:
         )
         entries = [(np.arange(m), interface.node, np.ones(m))]
         for k, met in self._mortars.items():
-            mortar, parts = interface.mortars[k], sp.coo_array(met.parts[self._slave_number[k]])
-            node = mortar.nodes[mortar.slaves :][parts.col]
+            mortar, parts = (
+                interface.mortars[k],
+                sp.coo_array(met.master_fractions[self._slave_number[k]]),
+            )
+            node = mortar.nodes[mortar.n_slave_nodes :][parts.col]
             entries.append((self._points[k][parts.row], node, -parts.data))
         row, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
         nodal = sp.csr_matrix((value, (row, column)), (m, n_dofs // dim))
@@ -79,12 +84,12 @@ class MortarKinematics:
         total = sp.csr_matrix(sizes)
         for k, met in self._mortars.items():
             mortar = interface.mortars[k]
-            slave_force = np.zeros((mortar.slaves, dim))
+            slave_force = np.zeros((mortar.n_slave_nodes, dim))
             slave_force[self._slave_number[k]] = force[self._points[k]]
             interface.comm.Allreduce(MPI.IN_PLACE, slave_force, MPI.SUM)
-            part = sp.coo_array(met.turned(slave_force))
+            part = sp.coo_array(met.differentiate_master_forces(slave_force))
             dofs = (mortar.nodes[:, None] * dim + np.arange(dim)).ravel()
-            row = dofs[mortar.slaves * dim :][part.row] - first * dim
+            row = dofs[mortar.n_slave_nodes * dim :][part.row] - first * dim
             is_owned = (row >= 0) & (row < sizes[0])
             indices = row[is_owned], dofs[part.col[is_owned]]
             total += sp.csr_matrix((part.data[is_owned], indices), sizes)
@@ -105,7 +110,7 @@ class MortarKinematics:
         rows = [(rigid * _N_MOTIONS + a, node[rigid] + a, np.ones(len(rigid))) for a in range(dim)]
         for k, met in self._mortars.items():
             mortar, points, number = interface.mortars[k], self._points[k], self._slave_number[k]
-            slips, motions = met.motions(self._references[k], self._positions[k])
+            slips, motions = met.measure_slip_and_rates(self._references[k], self._positions[k])
             normal, tangent, faced = met.normals[number], met.tangents[number], met.faced[number]
             frame[points] = make_frames(normal, interface.equation[points] >= 0)
             side = np.sum(frame[points, 1] * tangent, axis=1)
@@ -118,7 +123,7 @@ class MortarKinematics:
             force_by_v[points, 0, 2] = tangential_force
             force_by_v[points, 1, 2] = -side * normal_force
             shift = self._positions[k] - mortar.x
-            shift[mortar.slaves :] -= self._translations[k]
+            shift[mortar.n_slave_nodes :] -= self._translations[k]
             dofs = (mortar.nodes[:, None] * dim + np.arange(dim)).ravel()
             for motion, change in enumerate(motions):
                 part = sp.coo_array(change[number])
@@ -159,5 +164,5 @@ class MortarKinematics:
         """Positions (nodes, dim) of both sides of a pair, of all processes."""
         mortar = self._interface.mortars[pair]
         displacement = self._interface.at_nodes(mortar.nodes, unknowns)
-        displacement[mortar.slaves :] += translations[pair]
+        displacement[mortar.n_slave_nodes :] += translations[pair]
         return np.asarray(mortar.x + displacement)

@@ -38,19 +38,11 @@ class IncrementStart:
     force: Array
     q: Array
 
-    @classmethod
-    def from_state(
-        cls, state: ContactState, interface: Interface, turning: bool = False
-    ) -> "IncrementStart":
-        """Take this process' values of a state; with angles if surfaces may be `turning`."""
-        displacement = interface.local([pair.displacement for pair in state.pairs])
-        force = interface.local([pair.force_vector for pair in state.pairs])
-        return cls(displacement, force, state.placements if turning else state.translations)
 
-    def relative_displacement(self, interface: Interface) -> Array:
-        """Displacements (m, dim) less the translations of the surfaces."""
-        dim = self.displacement.shape[1]
-        return self.displacement - self.q[interface.pair, :dim]
+def make_increment_start(state: ContactState, interface: Interface, q: Array) -> IncrementStart:
+    """Return this process' values of a state, in which the motions of the surfaces are q."""
+    displacement, force = interface.local(state.pairs, "displacement", "force_vector")
+    return IncrementStart(displacement, force, q)
 
 
 class Kinematics(Protocol):
@@ -136,10 +128,10 @@ class UndeformedKinematics:
         interface, held = self._interface, self._interface.held_components
         force = np.where(held, 0.0, force)
         step = _DIFFERENCE_STEP * (interface.extent or 1.0)
-        frame = make_frames(interface.normals(translations), interface.equation >= 0)
+        normal, gap = interface.normals(translations), interface.gaps(translations)
+        frame = make_frames(normal, interface.equation >= 0)
         frame = add_tangents_along_supports(frame, held)
-        normal, tangents = frame[:, 0], frame[:, 1:]
-        gap, gap_loss = interface.gaps(translations), normal.copy()
+        tangents, gap_loss = frame[:, 1:], normal.copy()
         if self._load_factor != 1:  # points inside their surface are pressed out step by step
             gap = gap + (1 - self._load_factor) * interface.interference
         normal_by_q = np.zeros_like(frame)  # (m, component, translation)
@@ -156,7 +148,8 @@ class UndeformedKinematics:
             gap_loss[smooth, axis] = loss[smooth] - np.sum(change * displacement, axis=1)[smooth]
         # tangents turn so that they stay normal to it: dt = -(t·dn) n
         tilt = np.einsum("nta,nak->ntk", tangents, normal_by_q)
-        origin = self._start.relative_displacement(interface) + translations[interface.pair]
+        relative = self._start.displacement - self._start.q[interface.pair]
+        origin = relative + translations[interface.pair]
         normal_motion = np.sum(normal * (displacement - origin), axis=1)
         normal_force = np.sum(normal * force, axis=1)
         slip_loss = tangents + tilt * normal_motion[:, None, None]

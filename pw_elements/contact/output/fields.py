@@ -1,28 +1,18 @@
-"""States as functions on the body, and as a time series of these that ParaView opens.
+"""States as functions on the body.
 
     fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fields.status ...
-    write("punch.bp", states, body)
 
 Without the body, its trial space in place of it, there are no pressures.
 """
 
-import errno
-import os
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from tempfile import TemporaryFile
-from time import sleep
-
-from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 import ufl
-from dolfinx import fem, io
+from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices, LocalIndices
 from pw_elements.checks import (
@@ -32,10 +22,15 @@ from pw_elements.checks import (
     format_points,
     vector_sizes,
 )
-from pw_elements.contact.interface import Overlap, SlidingMortar, Trace, gathered_trace, whole_areas
+from pw_elements.contact.interface import (
+    Overlap,
+    SlidingMortar,
+    Trace,
+    compute_tributary_areas,
+    gather_trace,
+)
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import HELD, OPEN
-from pw_elements.contact.output.storage import checked_path
 from pw_elements.elasticity import (
     Body,
     StressState,
@@ -43,14 +38,12 @@ from pw_elements.elasticity import (
     boundary_measure,
     facets_with_all_nodes,
 )
-from pw_elements.files import FolderReplacement
 from pw_elements.spaces import (
     SubSpace,
     as_function,
     assemble_vector,
     gather_from_owners,
     is_hybrid,
-    quadratic_element,
     scalar_space,
     split,
     test_space,
@@ -60,16 +53,10 @@ from pw_elements.spaces import (
 _NEAR = 1e-9
 # Of squares of stresses and pressures, both linear
 _INDICATOR_DEGREE = 2
-_STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
+STATE_REMEDY = "solve_contact gives a list of states, ContactProblem.step one of them"
 # Part of a node's area that has to face the other side for quotients by it. Where the pressure is
 # linear, they are off by up to 0.3 % at a quarter, 1 % at a twentieth, and 10 % at a 200th
 _TRUSTED = 0.1
-_SERIES = "a time series of contact fields"
-_VTX_COMPONENTS = 3  # of vectors in a file, whatever the dimension
-_OVERHEAD = 100_000  # bytes of a file's description
-# Seconds that processes wait for each other after an error of one, and between two looks
-_PATIENCE, _PAUSE = 60.0, 0.01
-_NO_ALLOCATION = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
 @dataclass(frozen=True)
@@ -142,10 +129,10 @@ def mortar_sides(
     """
     pair, deformed = state.pairs[number], state.smallness is None
     own = None if body is None else _surface(number, pair, body, space)
-    if not len(pair.opposite):
+    if not len(pair.opposite_node):
         return own, None
-    nodes = pair.node, pair.opposite
-    one, other = (gathered_trace(space, facets_with_all_nodes(space, side)) for side in nodes)
+    nodes = pair.node, pair.opposite_node
+    one, other = (gather_trace(space, facets_with_all_nodes(space, side)) for side in nodes)
     revolved = body is not None and body.state is StressState.AXISYMMETRIC
     if not deformed:
         means, duals = _fixed(space, pair, one, other, revolved)
@@ -155,24 +142,29 @@ def mortar_sides(
         mortar = SlidingMortar(one, other, revolved)
         moved = state.displacement.array_r.reshape(-1, mortar.x.shape[1])
         x = mortar.x + gather_from_owners(space, mortar.nodes, moved)
-        x[mortar.slaves :] += pair.translation
+        x[mortar.n_slave_nodes :] += pair.translation
         slaves, masters = (np.searchsorted(np.sort(side), side) for side in nodes)
-        mortar.kept[slaves] = pair.normal != 0
-        met = mortar.meet(x)
-        covered, handed = met.areas[slaves], met.parts[slaves][:, masters].T
-        means = -met.rows[slaves][:, mortar.slaves + masters].T @ sp.diags_array(covered)
-        one, other = one.moved(x[: mortar.slaves]), other.moved(x[mortar.slaves :])
+        mortar.allowed_components[slaves] = pair.normal != 0
+        met = mortar.linearise(x)
+        covered, handed = met.areas[slaves], met.master_fractions[slaves][:, masters].T
+        means = -met.distance_rows[slaves][:, mortar.n_slave_nodes + masters].T @ sp.diags_array(
+            covered
+        )
+        one, other = (
+            one.with_positions(x[: mortar.n_slave_nodes]),
+            other.with_positions(x[mortar.n_slave_nodes :]),
+        )
     facing = np.asarray(means.sum(axis=1))
     means = sp.diags_array(1 / np.where(facing > 0, facing, 1.0)) @ means
     if own is None or body is None:
-        none = np.zeros(len(pair.opposite))
+        none = np.zeros(len(pair.opposite_node))
         return None, Opposite(nodes[1], facing, means, handed, covered, none, 0 * covered, None)
     whole, opposite_whole = (
-        whole_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
+        compute_tributary_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
         for trace, side in zip((one, other), nodes, strict=True)
     )
-    opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite))
-    if not np.array_equal(opposite.node, pair.opposite):
+    opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite_node))
+    if not np.array_equal(opposite.node, pair.opposite_node):
         raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
     share, part = covered / whole, (handed @ covered) / opposite_whole
     seen = Opposite(nodes[1], facing, means, handed, share, part, own.weight_area, opposite)
@@ -189,13 +181,13 @@ def _fixed(
     """Integrals (k, m) of the opposite's weights times the pair's, undeformed, and their duals."""
     first, last = space.dofmap.index_map.local_range
     mine = np.flatnonzero((pair.node >= first) & (pair.node < last))
-    overlap, k = Overlap.of(one, other, pair.node[mine], revolved), len(pair.opposite)
+    overlap, k = Overlap.from_traces(one, other, pair.node[mine], revolved), len(pair.opposite_node)
     at, w = overlap.functions[2]
-    order = np.argsort(pair.opposite)
-    at = order[np.searchsorted(pair.opposite, at, sorter=order)]
+    order = np.argsort(pair.opposite_node)
+    at = order[np.searchsorted(pair.opposite_node, at, sorter=order)]
 
     def gathered(tested: Array) -> sp.csr_array:
-        found = overlap.integrals(tested, at, w, (len(mine), k)).tocoo()
+        found = overlap.assemble_integrals(tested, at, w, (len(mine), k)).tocoo()
         every = space.mesh.comm.allgather((found.col, mine[found.row], found.data))
         row, column, value = (np.concatenate(parts) for parts in zip(*every, strict=True))
         return sp.csr_array((value, (row, column)), shape=(k, len(pair.node)))
@@ -307,7 +299,7 @@ class ContactFields:
             ValueError: for a state of another space, or if pressures are asked for and a node
                 belongs to no facet that has all of its nodes in the pair.
         """
-        space = _trial(body)
+        space = trial_space(body)
         check_state(state, space)
         scalars = scalar_space(space)
         known, whole = (body, body.spaces.trial) if isinstance(body, Body) else (None, body)
@@ -350,7 +342,7 @@ class ContactFields:
         pairs = state.pairs
         known, given = ([part.node.tolist() for part in parts] for parts in (self.surfaces, pairs))
         faced = [[] if side is None else side.node.tolist() for side in self.opposite]
-        if known not in ([], given) or faced != [pair.opposite.tolist() for pair in pairs]:
+        if known not in ([], given) or faced != [pair.opposite_node.tolist() for pair in pairs]:
             raise ValueError("the state has other contact nodes than the fields")
         if state.smallness is None:  # who faces whom has changed
             both = [mortar_sides(k, state, self.body, space) for k in range(len(pairs))]
@@ -358,7 +350,7 @@ class ContactFields:
         as_function(space, state.displacement, out=self.displacement)
         _spread(self.force, pairs, [pair.force_vector for pair in pairs])
         for pair in pairs:
-            here = _here(space, pair.opposite)
+            here = _here(space, pair.opposite_node)
             forces = self.force.x.array.reshape(-1, space.dofmap.index_map_bs)
             forces[here[here >= 0]] += pair.opposite_force[here >= 0]
         gaps = [np.where(np.isfinite(pair.gap), pair.gap, np.nan) for pair in pairs]
@@ -399,12 +391,12 @@ class ContactFields:
         space = self.displacement.function_space
         most = np.zeros(len(self.gap.x.array))
         for pair in pairs:
-            here = _here(space, np.concatenate([pair.node, pair.faced]))
+            here = _here(space, np.concatenate([pair.node, pair.faced_node]))
             most[here[here >= 0]] = np.inf
         for k, (other, pair) in enumerate(zip(self.opposite, pairs, strict=True)):
             if other is None:
                 continue
-            seen, here = other.results(pair), _here(space, pair.opposite)
+            seen, here = other.results(pair), _here(space, pair.opposite_node)
             mine = (here >= 0) & (other.facing > most[here])
             at = here[mine]
             most[at] = other.facing[mine]
@@ -486,7 +478,7 @@ def _spread(
     array[:] = elsewhere
     for pair, own in zip(pairs, values, strict=True):
         columns = own.reshape(len(own), -1)
-        for nodes, sign in ((pair.node, 1.0), (pair.faced, 1.0 if own.ndim == 1 else -1.0)):
+        for nodes, sign in ((pair.node, 1.0), (pair.faced_node, 1.0 if own.ndim == 1 else -1.0)):
             here = _here(space, nodes)
             array[here[here >= 0]] = sign * columns[here >= 0]
 
@@ -497,7 +489,7 @@ def _here(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
     return np.where(nodes < 0, -1, local)
 
 
-def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
+def trial_space(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
     kinds = (Body, fem.FunctionSpace)
     arguments.check_type("body", body, kinds, "it has to be a Body, or its trial space")
     if not isinstance(body, Body):
@@ -509,7 +501,7 @@ def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
     first, last = space.dofmap.index_map.local_range
     x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
     with collective_errors(space.mesh.comm):
-        arguments.check_type("state", state, ContactState, _STATE)
+        arguments.check_type("state", state, ContactState, STATE_REMEDY)
         alike = state.displacement.getSizes() == vector_sizes(space)
         for pair in state.pairs if alike else ():
             mine = (pair.node >= first) & (pair.node < last)
@@ -517,137 +509,3 @@ def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
             alike &= bool(away.max(initial=0.0) <= _NEAR * np.abs(pair.position).max(initial=0.0))
         if not alike:
             raise ValueError("the state belongs to another space, or other processes, than this")
-
-
-@check_same_arguments
-def write(
-    path: str | Path,
-    states: ContactState | Sequence[ContactState],
-    body: Body | fem.FunctionSpace,
-    times: Sequence[float] | None = None,
-) -> None:
-    """Writes all fields of states as a time series for ParaView, completely or not at all.
-
-        states = solve_contact(K, loads, supports, [floor, punch], U)
-        write("punch.bp", states, body)
-
-    The file (in fact a folder) is in ADIOS2's VTX format, which keeps quadratic functions and
-    curved cells: open it with ParaView's "ADIOS2 VTX Reader". One of this name is replaced when the
-    new one is whole, if this function has written all that is in it. A process that is killed
-    leaves the old one, and a hidden folder beside it, which the next call there removes.
-
-    Args:
-        path: ends in ".bp".
-        states: of one problem, or one of them.
-        body: see `ContactFields`; without pressures where it is the space.
-        times: of the states, increasing; by default their increments' numbers.
-
-    Raises:
-        TypeError: for arguments of the wrong type.
-        ValueError: for a path without this ending, no states, times that do not increase or are not
-            one per state, states of another space, and elements without quadratic Lagrange
-            functions.
-        RuntimeError: if DOLFINx has been built without ADIOS2.
-        OSError: if something else is there, which is not replaced, or there is no room.
-    """
-    path, space = checked_path(path), _trial(body)
-    states = arguments.as_list(states)
-    comm = space.mesh.comm
-    with collective_errors(comm):
-        for state in states:
-            arguments.check_type("a state", state, ContactState, _STATE)
-        increments = [float(s.increment) for s in states]
-        given = increments if times is None else list(arguments.check_vector("times", times))
-        _check_series(path, states, given, space)
-    replacement = FolderReplacement(path, _SERIES, durable=True)
-    with collective_errors(comm):
-        if comm.rank == 0:
-            replacement.start()
-    try:
-        fields = ContactFields.of(states[0], body)
-        needed = _estimated_size(fields, len(states))
-        with collective_errors(comm):
-            if comm.rank == 0:
-                _check_room(replacement.scratch, needed, path)
-        folder = comm.bcast(replacement.folder if comm.rank == 0 else None)
-        with _ending_together(comm), io.VTXWriter(comm, folder, fields.functions()) as file:
-            for time, state in zip(given, states, strict=True):
-                fields.fill(state)
-                file.write(float(time))
-        with collective_errors(comm):
-            if comm.rank == 0:
-                replacement.commit()
-    finally:
-        replacement.abandon()
-
-
-def _estimated_size(fields: ContactFields, n_steps: int) -> int:
-    """Return about how many bytes a series takes, on all processes.
-
-    Each step has numbers, places and values of all nodes, and the nodes of all cells.
-    """
-    space = fields.displacement.function_space
-    n_nodes, cells = len(space.tabulate_dof_coordinates()), space.dofmap.list
-    block_sizes = [function.function_space.dofmap.bs for function in fields.functions()]
-    n_values = sum(_VTX_COMPONENTS if size > 1 else 1 for size in block_sizes)
-    own = n_nodes * (1 + _VTX_COMPONENTS + n_values) + cells.size + len(cells)
-    return _OVERHEAD + 8 * n_steps * int(space.mesh.comm.allreduce(own))
-
-
-def _check_room(folder: Path, needed: int, path: Path) -> None:
-    """Refuse to begin where there is no room: ADIOS2's processes would wait for the one that fails.
-
-    Args:
-        folder: Where a file of that size is made and removed.
-        needed: Bytes.
-        path: To name in the error.
-    """
-    try:
-        with TemporaryFile(dir=folder) as file:
-            os.posix_fallocate(file.fileno(), 0, needed)
-    except OSError as error:
-        if error.errno in _NO_ALLOCATION:
-            return
-        words = f"{os.strerror(error.errno or 0)}: it takes about {needed / 1e6:.3g} MB"
-        raise OSError(error.errno, words, str(path)) from None
-
-
-@contextmanager
-def _ending_together(comm: MPI.Comm) -> Iterator[None]:
-    """Has an error of ADIOS2 on some processes raised on all; ends all if others wait within it."""
-    error: Exception | None = None
-    try:
-        yield
-    except Exception as raised:
-        error = raised
-    request, waited = comm.Ibarrier(), 0.0
-    while not request.Test():
-        sleep(_PAUSE)
-        waited += _PAUSE
-        if error is not None and waited > _PATIENCE:
-            print(f"writing failed on process {comm.rank} alone: {error}", file=sys.stderr)
-            comm.Abort(1)
-    with collective_errors(comm):
-        if error is not None:
-            raise error
-
-
-def _check_series(
-    path: Path, states: Sequence[ContactState], times: Sequence[float], space: fem.FunctionSpace
-) -> None:
-    if not hasattr(io, "VTXWriter"):
-        raise RuntimeError("this DOLFINx was built without ADIOS2, which files for ParaView need")
-    if path.suffix != ".bp":
-        raise ValueError(f"{path}: the name of a VTX file ends in .bp")
-    if not states:
-        raise ValueError(f"{path}: there is no state to write")
-    if len(times) != len(states) or not np.all(np.diff(times) > 0):
-        raise ValueError(f"{path}: {len(states)} states need as many times, each after the last")
-    cell, dim = space.mesh.topology.cell_name(), space.mesh.geometry.dim
-    if space.ufl_element() != quadratic_element(cell, (dim,)):
-        raise ValueError(
-            f"{path}: the element {space.ufl_element()} is not Lagrange's of degree 2, which is "
-            "what VTX files hold: write an interpolation of each field by io.VTXWriter"
-        )
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path}: its folder does not exist")

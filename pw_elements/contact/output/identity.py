@@ -236,8 +236,10 @@ def identify_problem(
     owned = x[: probes.fields[0].space.dofmap.index_map.size_local, : space.mesh.geometry.dim]
     size = max(np.abs(state.position).max() for state in states)
     for k, (pair, state) in enumerate(zip(pairs, states, strict=True)):
-        facing = np.concatenate([state.opposite, state.faced[state.faced >= 0]])
-        spin = np.concatenate([part.ravel() for part in pair.spin(space.mesh.geometry.dim)])
+        facing = np.concatenate([state.opposite_node, state.faced_node[state.faced_node >= 0]])
+        spin = np.concatenate(
+            [part.ravel() for part in pair.pivot_and_spin(space.mesh.geometry.dim)]
+        )
         pair_numbers = {
             "surface": np.concatenate([state.gap / size, state.normal.ravel()]),
             "surface#probes": probe_surface(interface, k, interface.surfaces[k]),

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, collective_errors
-from pw_elements.contact.interface import extents, midpoints_around
+from pw_elements.contact.interface import average_cell_midpoints, extents
 from pw_elements.contact.model import (
     ContactPair,
     ContactState,
@@ -36,7 +36,7 @@ from pw_elements.spaces import list_fields
 # Names of the arrays of places that belong to values
 _FIELDS = {"displacement": "nodes", "pressure": "pressure_nodes"}
 # What of a state is written as it is, and by its own numbers
-_PLAIN = ("iterations", "unique", "increment", "free")
+_PLAIN = ("iterations", "unique", "increment", "free_motions")
 _OF_NUMBERS = {
     "residuals": Residuals,
     "allowance": Residuals,
@@ -45,7 +45,7 @@ _OF_NUMBERS = {
     "smallness": Smallness,
 }
 _KIND = "pw_elements contact state"
-_FORMAT = f"{_KIND} 7"
+_FORMAT = f"{_KIND} 8"
 # First array of a file, by which it is known for a state, whole or not: the digest of the others
 _MARK = f"{_KIND}, digest"
 _HEAD = 200  # bytes of a file that have the name of its first array
@@ -159,7 +159,7 @@ def read_state(
     state: dict[str, Any] = {name: numbers[name] for name in _PLAIN}
     given = {name: numbers[name] for name in _OF_NUMBERS}
     state |= {k: None if v is None else _OF_NUMBERS[k](**v) for k, v in given.items()}
-    state["free"] = tuple((pair, axis) for pair, axis in numbers["free"])
+    state["free_motions"] = tuple((pair, axis) for pair, axis in numbers["free_motions"])
     state["orientations"] = frozenset(numbers["orientations"])
     state["pairs"] = tuple(PairState(**pair) for pair in pairs)
     functions = parts[len(fields) :]
@@ -169,7 +169,7 @@ def read_state(
 
 def _renumber(pairs: Sequence[dict[str, Any]], today: npt.NDArray[np.intp]) -> None:
     """Give the nodes of pairs, which are rows of the file, their global numbers of today."""
-    for pair, name in product(pairs, ("node", "faced", "opposite")):
+    for pair, name in product(pairs, ("node", "faced_node", "opposite_node")):
         rows = pair[name]
         if rows.dtype.kind not in "iu" or rows.max(initial=-1) >= len(today):
             raise ValueError(f"{name} has numbers of other nodes")
@@ -267,7 +267,7 @@ def _places(space: fem.FunctionSpace) -> Array:
     """
     owned, dim = space.dofmap.index_map.size_local, space.mesh.geometry.dim
     x = space.tabulate_dof_coordinates()[:owned, :dim]
-    return np.concatenate([x, midpoints_around(space)[:owned]], axis=1)
+    return np.concatenate([x, average_cell_midpoints(space)[:owned]], axis=1)
 
 
 def _refuse_irregular(path: Path, otherwise: str) -> None:

@@ -35,7 +35,8 @@ def check_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
     """Raise ValueError unless plain numbers are those of a state.
 
     Args:
-        numbers: of the file: of `iterations`, `unique`, `increment`, `free`, `residuals` and so on.
+        numbers: of the file: of `iterations`, `unique`, `increment`, `free_motions`, `residuals`
+            and so on.
         dim: of space.
     """
     for name in ("iterations", "increment", "pairs"):
@@ -44,13 +45,18 @@ def check_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
         raise ValueError(f"unique is {numbers['unique']!r}: it is true, false or unknown")
     if not set(_list("orientations", numbers["orientations"])) <= {-1, 0, 1}:
         raise ValueError(f"orientations {numbers['orientations']}: they are signs")
-    free = [tuple(_list("a free component", one)) for one in _list("free", numbers["free"])]
+    free = [
+        tuple(_list("a free component", one))
+        for one in _list("free_motions", numbers["free_motions"])
+    ]
     for one in free:
         whole = len(one) == 2 and all(isinstance(k, int) for k in one)
         if not whole or not (0 <= one[0] < numbers["pairs"] and 0 <= one[1] <= dim):
-            raise ValueError(f"free has {list(one)}, which is no component of a pair's surface")
+            raise ValueError(
+                f"free_motions has {list(one)}, which is no component of a pair's surface"
+            )
     if len(set(free)) < len(free):
-        raise ValueError("free names a component twice")
+        raise ValueError("free_motions names a component twice")
     for name, kind in (("residuals", Residuals), ("allowance", Residuals), ("scale", Scale)):
         _check_sizes(name, numbers[name], kind)
     if numbers["smallness"] is not None:
@@ -87,7 +93,7 @@ def check_pairs(
         largest: force and length beyond which nothing is believed.
     """
     dim = displacement.shape[1]
-    for pair, axis in numbers["free"]:
+    for pair, axis in numbers["free_motions"]:
         if axis == dim and stated[pair].pivot is None:
             raise ValueError(f"the surface of contact pair {pair} is free to turn, without a pivot")
     scale = Scale(**numbers["scale"])
@@ -116,7 +122,7 @@ def _check_pair(
         finite = ~np.isnan(array) if name == "gap" else np.isfinite(array)
         if not finite.all():
             raise ValueError(f"{name} has values that are not finite")
-    for name in ("node", "faced", "opposite"):
+    for name in ("node", "faced_node", "opposite_node"):
         if not np.array_equal(np.sort(values[name]), np.sort(getattr(own, name))):
             raise ValueError(f"{name} has numbers of other nodes")
     if not np.isin(values["status"], (OPEN, STICK, SLIP, HELD)).all():
@@ -130,8 +136,8 @@ def _check_pair(
     for name in ("slip", "path_slip", "translation"):
         check_size(name, np.abs(values[name]).max(initial=0.0), largest.length)
     # a deformable surface moves by weighted means of many nodes
-    alone = values["faced"] >= -1
-    node, faced = values["node"][alone], values["faced"][alone, None]
+    alone = values["faced_node"] >= -1
+    node, faced = values["node"][alone], values["faced_node"][alone, None]
     moved = displacement[node] - np.where(faced >= 0, displacement[faced[:, 0]], 0.0)
     size = np.abs(displacement).max(initial=0.0)
     apart = np.abs(values["displacement"][alone] - moved).max(initial=0.0)

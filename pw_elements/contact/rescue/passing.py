@@ -205,8 +205,8 @@ def find_passed(interface: Interface, pair: int, start: Array, end: Array) -> Ar
     On the straight path between positions (n, dim) of both sides, deeper than part of their extent.
     """
     mortar = interface.mortars[pair]
-    depth = mortar.measure_depth(start, end)
-    return np.asarray(mortar.x[: mortar.slaves][depth > _DEPTH * _extent(interface, pair)])
+    depth = mortar.measure_penetration(start, end)
+    return np.asarray(mortar.x[: mortar.n_slave_nodes][depth > _DEPTH * _extent(interface, pair)])
 
 
 def _extent(interface: Interface, pair: int) -> float:
@@ -214,5 +214,20 @@ def _extent(interface: Interface, pair: int) -> float:
     sides = [interface.in_order(pair, interface.position)]
     if pair in interface.mortars:
         mortar = interface.mortars[pair]
-        sides = [mortar.x[: mortar.slaves], mortar.x[mortar.slaves :]]
+        sides = [mortar.x[: mortar.n_slave_nodes], mortar.x[mortar.n_slave_nodes :]]
     return min(float(np.ptp(side, axis=0).max()) for side in sides)
+
+
+def sample_ways(q_start: Array, q_end: Array, path: Array, samples: int) -> tuple[Array, Array]:
+    """Return placements (samples + 1, pairs, dim + 1) of surfaces, and of a path."""
+    shares: Array = np.linspace(0, 1, samples + 1, dtype=float)
+    ways = np.array([(1 - s) * q_start + s * q_end for s in shares])
+    return ways, _interpolate(path, shares)
+
+
+def _interpolate(path: Array, shares: Array) -> Array:
+    """Return values (k, ...) at shares (k,) of a path (samples + 1, ...) by straight pieces."""
+    place = shares * (len(path) - 1)
+    before = np.minimum(place.astype(int), len(path) - 2)
+    after = (place - before).reshape(-1, *[1] * (path.ndim - 1))
+    return np.asarray((1 - after) * path[before] + after * path[before + 1])

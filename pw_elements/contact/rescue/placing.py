@@ -206,7 +206,7 @@ def _follow_bodies(
 ) -> _Way:
     """Follow both sides of a pair of bodies, the opposite one being translated (samples, dim)."""
     mortar = interface.mortars[pair]
-    slaves, x = mortar.slaves, mortar.x
+    slaves, x = mortar.n_slave_nodes, mortar.x
     owned = interface.field.space.dofmap.index_map.size_local
     piece = gather_from_owners(interface.field.space, mortar.nodes, pieces.number[:owned])
     moved = pieces.move(x, piece)
@@ -218,12 +218,14 @@ def _follow_bodies(
     depth, clearance = np.zeros(len(way)), np.inf
     for j in range(len(moved)):
         y: Array = moved[j]
-        facing = mortar.measure_facing(y)
+        facing = mortar.evaluate_for_verification(y)
         gap = facing.measure_gaps(y)
         depth[j] = max(0.0, -gap.min(initial=np.inf))
         if j == len(moved) - 1:
             distance = cKDTree(y[slaves:]).query(y[:slaves])[0].min()
-            clearance = min(gap.min(initial=np.inf), distance - mortar.measure_facets().max())
+            clearance = min(
+                gap.min(initial=np.inf), distance - mortar.measure_shortest_facets().max()
+            )
     step = _farthest(np.diff(seen, axis=0))
     return _Way(depth, clearance, deformation, step, extent, outside=True)
 

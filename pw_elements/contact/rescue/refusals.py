@@ -28,19 +28,20 @@ from pw_elements.contact.iteration import (
     LinearIncrement,
     NewtonState,
     make_contact_state,
+    reference_sizes,
     solve_increment,
 )
 from pw_elements.contact.model import (
     ContactFailed,
     ContactState,
-    LostHold,
+    LastContactLost,
     MissingForce,
     NoEquilibrium,
     NotFound,
     NotUnique,
     RigidVelocity,
     Smallness,
-    exhausted_friction,
+    describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
     TOLERANCE,
@@ -197,7 +198,7 @@ def gather_points(increment: Increment, kinematics: LinearisedKinematics, works:
     tangents = kinematics.frame[:, 1:]
     values = (
         interface.pair,
-        interface.cone.steepest,
+        interface.cone.max_coefficient,
         _find_turning(increment, kinematics),
         np.einsum("na,nak->nk", kinematics.frame[:, 0], works),
         np.einsum("nta,ntb,nbk->nak", tangents, tangents, works),
@@ -252,21 +253,28 @@ def check_loose(
     spent: Callable[[], tuple[int, SolverReport]],
 ) -> None:
     """Raise NotUnique for a solution in which a body is clear of all contact forces and loose."""
-    if not (motions := rigid.loose(end.nodes, increment.allowance(end))):
+    if not (motions := rigid.loose(end.nodes, end.allowance)):
         return
-    iterations, report = spent()
-    size = Smallness(np.nan, np.nan, np.nan)
     failure = NotUnique(f"{_LOOSE}. Nothing stops a {', '.join(motions)}")
-    failure.state = make_contact_state(
+    failure.state = _make_unsolved_state(increment, end, before, spent())
+    raise failure
+
+
+def _make_unsolved_state(
+    increment: Increment, state: NewtonState, before: ContactState, cost: tuple[int, SolverReport]
+) -> ContactState:
+    """Return the contact state of a Newton state that is no solution, at a cost so far."""
+    iterations, report = cost
+    return make_contact_state(
         increment,
-        end,
+        state,
         before,
+        sizes=reference_sizes(increment, state, before.scale),
         iterations=iterations,
         report=report,
-        smallness=size,
+        smallness=Smallness(np.nan, np.nan, np.nan),
         converged=False,
     )
-    raise failure
 
 
 def rescue(
@@ -294,23 +302,14 @@ def rescue(
             return found
     near, state = "", None
     if increment.nearest is not None:
-        iterations, report = spent()
-        state = make_contact_state(
-            increment,
-            increment.nearest,
-            before,
-            iterations=iterations,
-            report=report,
-            smallness=Smallness(np.nan, np.nan, np.nan),  # of no solution
-            converged=False,
-        )
+        state = _make_unsolved_state(increment, increment.nearest, before, spent())
         share = f"{increment.nearest.violation * TOLERANCE:.1g}"
         near = f" The state that came nearest violates the law by {share} of its largest force."
     if not isinstance(failure, NotUnique):
         enclosed = f" {_ENCLOSED}." if increment.system.tangent.encloses() else ""
         advice = "Smaller increments, or pressing before pushing, may find one"
-        if state is not None and isinstance(failure, LostHold):
-            advice = exhausted_friction(state) or advice
+        if state is not None and isinstance(failure, LastContactLost):
+            advice = describe_exhausted_friction(state) or advice
         failure = NotFound(
             f"{failure}. That is no proof that there is no solution.{enclosed}{near} {advice}"
         )
@@ -464,8 +463,8 @@ def solve_with_springs(
                 log_on_root(comm, logging.INFO, words, ".contact")
                 if state.violation <= 1:
                     if isinstance(failed.__cause__, SingularSystem):
-                        force = increment.max_over_ranks(np.abs(state.force))
-                        loose = force <= increment.round_off(state)
+                        (force,) = increment.max_over_ranks(np.abs(state.force))
+                        loose = force <= state.round_off
                         raise NotUnique(_LOOSE if loose else f"at a solution, {failed}") from failed
                     return state  # which the iteration leaves by round-off
         previous, stiffness = active, stiffness / softening

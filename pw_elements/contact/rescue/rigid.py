@@ -17,8 +17,8 @@ from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import format_points
-from pw_elements.contact.interface import free_columns
-from pw_elements.contact.model import Free
+from pw_elements.contact.interface import find_reduced_columns
+from pw_elements.contact.model import FreeMotions
 from pw_elements.contact.nodes import (
     OPEN,
     SLIP,
@@ -61,19 +61,16 @@ class RigidModes:
     the surfaces' translations.
     """
 
-    def __init__(self, pieces: RigidComponents, free: Free, pairs: int) -> None:
+    def __init__(self, pieces: RigidComponents, free: FreeMotions, pairs: int) -> None:
         self.centre, self.length = pieces.centre, pieces.length
         self.free, self._pairs = free, pairs
         self.each = pieces.modes.shape[2]
         self.of_pieces = len(pieces.centre) * self.each
         self.number = self.of_pieces + len(free)
-
-    @property
-    def group(self) -> Indices:
-        """The piece (modes,) that moves, or a number of its own for each of the surfaces' modes."""
-        pieces = len(self.centre)
-        of_piece, surfaces = np.repeat(np.arange(pieces), self.each), np.arange(len(self.free))
-        return np.concatenate([of_piece, pieces + surfaces])
+        # the piece (modes,) that moves, or a number of its own for each of the surfaces' modes
+        n_pieces = len(pieces.centre)
+        of_piece, surfaces = np.repeat(np.arange(n_pieces), self.each), np.arange(len(free))
+        self.group: Indices = np.concatenate([of_piece, n_pieces + surfaces])
 
     def parts(self, motion: Array) -> tuple[Array, Array, Array]:
         """Translations (pieces, dim), rotations (pieces, 1 or 3), and surfaces' (pairs, dim).
@@ -157,13 +154,15 @@ class RigidMotions:
     def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
         """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
         free = self._free(active, frame)
+        if not len(free):
+            return []
         return [self.modes.name(motion) for motion in self.modes.simplest(free).motions]
 
     def slides(self, nodes: ContactNodes, lost: float) -> bool:
         """Whether friction is used up, to within a force `lost`: a body may slide for ever then."""
         comm, shear, active = self._system.comm, nodes.force[:, 1:], nodes.active_set
         size, limit = np.linalg.norm(shear, axis=1), nodes.friction_limits[0]
-        used = nodes.cone.rough & (active.status != OPEN) & (size > lost)
+        used = nodes.cone.has_friction & (active.status != OPEN) & (size > lost)
         used &= size >= limit - lost
         if not comm.allreduce(bool(used.any()), MPI.LOR):
             return False
@@ -254,7 +253,7 @@ class RigidMotions:
         return null_space(held, _FREE_STIFFNESS)
 
     def _columns(self) -> Indices:
-        return free_columns(self._system.reduction.right)[self._at]
+        return find_reduced_columns(self._system.reduction.right)[self._at]
 
     def _resisted(self, pieces: RigidComponents, transposed: bool) -> sp.csr_array:
         """Displacements in the pieces' modes at supports, and the forces that these cause.

@@ -34,7 +34,7 @@ from pw_elements.checks import (
     collective_errors,
     connected_components,
 )
-from pw_elements.contact.interface import ROUND_OFF, nodal_interface
+from pw_elements.contact.interface import ROUND_OFF, build_interface
 from pw_elements.contact.iteration import (
     CellGuard,
     DeformedSetUpdate,
@@ -50,39 +50,38 @@ from pw_elements.contact.model import (
     ContactPair,
     ContactState,
     Cycling,
-    Free,
+    FreeMotions,
     Motion,
     NotFound,
     Scale,
-    exhausted_friction,
+    describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
     OPEN,
     TOLERANCE,
     DeformedKinematics,
-    IncrementStart,
     MortarKinematics,
     RigidSurfaceMotion,
     RigidSurfacesOnly,
+    make_increment_start,
     make_sticking_set,
 )
-from pw_elements.contact.output import Coefficients, ResidualProbe
+from pw_elements.contact.output import Callback, Coefficients, Reporter, ResidualProbe
 from pw_elements.contact.rescue import (
     SupportedPieces,
+    combine_substeps,
     ends_clear,
     find_passed,
     refuse_supports_through_each_other,
     refuse_tools_through_supports,
+    sample_ways,
+    solve_in_substeps,
 )
 from pw_elements.contact.steps.sensitivity import Linearised, Part
-from pw_elements.contact.steps.slip import SlipCheck
+from pw_elements.contact.steps.smallness import SlipCheck
 from pw_elements.contact.steps.stepping import (
-    Callback,
     IncrementTarget,
-    Reporter,
-    combine_substeps,
     interpolate,
-    solve_in_substeps,
 )
 from pw_elements.contact.steps.verification import (
     Sizes,
@@ -140,7 +139,7 @@ class FiniteStepping:
         reduction = full_size_reduction(reduction) if is_matrix_free(solver) else reduction
         self._reduction = scale_pressures(reduction, problem.system.tangent)
         self._whole = problem.u.function_space
-        self.interface = nodal_interface(pairs, self._whole, self._reduction, deformed=True)
+        self.interface = build_interface(pairs, self._whole, self._reduction, large_sliding=True)
         remedy = "give -F, the forces of stresses less those of loads"
         check_stiffness_sign(problem.system.tangent, self.interface, remedy)
         if self.interface.mortars and is_matrix_free(solver):
@@ -231,10 +230,10 @@ class FiniteStepping:
                 if self._watch is not None and self._watch.is_beyond_limit():
                     words += f". The body is nearly incompressible: {HYBRID_SPACES_REMEDY}"
                 by_friction = bool(end.free) or not self._held_axes().all()
-                if by_friction and (used_up := exhausted_friction(now)):
+                if by_friction and (used_up := describe_exhausted_friction(now)):
                     words += f". {used_up}"
                 error = NotFound(words)
-                error.reached = (done, now) if parts else None
+                error.last_substate = (done, now) if parts else None
                 raise error from failed
         n_solved, report = system.n_solved - before[0], system.report.since(before[1])
         solution = replace(combine_substeps(parts), iterations=n_solved, report=report)
@@ -269,7 +268,7 @@ class FiniteStepping:
         """Raise SurfacePassed if supports and surfaces are led through each other."""
         interface, q = self.interface, state.placements
         nodes = self._positions, self._held, self._piece
-        ways, path = _sample_ways(start, end, path, max(len(path) - 1, _WAY_SAMPLES))
+        ways, path = sample_ways(start.q, end.q, path, max(len(path) - 1, _WAY_SAMPLES))
         refuse_tools_through_supports(interface, self._surfaces, *nodes, ways, path)
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, q, q)
@@ -288,7 +287,7 @@ class FiniteStepping:
         None where it has not been in contact, does not end clear, or has a history on the way.
         """
         interface, comm = self.interface, self.interface.comm
-        closed = interface.local([pair.status for pair in state.pairs]) != OPEN
+        closed = interface.local(state.pairs, "status")[0] != OPEN
         if self.history or self._update or not comm.allreduce(bool(closed.any()), MPI.LOR):
             return None
         nodes = self._positions, self._held, self._piece
@@ -296,7 +295,7 @@ class FiniteStepping:
         for samples in (1, _LEAVING_SAMPLES):  # the ends alone tell most
             if samples > 1:
                 path = self._sample_supports(state, load, samples)
-            ways, _ = _sample_ways(start, end, path, samples)
+            ways, _ = sample_ways(start.q, end.q, path, samples)
             pieces = SupportedPieces.fit(*nodes, path, comm)
             if not ends_clear(interface, self._surfaces, pieces, ways, state.unknowns):
                 return None
@@ -370,7 +369,7 @@ class FiniteStepping:
         system.start(lambda: unknowns, q)
         max_iterations = self._max_iterations
         if begin is None:
-            closed = interface.local([pair.status for pair in state.pairs]) != OPEN
+            closed = interface.local(state.pairs, "status")[0] != OPEN
             displacement = kinematics.carry_closed(q, start.displacement, closed)
             linearised = kinematics.linearise(q, displacement, start.force)
             closed |= linearised.gap < 0
@@ -391,10 +390,10 @@ class FiniteStepping:
         reporter.violation = end.violation
         self._check_end(increment, kinematics, end, target, starts_clear=begin is not None)
         signs = self._check_stability(system, n_signs, state)
-        solution = make_contact_state(
-            increment, end, state, iterations=0, report=system.report, smallness=None
-        )
         sizes = reference_sizes(increment, end, state.scale)
+        solution = make_contact_state(
+            increment, end, state, sizes=sizes, iterations=0, report=system.report, smallness=None
+        )
         solution = self._verify(solution, state, target, sizes)
         return replace(solution, unique=None, orientations=frozenset(signs[-1:]))
 
@@ -421,11 +420,13 @@ class FiniteStepping:
         )
         if len(jumped) and not starts_clear:
             words = "jumped to another sheet of their surface, or slid round by a right angle"
-            raise NotFound.at(f"contact nodes first at {{}} have {words}", jumped)
+            raise NotFound.with_positions(f"contact nodes first at {{}} have {words}", jumped)
         for k, (reference, x) in kinematics.sides.items():
             passed = find_passed(interface, k, reference.x, x)
             if len(passed):
-                raise NotFound.at("contact nodes first at {} pass through the other side", passed)
+                raise NotFound.with_positions(
+                    "contact nodes first at {} pass through the other side", passed
+                )
         angle = np.abs(end.q - increment.start.q)[:, -1]
         if (angle[np.isnan(target.q[:, -1])] > MAX_TURN).any():
             raise NotFound(
@@ -445,7 +446,7 @@ class FiniteStepping:
         signs = of_solver or system.tangent.determinant_signs()
         if self._watch is not None and self._watch.is_beyond_limit():
             signs = ()  # they change without any instability
-        is_comparable = bool(of_solver) and state.free == system.free
+        is_comparable = bool(of_solver) and state.free_motions == system.free
         before = state.orientations if is_comparable else frozenset[int]()
         if signs and signs[-1] not in (before or signs[:1]):
             raise NotFound("the state found is unstable: its tangent's determinant has turned sign")
@@ -483,7 +484,7 @@ class FiniteStepping:
     ) -> tuple[Increment, DeformedKinematics]:
         """Return the equations from a state to a target, the body being at all unknowns (n,)."""
         interface = self.interface
-        start = IncrementStart.from_state(state, interface, turning=True)
+        start = make_increment_start(state, interface, state.placements)
         reduction = replace(self._reduction, offset=self.prescribed())
         of_body = self._body, system, reduction, self._guard, at
         if interface.mortars:
@@ -526,7 +527,7 @@ class FiniteStepping:
     def linearise(self, part: Part) -> Linearised:
         """Return the equations at a part's end, and leave u, constants and conditions there."""
         self._apply(part.load, part.share)
-        free = part.state.free
+        free = part.state.free_motions
         system = self._system_for(free)
         target = IncrementTarget.from_state(part.state, turning=True).with_free(free)
         unknowns = part.state.unknowns
@@ -535,14 +536,14 @@ class FiniteStepping:
         turned = any(pair.rotation for state in states for pair in state.pairs)
         if turned or any(axis == dim for _, axis in free):
             raise ValueError("has a surface that has turned, of which no derivatives are given")
-        end = IncrementStart.from_state(part.state, self.interface, turning=True)
+        end = make_increment_start(part.state, self.interface, part.state.placements)
         linearised = kinematics.linearise(end.q, end.displacement, end.force)
         solution = increment.evaluate(unknowns, end.q, linearised)
         increment.equilibrium.linearise(linearised.torque_map)
         slip_by_start = kinematics.slip_by_start(linearised)
         return Linearised(increment, solution, self._body.tangent, self._reduction, slip_by_start)
 
-    def _system_for(self, free: Free) -> ContactSystem:
+    def _system_for(self, free: FreeMotions) -> ContactSystem:
         """Return the system for these free motions; the last one is kept."""
         if self._system is None or self._system.free != free:
             self.release()
@@ -581,23 +582,6 @@ class FiniteStepping:
                             "not finite"
                         )
         return tuple(function.x.array.copy() for function in self.history)
-
-
-def _sample_ways(
-    start: IncrementTarget, end: IncrementTarget, path: Array, samples: int
-) -> tuple[Array, Array]:
-    """Return placements (samples + 1, pairs, dim + 1) of surfaces, and of a path."""
-    shares: Array = np.linspace(0, 1, samples + 1, dtype=float)
-    ways = np.array([(1 - s) * start.q + s * end.q for s in shares])
-    return ways, _interpolate(path, shares)
-
-
-def _interpolate(path: Array, shares: Array) -> Array:
-    """Return values (k, ...) at shares (k,) of a path (samples + 1, ...) by straight pieces."""
-    place = shares * (len(path) - 1)
-    before = np.minimum(place.astype(int), len(path) - 2)
-    after = (place - before).reshape(-1, *[1] * (path.ndim - 1))
-    return np.asarray((1 - after) * path[before] + after * path[before + 1])
 
 
 def _round_up_to_power_of_two(number: float) -> int:

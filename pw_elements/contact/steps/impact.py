@@ -27,12 +27,17 @@ from pw_elements.checks import (
     check_same_arguments,
     collective_errors,
 )
-from pw_elements.contact.interface import Interface, free_columns, nodal_interface
+from pw_elements.contact.interface import Interface, build_interface, find_reduced_columns
 from pw_elements.contact.iteration import make_pair_states
-from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
+from pw_elements.contact.model import ContactPair, ContactState, FrictionCone, Residuals, Smallness
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
-from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
-from pw_elements.contact.steps.smallness import Gradients, SmallnessCheck, log_large
+from pw_elements.contact.steps.checks import PathInTime, check_contact_arguments, check_paths
+from pw_elements.contact.steps.smallness import (
+    SmallnessCheck,
+    gradient_at_vertices,
+    log_large,
+    measure_largest_gradient,
+)
 from pw_elements.progress import report_activity
 from pw_elements.solvers import is_blocked
 from pw_elements.spaces import AssemblyRecord
@@ -75,7 +80,7 @@ def nodal_contact(
     held: Mask,
     acts: Mask,
     mass: Array,
-    cone: Cone,
+    cone: FrictionCone,
     step: float,
 ) -> NodalContact:
     """The law at points (m): forces by which a step ends with no penetration, and Coulomb's slip.
@@ -265,8 +270,8 @@ def solve_impact(
         DegenerateMesh: for cells that are flat or inverted.
         FloatingPointError: if the motion is not finite.
     """
-    stated = checked_problem(K, reduction, pairs, space, 1, None)
-    moves = checked_paths(paths, stated, space)
+    stated = check_contact_arguments(K, reduction, pairs, space, 1, None)
+    moves = check_paths(paths, stated, space)
     start = {"the velocity": velocity}
     if displacement is not None:
         start["the displacement"] = displacement
@@ -291,14 +296,15 @@ def solve_impact(
             f"= {max_steps}: some {steps * _SECONDS * K.getInfo()['nz_used'] / 3600:.2g} hours"
         )
     steps, sibling = int(steps), AssemblyRecord.read(K).sibling
-    interface = nodal_interface(stated, space, reduction, AssemblyRecord.read(K))
+    interface = build_interface(stated, space, reduction, AssemblyRecord.read(K))
     free = _free(reduction)
     u, v = reduction.offset.copy(), velocity.copy()
     v.setArray(np.where(free, velocity.array_r, 0.0))
     if displacement is not None:
         u.setArray(np.where(free, displacement.array_r, reduction.offset.array_r))
     march = _March(K, _masses(M, space), free, interface, moves, load, step, u, v)
-    gradients, smallness = Gradients(space), Smallness()
+    u, smallness = fem.Function(space), Smallness()
+    gradient = gradient_at_vertices(u)
     march.reach = SmallnessCheck(interface, space).finest
     kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
@@ -308,7 +314,10 @@ def solve_impact(
             if n in kept or n == steps:
                 moved = u.copy() if sibling is None else sibling.displacement(u)
                 state = march.frame(moved, contact)
-                before, smallness = smallness, Smallness(*gradients.largest(moved))
+                before, smallness = (
+                    smallness,
+                    Smallness(*measure_largest_gradient(gradient, u, moved)),
+                )
                 log_large(smallness, before, f"step {n}", comm)
                 states += [replace(state, smallness=smallness)] * (n in kept)
     forces, places = np.array(march.forces), np.array(march.places)
@@ -455,8 +464,9 @@ class _March:
     def _seen(self) -> tuple[Array, Array]:
         """Gaps and normals of the undeformed body's points to the surfaces as they are now."""
         place = self.places[-1]
-        self._interface.check_supports(place)
-        return self._interface.gaps(place), self._interface.normals(place)
+        normal, gap = self._interface.normals(place), self._interface.gaps(place)
+        self._interface.check_supports(normal, gap)
+        return gap, normal
 
     def _loads(self, time: float) -> Array:
         """Load (n,) on this process."""
@@ -501,7 +511,7 @@ def _masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
 
 def _free(reduction: Reduction) -> Mask:
     """Which unknowns (n,) of this process no support holds."""
-    column = free_columns(reduction.right)
+    column = find_reduced_columns(reduction.right)
     with collective_errors(reduction.offset.comm.tompi4py()):
         if reduction.inner_flexibility is not None or np.any(column < -1):
             raise ValueError("explicit dynamics takes Dirichlet conditions, no condensation")

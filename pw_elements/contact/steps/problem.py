@@ -1,11 +1,10 @@
 """A contact problem as the user states it, checked, and solved increment after increment."""
 
-import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -14,27 +13,36 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load, check_problem
+from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, check_mesh, check_same_arguments, collective_errors
-from pw_elements.contact.interface import check_weights, free_columns
+from pw_elements.contact.interface import find_reduced_columns
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import (
     ContactFailed,
     ContactPair,
     ContactState,
-    DeformableSurface,
-    MatchingNodes,
     Motion,
-    RigidBody,
 )
 from pw_elements.contact.output import (
+    Callback,
     Identity,
     check_changed,
     identify_problem,
     identify_stiffness,
     read_state,
     write_state,
+)
+from pw_elements.contact.steps.checks import (
+    Remedies,
+    check_belongs,
+    check_contact_arguments,
+    check_deformed,
+    check_each,
+    check_function,
+    check_motions,
+    check_remedies,
+    list_per_pair,
 )
 from pw_elements.contact.steps.finite import FiniteStepping, Loading
 from pw_elements.contact.steps.sensitivity import (
@@ -47,8 +55,8 @@ from pw_elements.contact.steps.sensitivity import (
     checked_parameters,
     parts_of,
 )
-from pw_elements.contact.steps.stepping import MAX_COST_RATIO, REMEDIES, Callback, Remedy, Stepping
-from pw_elements.progress import log_on_root, report_activity
+from pw_elements.contact.steps.stepping import REMEDIES, Stepping
+from pw_elements.progress import report_activity
 from pw_elements.solvers import (
     Direct,
     LinearSolver,
@@ -58,143 +66,6 @@ from pw_elements.solvers import (
     compute_with_fallback,
     is_matrix_free,
 )
-from pw_elements.spaces import is_hybrid
-
-# by name, or by name and how many times the first attempt's cost they may take
-Remedies: TypeAlias = Collection[Remedy] | Mapping[Remedy, float]
-PathInTime: TypeAlias = Callable[[float], Sequence[float]]
-
-# Largest difference of the positions of nodes that are the same, over the largest coordinate
-_SAME_PLACE = 1e-9
-
-
-def checked_problem(
-    K: PETSc.Mat,
-    reduction: Reduction,
-    pairs: ContactPair | Sequence[ContactPair],
-    space: fem.FunctionSpace,
-    max_iterations: int,
-    solver: Solver,
-    callback: Callback | None = None,
-) -> tuple[ContactPair, ...]:
-    """The pairs of a problem, one or several, that make one with all else."""
-    arguments.check_space(space)
-    arguments.check_integer("max_iterations", max_iterations, 1)
-    with collective_errors(space.mesh.comm):  # only some processes may have one
-        _check_function("callback", callback, "it has to be a function")
-    stated = _each(pairs, ContactPair, "a contact pair")
-    check_problem({"the stiffness": K}, reductions=(reduction,), space=space, solver=solver)
-    if any(isinstance(pair.surface, DeformableSurface) for pair in stated):
-        check_weights(K, space)
-    return tuple(stated)
-
-
-def checked_paths(
-    paths: PathInTime | Sequence[PathInTime | None],
-    pairs: Sequence[ContactPair],
-    space: fem.FunctionSpace,
-) -> list[PathInTime | None]:
-    """The path of each pair's surface in explicit dynamics; one of a single pair needs no list."""
-    if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
-        raise ValueError("impact is one against rigid surfaces, not of two bodies")
-    if is_hybrid(space):
-        raise ValueError(
-            "a pressure has no mass: impact is one of displacements alone, as of "
-            "Spaces.petrov_galerkin(mesh)"
-        )
-    each = _of_pairs("paths", paths, len(pairs))
-    for k, path in enumerate(each):
-        _check_function(f"the path of contact pair {k}", path, "it has to be a function of time")
-    return each
-
-
-def checked_remedies(remedies: Remedies) -> dict[Remedy, float]:
-    """The remedies of a problem, and what each may take, over the first attempt."""
-    named = isinstance(remedies, Collection) and not isinstance(remedies, str)
-    if not named or any(one not in REMEDIES for one in remedies):
-        raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}")
-    some = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MAX_COST_RATIO)
-    return {
-        k: arguments.check_positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some
-    }
-
-
-def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
-    """Raises a ValueError that says what to use where deformed bodies cannot touch a surface."""
-    for k, pair in enumerate(pairs):
-        surface, wrong = pair.surface, ""
-        if getattr(surface, "gradient", True) is None:
-            words = f"contact pair {k}: differences stand in for a gradient function"
-            log_on_root(space.mesh.comm, logging.WARNING, words, ".contact")
-        if pair.interference:
-            wrong = (
-                "it has interference, which small displacements only can have: start with the "
-                "surface outside of the body, and move it in"
-            )
-        elif isinstance(surface, DeformableSurface):
-            if space.mesh.geometry.dim == 3 or surface.coincident:
-                wrong = (
-                    "two deformed bodies slide on each other in the plane and in axisymmetry only, "
-                    "and from where they are: sides cannot count as coincident"
-                )
-        elif not isinstance(surface, RigidBody):
-            wrong = (
-                f"deformed bodies cannot touch a {type(surface).__name__}, which knows no closest "
-                "points; use Sphere (a circle in the plane), Plane or SignedDistance, such as one "
-                "of a punch with rounded edges"
-            )
-        if wrong:
-            raise ValueError(f"contact pair {k}: {wrong}")
-
-
-def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
-    """Raises an error for a state of other contact nodes than a problem's own, or with NaN."""
-    _each([state], ContactState, what)
-    alike = len(state.pairs) == len(own.pairs) and all(
-        pair.position.shape == mine.position.shape
-        and np.abs(pair.position - mine.position).max() <= _SAME_PLACE * np.abs(mine.position).max()
-        for pair, mine in zip(state.pairs, own.pairs, strict=True)
-    )
-    if not alike:
-        raise ValueError(f"{what} belongs to other contact nodes than this problem's")
-    for pair in state.pairs:
-        names = ("force_normal", "force_tangential", "displacement", "translation", "rotation")
-        if not all(np.isfinite(getattr(pair, name)).all() for name in names):
-            raise ValueError(f"{what} has forces or displacements that are not finite")
-
-
-def _each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
-    """Things of a kind, one or several."""
-    things = arguments.as_list(given)
-    for thing in things:
-        arguments.check_type(what, thing, kind, f"it has to be a {kind.__name__}")
-    return things
-
-
-def _of_pairs(what: str, given: Any, pairs: int) -> list:  # noqa: ANN401
-    """As many things as there are pairs, None of each if none are given; a single one alone."""
-    each = arguments.as_list(given)
-    if len(each or [None] * pairs) != pairs:
-        raise ValueError(f"{len(each)} {what} for {pairs} contact pairs")
-    return each or [None] * pairs
-
-
-def _check_function(name: str, given: object, remedy: str) -> None:
-    if not (given is None or arguments.is_user_function(given)):
-        raise TypeError(f"{name} is {arguments.describe(given)}: {remedy}")
-
-
-def _check_motions(
-    motions: Sequence[Motion | None], pairs: Sequence[ContactPair], dim: int
-) -> None:
-    for k, (motion, pair) in enumerate(zip(motions, pairs, strict=True)):
-        if motion is None:
-            continue
-        _each([motion], Motion, f"a motion of contact pair {k}")
-        if len(motion.translation) != dim:
-            raise ValueError(f"the motion of contact pair {k} is not {dim}-D")
-        if pair.pivot is None and motion.rotation != 0:
-            raise ValueError(f"contact pair {k} turns about nothing: give it a pivot")
 
 
 class ContactProblem:
@@ -243,11 +114,13 @@ class ContactProblem:
         callback: Callback | None = None,
         remedies: Remedies = REMEDIES,
     ) -> None:
-        self.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
+        self.pairs = check_contact_arguments(
+            K, reduction, pairs, space, max_iterations, solver, callback
+        )
         check_mesh(space.mesh)
         self._K, self._space, self._reduction = K, space, reduction
         self._asked, self._supports = solver, reduction.supports
-        each = checked_remedies(remedies)
+        each = check_remedies(remedies)
         self._by = partial(
             Stepping,
             K,
@@ -363,8 +236,8 @@ class ContactProblem:
         check_belongs(state, self.undeformed, "the state")
         if not state.converged:
             raise ValueError("the state at the start is no solution: go on from the one before")
-        moved = _of_pairs("motions", () if motions is None else motions, len(self.pairs))
-        _check_motions(moved, self.pairs, self._space.mesh.geometry.dim)
+        moved = list_per_pair("motions", () if motions is None else motions, len(self.pairs))
+        check_motions(moved, self.pairs, self._space.mesh.geometry.dim)
         return self._step(state, load, moved)
 
     def _step(
@@ -442,7 +315,7 @@ class ContactProblem:
                 "the residual has a history that `update` changes in its own way: there are no "
                 "derivatives of that"
             )
-        states = _each(states, ContactState, "a state")
+        states = check_each(states, ContactState, "a state")
         for state in states:
             check_belongs(state, self.undeformed, "a state")
         steps = len(states) - 1
@@ -491,7 +364,7 @@ class ContactProblem:
 
     def _identify(self) -> Identity:
         """Return what tells the problem from others, on any number of processes; collective."""
-        parts = self._identify_interface(free_columns(self._reduction.right))
+        parts = self._identify_interface(find_reduced_columns(self._reduction.right))
         return Identity(parts | identify_stiffness(self._K, self._space), None)
 
     def _identify_interface(self, column: Indices) -> dict[str, Any]:
@@ -565,12 +438,12 @@ class _ResidualProblem(ContactProblem):
     ) -> None:
         problem = PetrovGalerkinProblem(residual, u, conditions)
         space = u.function_space
-        _check_function("update", update, "it has to be a function")
+        check_function("update", update, "it has to be a function")
         with collective_errors(space.mesh.comm) as same:
             same["the history"] = [
                 getattr(one, "function_space", None) for one in arguments.as_list(history)
             ]
-            functions = _each(history, fem.Function, "a function of the history")
+            functions = check_each(history, fem.Function, "a function of the history")
             if not all(np.isfinite(one.x.array).all() for one in functions):
                 raise ValueError("a function of the history has values that are not finite")
         reduction = Reduction.dirichlet(space, conditions)
@@ -579,7 +452,9 @@ class _ResidualProblem(ContactProblem):
         u.x.array[:] = 0.0
         problem.system.assemble_tangent()
         K = problem.system.tangent
-        self.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
+        self.pairs = check_contact_arguments(
+            K, reduction, pairs, space, max_iterations, solver, callback
+        )
         check_deformed(self.pairs, space)
         check_mesh(space.mesh)
         self._space = space
@@ -606,7 +481,7 @@ class _ResidualProblem(ContactProblem):
         motions: Sequence[Motion | None],
     ) -> ContactState:
         remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
-        _check_function("the load of a residual", load, remedy)
+        check_function("the load of a residual", load, remedy)
         return self._finite.step(state, load, motions)
 
     def _renew(self) -> None:
@@ -667,13 +542,14 @@ def solve_contact(
             They name the increment, counted from 0, and have the states before it as `states`.
     """
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
-    given = _each([loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load")
+    given = check_each([loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load")
     if not given:
         raise ValueError("there is no load increment")
     for k, load in enumerate(given):
         check_load(f"the load of increment {k}", load, K)
     motions = [
-        _each(pair.motions, Motion, "a motion") or [None] * len(given) for pair in problem.pairs
+        check_each(pair.motions, Motion, "a motion") or [None] * len(given)
+        for pair in problem.pairs
     ]
     for k, of_pair in enumerate(motions):
         if len(of_pair) != len(given):
@@ -682,7 +558,7 @@ def solve_contact(
             )
     moves = list(map(list, zip(*motions, strict=True)))
     for moved in moves:
-        _check_motions(moved, problem.pairs, space.mesh.geometry.dim)
+        check_motions(moved, problem.pairs, space.mesh.geometry.dim)
     states = [problem.undeformed]
     for k, (load, moved) in enumerate(zip(given, moves, strict=True)):
         try:

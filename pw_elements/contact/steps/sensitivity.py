@@ -24,7 +24,11 @@ from pw_elements.checks import arguments, format_points
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactPair, ContactState, Coulomb
-from pw_elements.contact.nodes import LinearisedLaw, assemble_node_equations
+from pw_elements.contact.nodes import (
+    LinearisedLaw,
+    assemble_node_equations,
+    eliminate_known_motions,
+)
 from pw_elements.contact.system import AssembledTangent
 from pw_elements.spaces import assemble_scalar, assemble_vector
 
@@ -57,7 +61,7 @@ class Part:
 def parts_of(states: Sequence[ContactState], loads: Sequence[Any]) -> Iterator[Part]:
     """All parts of a history under loads, one per increment."""
     for k, ((start, end), load) in enumerate(zip(pairwise(states), loads, strict=True)):
-        if k and end.substates and start.free != end.free:
+        if k and end.substates and start.free_motions != end.free_motions:
             raise ValueError(
                 f"state {k + 1} was found in parts, on which a surface became free or held: no "
                 "rates are given of what moved it there. Make smaller increments"
@@ -131,7 +135,7 @@ class Linearised:
                 "`loads` as they were"
             )
         self._system, self._K, self._reduction = increment.system, K, reduction
-        self._check_margin(increment, end)
+        self._check_margin(end)
         active, kinematics = end.nodes.active_set, end.kinematics
         self._law = kinematics.linearise_law(active, self._system.scale)
         self._torque_map = kinematics.torque_map
@@ -141,7 +145,7 @@ class Linearised:
         friction = end.nodes.force[:, :1] * active.direction
         self._by_friction = np.einsum("nat,nt->na", to_nodes[:, :, 1:], friction)
 
-    def _check_margin(self, increment: Increment, end: NewtonState) -> None:
+    def _check_margin(self, end: NewtonState) -> None:
         interface, nodes = self._system.interface, end.nodes
         closed = nodes.trial_pressure > 0
         on_supports = closed & (nodes.held_tangents & (nodes.force[:, 1:] != 0)).any(axis=1)
@@ -154,12 +158,12 @@ class Linearised:
                 "pair end before these nodes, or take friction away there"
             )
         free = nodes.frame[:, 1:].any(axis=2) & ~nodes.held_tangents
-        slides = closed & nodes.cone.rough & free.any(axis=1)
+        slides = closed & nodes.cone.has_friction & free.any(axis=1)
         apart = np.abs(np.linalg.norm(nodes.trial_friction, axis=1) - nodes.friction_limits[0])
         margin = np.minimum(np.abs(nodes.trial_pressure), np.where(slides, apart, np.inf))
         largest = np.linalg.norm(nodes.force, axis=1).max(initial=0.0)
         largest = self._system.comm.allreduce(largest, MPI.MAX)
-        near = margin < _MARGIN * largest + increment.round_off(end)
+        near = margin < _MARGIN * largest + end.round_off
         places, least = interface.gathered(interface.position[near]), interface.gathered(margin)
         if len(places):
             raise ValueError(
@@ -225,7 +229,7 @@ class Linearised:
         law = replace(self._law, c=given.friction[pair, None] * self._by_friction)
         still = law.D.shape[2] - moved.shape[1]  # surfaces that may turn do not
         known = np.pad(moved[pair], [(0, 0), (0, still)])
-        law = law.eliminate_known(known, system.point_motions(reduction.offset))
+        law = eliminate_known_motions(law, known, system.point_motions(reduction.offset))
         return reduction.load(self._K, given.load), law, totals, moved, reduction.offset
 
 

@@ -1,6 +1,8 @@
-"""The smallness check of an increment: displacements stay small, surfaces outside of the body.
+"""Checks of a solved increment, which warn where another one would be better.
 
-The guide's page on theory says what is refused of rigid surfaces, and why ("Contact").
+Displacements stay small, surfaces outside of the body, and the law's slip is that of the path of
+material points (`PairState.path_slip`). The guide's page on theory says what is refused of rigid
+surfaces, and why ("Contact").
 """
 
 import logging
@@ -16,12 +18,11 @@ from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective_errors, format_points
-from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, flat_facets
+from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, compute_flat_facets
 from pw_elements.contact.iteration import Increment, NewtonState
-from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
+from pw_elements.contact.model import ContactState, PairState, Smallness, SurfacePassed
 from pw_elements.contact.nodes import OPEN, IncrementStart
 from pw_elements.progress import log_on_root
-from pw_elements.spaces import as_function
 
 # Cells at a time
 _CELLS_AT_ONCE = 4_000
@@ -36,46 +37,58 @@ _SWALLOWED = 1e-3
 # The way has this many steps at most
 _MOST_WAY_STEPS = 10_000
 
+# Largest difference of both slips over the larger one
+MAX_DIFFERENCE = 0.1
+# What differences do not count below, over the shortest facet around a node that another deformed
+# body faces, whose slip is a mean over facets, and over the largest displacement elsewhere
+_OF_FACET, _OF_DISPLACEMENT = 0.05, 1e-6
+
 # Second-order terms are left out: strains e err by e/2 of themselves, a rotation w turns forces
 # by w and makes strains of w^2/2. Half of the way to the next node, a node has another partner.
 _SMALL = Smallness(strain=0.05, rotation=0.05, slip=0.5)
 
 
-class Gradients:
-    """Gradients of displacements u at the vertices of all cells.
+def gradient_at_vertices(u: fem.Function) -> fem.Expression:
+    """Return the gradient of displacements at the vertices of cells.
 
-    On straight simplices with quadratic displacements they are linear, and the norms of their
-    parts are largest there.
+    On straight simplices with quadratic displacements it is linear, and the norms of its parts are
+    largest there.
     """
+    return fem.Expression(ufl.grad(u), basix.geometry(u.function_space.mesh.basix_cell()))
 
-    def __init__(self, space: fem.FunctionSpace) -> None:
-        self._mesh, self.u = space.mesh, fem.Function(space)
-        self._gradient = fem.Expression(ufl.grad(self.u), basix.geometry(space.mesh.basix_cell()))
 
-    def largest(self, displacement: PETSc.Vec) -> tuple[float, float]:
-        """Largest spectral norms of the symmetric and the antisymmetric part, of all processes.
+def measure_largest_gradient(
+    gradient: fem.Expression, u: fem.Function, displacement: PETSc.Vec
+) -> tuple[float, float]:
+    """Return the largest spectral norms of the symmetric and the antisymmetric part of a gradient.
 
-        The latter is the largest angle of rotation in radians. Hoop strains are left out: whether
-        the body is one of revolution is not known here.
-        """
-        mesh = self._mesh
-        dim, owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
-        as_function(self.u.function_space, displacement, out=self.u)
-        strain, rotation = 0.0, 0.0
-        for first in range(0, owned, _CELLS_AT_ONCE):
-            cells = np.arange(first, min(first + _CELLS_AT_ONCE, owned), dtype=np.int32)
-            gradient = np.reshape(self._gradient.eval(mesh, cells), (-1, dim, dim))
-            turned = np.swapaxes(gradient, 1, 2)
-            symmetric, skew = (gradient + turned) / 2, (gradient - turned) / 2
-            frobenius = np.linalg.norm(symmetric, axis=(1, 2))
-            # the norm lies between this and this over sqrt(dim): few are to be looked at
-            strain = max(strain, float(frobenius.max()) / np.sqrt(dim))
-            values = np.linalg.eigvalsh(symmetric[frobenius >= strain])
-            strain = float(np.abs(values).max(initial=strain))
-            # two entries for each component of the axial vector, whose length is the norm
-            turns = np.linalg.norm(skew, axis=(1, 2)) / np.sqrt(2)
-            rotation = max(rotation, float(turns.max()))
-        return mesh.comm.allreduce(strain, MPI.MAX), mesh.comm.allreduce(rotation, MPI.MAX)
+    They are those of all cells of all processes. The latter is the largest angle of rotation in
+    radians. Hoop strains are left out: whether the body is one of revolution is not known here.
+
+    Args:
+        gradient: of u, as of `gradient_at_vertices`.
+        u: function that is set to the displacements.
+        displacement: vector (n,) in the numbering of the space of u.
+    """
+    mesh = u.function_space.mesh
+    u.x.array[: displacement.getLocalSize()] = displacement.array_r
+    u.x.scatter_forward()
+    dim, owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
+    strain, rotation = 0.0, 0.0
+    for first in range(0, owned, _CELLS_AT_ONCE):
+        cells = np.arange(first, min(first + _CELLS_AT_ONCE, owned), dtype=np.int32)
+        values = np.reshape(gradient.eval(mesh, cells), (-1, dim, dim))
+        transposed = np.swapaxes(values, 1, 2)
+        symmetric, skew = (values + transposed) / 2, (values - transposed) / 2
+        frobenius = np.linalg.norm(symmetric, axis=(1, 2))
+        # the norm lies between this and this over sqrt(dim): few are to be looked at
+        strain = max(strain, float(frobenius.max()) / np.sqrt(dim))
+        principal = np.linalg.eigvalsh(symmetric[frobenius >= strain])
+        strain = float(np.abs(principal).max(initial=strain))
+        # two entries for each component of the axial vector, whose length is the norm
+        turns = np.linalg.norm(skew, axis=(1, 2)) / np.sqrt(2)
+        rotation = max(rotation, float(turns.max()))
+    return mesh.comm.allreduce(strain, MPI.MAX), mesh.comm.allreduce(rotation, MPI.MAX)
 
 
 def log_large(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm) -> None:
@@ -93,7 +106,8 @@ def log_large(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm
 class SmallnessCheck:
     def __init__(self, interface: Interface, space: fem.FunctionSpace) -> None:
         self._interface, self._comm = interface, interface.comm
-        self._gradients = Gradients(space)
+        self._u = fem.Function(space)
+        self._gradient = gradient_at_vertices(self._u)
         self._point, self._outward, size = _facets_around(interface.node, space)
         self._sizes = np.full(len(interface.node), np.inf)
         np.minimum.at(self._sizes, self._point, size)
@@ -119,7 +133,8 @@ class SmallnessCheck:
         """
         self._check_way(increment.start, end.q)
         interface, nodes = self._interface, end.nodes
-        strain, rotation = self._gradients.largest(interface.field.extract(end.unknowns))
+        displacement = interface.field.extract(end.unknowns)
+        strain, rotation = measure_largest_gradient(self._gradient, self._u, displacement)
         closed = nodes.active_set.status != OPEN
         cosine = self._cosines(nodes.frame[:, 0])
         for k in np.flatnonzero(self._rigid):
@@ -137,7 +152,7 @@ class SmallnessCheck:
         """Largest slip over the size of facets; of two bodies, that since the beginning."""
         interface, nodes = self._interface, end.nodes
         moved = end.displacement - end.q[interface.pair]
-        was = increment.start.relative_displacement(interface)
+        was = increment.start.displacement - increment.start.q[interface.pair]
         moved = moved - np.where((interface.faced == RIGID)[:, None], was, 0.0)
         slip = np.linalg.norm(np.einsum("nab,nb->na", nodes.frame[:, 1:], moved), axis=1)
         closed = nodes.active_set.status != OPEN
@@ -188,7 +203,7 @@ class SmallnessCheck:
 
     def _through(self, end: NewtonState) -> Mask:
         """Which points (m,) are beyond the nodes that were the farthest along their normals."""
-        interface, u = self._interface, self._gradients.u  # the latter has just been set
+        interface, u = self._interface, self._u  # the latter has just been set
         dim, normal = interface.position.shape[1], end.nodes.frame[:, 0]
         x = u.function_space.tabulate_dof_coordinates()[:, :dim]
         moved, every = x + u.x.array.reshape(-1, dim), interface.gathered(normal)
@@ -221,7 +236,7 @@ def _facets_around(node: Indices, space: fem.FunctionSpace) -> tuple[Indices, Ar
     """
     mesh, comm = space.mesh, space.mesh.comm
     mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
-    nodes, x, normal = flat_facets(space, exterior_facet_indices(mesh.topology))
+    nodes, x, normal = compute_flat_facets(space, exterior_facet_indices(mesh.topology))
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
     facet, place = np.nonzero(np.isin(number, np.concatenate(comm.allgather(node))))
     across = np.linalg.norm(x[facet][:, :, None] - x[facet][:, None], axis=3).max(axis=(1, 2))
@@ -233,3 +248,40 @@ def _facets_around(node: Indices, space: fem.FunctionSpace) -> tuple[Indices, Ar
     order = np.argsort(node)
     point = order[np.searchsorted(node, touched[mine], sorter=order)]
     return point, outward[mine], size[mine]
+
+
+class SlipCheck:
+    """Logs a warning where slips of rough nodes differ, once for each pair."""
+
+    def __init__(self, interface: Interface) -> None:
+        self._comm, self._warned = interface.comm, set[int]()
+        self._facets = {
+            k: (mortar.nodes[: mortar.n_slave_nodes], mortar.measure_shortest_facets())
+            for k, mortar in interface.mortars.items()
+        }
+
+    def check(self, state: ContactState) -> None:
+        for k, pair in enumerate(state.pairs):
+            apart = measure_slip_difference(pair)
+            allowed: Array | float = _OF_DISPLACEMENT * state.scale.length
+            if k in self._facets:
+                nodes, lengths = self._facets[k]
+                allowed = _OF_FACET * lengths[np.searchsorted(nodes, pair.node)]
+            sizes = [np.linalg.norm(slip, axis=1) for slip in (pair.slip, pair.path_slip)]
+            rough = (pair.status != OPEN) & (pair.friction > 0)
+            wrong = rough & (apart > np.maximum(MAX_DIFFERENCE * np.maximum(*sizes), allowed))
+            if wrong.any() and k not in self._warned:
+                self._warned.add(k)
+                words = (
+                    f"increment {state.increment - 1}, contact pair {k}: slip differs from that "
+                    f"of the path by up to {apart[wrong].max():.3g}, more than "
+                    f"{MAX_DIFFERENCE:.0%} of it, at {wrong.sum()} contact nodes first at "
+                    f"{format_points(pair.position[wrong])}, where friction may be wrong: make "
+                    "smaller increments and compare `PairState.slip` with `path_slip`"
+                )
+                log_on_root(self._comm, logging.WARNING, words, ".contact")
+
+
+def measure_slip_difference(pair: PairState) -> Array:
+    """Return the size (m,) of the difference of both slips of a pair's nodes."""
+    return np.asarray(np.linalg.norm(pair.slip - pair.path_slip, axis=1))

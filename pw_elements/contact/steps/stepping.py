@@ -19,13 +19,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction, full_size_reduction, scale_pressures
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import collective_errors
-from pw_elements.contact.interface import Interface, NoContactStated, nodal_interface
+from pw_elements.contact.interface import Interface, build_interface
 from pw_elements.contact.iteration import (
     DISPLACEMENT_ROUND_OFF,
     ActiveSetUpdate,
@@ -39,38 +37,37 @@ from pw_elements.contact.iteration import (
     solve_increment,
 )
 from pw_elements.contact.model import (
-    NOTHING_DONE,
+    NO_SOLVER_REPORT,
     ContactFailed,
     ContactPair,
     ContactState,
-    Free,
+    FreeMotions,
     Motion,
     NoEquilibrium,
     NotFound,
     Scale,
 )
 from pw_elements.contact.nodes import (
-    HELD,
-    OPEN,
-    SLIP,
-    STICK,
     TOLERANCE,
     ActiveSet,
     IncrementStart,
     LinearisedKinematics,
     TorqueMap,
     UndeformedKinematics,
+    make_increment_start,
 )
+from pw_elements.contact.output import Callback, Reporter
 from pw_elements.contact.rescue import (
     RigidMotions,
     check_loose,
+    combine_substeps,
     prove_no_equilibrium,
     rescue,
+    solve_in_substeps,
     solve_with_springs,
 )
 from pw_elements.contact.steps.sensitivity import Linearised, Part
-from pw_elements.contact.steps.slip import SlipCheck
-from pw_elements.contact.steps.smallness import SmallnessCheck
+from pw_elements.contact.steps.smallness import SlipCheck, SmallnessCheck
 from pw_elements.contact.steps.verification import (
     Sizes,
     check_stiffness_sign,
@@ -82,7 +79,6 @@ from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     LinearSolver,
     NotConverged,
-    SingularSystem,
     SolverReport,
     add_scaled,
     is_matrix_free,
@@ -133,12 +129,15 @@ class IncrementTarget:
         turning: bool = False,
     ) -> "IncrementTarget":
         """Build from the user's motions; None means zero translation; with angles if `turning`."""
-        dim = interface.position.shape[1]
-        rest, k = Motion([0.0] * dim), dim + turning
-        of_pairs = [motion or rest for motion in motions] or [rest] * interface.pairs
-        values = [(motion.prescribed()[:k], motion.forces()[:k]) for motion in of_pairs]
-        q, forces = zip(*values, strict=True)
-        return cls(load, np.array(q), np.array(forces))
+        n_motions = interface.position.shape[1] + turning
+        q, forces = np.zeros((2, interface.pairs, n_motions))
+        for k, motion in enumerate(motions):
+            if motion is not None:
+                q[k], forces[k] = (
+                    motion.translation_and_rotation()[:n_motions],
+                    motion.force_and_torque()[:n_motions],
+                )
+        return cls(load, q, forces)
 
     @classmethod
     def from_state(
@@ -150,7 +149,7 @@ class IncrementTarget:
         load_factor = 1.0 if state.increment else 0.0
         return cls(load, q, forces[:, : q.shape[1]], load_factor)
 
-    def with_free(self, free: Free) -> "IncrementTarget":
+    def with_free(self, free: FreeMotions) -> "IncrementTarget":
         """Return a copy with the given motions free (NaN): they follow from the forces."""
         q = self.q.copy()
         for index in free:
@@ -158,7 +157,7 @@ class IncrementTarget:
         return replace(self, q=q)
 
     @cached_property
-    def free(self) -> Free:
+    def free(self) -> FreeMotions:
         """(pair, component) of each free motion."""
         return tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(self.q)))
 
@@ -182,7 +181,7 @@ def make_balanced_target(
     Forces of supports count as load; they do no work.
     """
     points = interface.force.createVecRight()
-    force = IncrementStart.from_state(state, interface).force
+    (force,) = interface.local(state.pairs, "force_vector")
     points.setArray(np.where(interface.equation >= 0, force, 0.0))
     load = K.createVecLeft()
     K.mult(state.unknowns, load)
@@ -205,135 +204,6 @@ def interpolate(start: IncrementTarget, end: IncrementTarget, share: float) -> I
         (1 - share) * start.forces + share * end.forces,
         (1 - share) * start.load_factor + share * end.load_factor,
     )
-
-
-def solve_in_substeps(
-    step: Callable[[ContactState, float], ContactState],
-    state: ContactState,
-    sizes: tuple[float, float, float],
-    may_go_on: Callable[[], bool] = lambda: True,
-) -> tuple[list[tuple[float, ContactState]], tuple[float, Exception] | None]:
-    """Solve an increment in parts: halved after a failure, larger after a success.
-
-    Args:
-        step: solves from a state to a share of the increment.
-        state: at its start.
-        sizes: the first part's, which is the largest; the smallest one's; the factor after success.
-        may_go_on: whether another part may be tried.
-
-    Returns:
-        Ends (share, state) of the parts, and where and how the last one failed, or None.
-    """
-    largest, smallest, growth = sizes
-    size = largest
-    reached, current, failure = 0.0, state, None
-    parts: list[tuple[float, ContactState]] = []
-    while reached < 1 and size >= smallest and may_go_on():
-        share = min(1.0, reached + size)
-        try:
-            current = replace(step(current, share), increment=state.increment + 1)
-        except (ContactFailed, NoContactStated, SingularSystem) as failed:
-            words = f"not from {reached:.4g} to {share:.4g} of the increment: {failed}"
-            log_on_root(state.displacement.comm, logging.INFO, words, ".contact")
-            size, failure = (share - reached) / 2, (share, failed)
-            continue
-        reached, size, failure = share, min(growth * size, largest), None
-        parts.append((share, current))
-    return parts, failure
-
-
-def combine_substeps(parts: Sequence[tuple[float, ContactState]]) -> ContactState:
-    """Return the last part, with the slips of all."""
-    last, pairs = parts[-1][1], []
-    for k, pair in enumerate(last.pairs):
-        closed = (pair.status != OPEN)[:, None]
-        slips = {
-            name: closed * np.sum([getattr(part.pairs[k], name) for _, part in parts], axis=0)
-            for name in ("slip", "path_slip")
-        }
-        pairs.append(replace(pair, **slips))
-    return replace(last, pairs=tuple(pairs), substates=tuple(parts[:-1]))
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a contact computation is: after an iteration, or at the end of an increment.
-
-    Args:
-        increment: number of increments before this one: they count from 0, as in the errors of
-            `solve_contact`.
-        iteration: number of linear systems solved in this increment.
-        violation: largest violation of the laws of contact and friction, over its tolerance.
-        open: number of open nodes of all pairs; after an iteration, as it was assumed.
-        stick: number of sticking ones.
-        slip: number of slipping ones.
-        state: at the end of the increment; None after an iteration.
-    """
-
-    increment: int
-    iteration: int
-    violation: float
-    open: int
-    stick: int
-    slip: int
-    state: ContactState | None = None
-
-    def __str__(self) -> str:
-        return f"{self.open} open, {self.stick} stick, {self.slip} slip"
-
-
-Callback: TypeAlias = Callable[[Progress], object]
-
-
-class Reporter:
-    """Logs one increment and calls the user's callback; all processes make and use it together."""
-
-    def __init__(self, comm: MPI.Comm, increment: int, callback: Callback | None) -> None:
-        self._comm, self._increment, self._callback = comm, increment, callback
-        is_logged = logging.getLogger("pw_elements.contact").isEnabledFor(logging.DEBUG)
-        self.violation = 0.0  # of the last solution, as in `Progress`
-        # whether any process wants to know of iterations
-        self._reports_iterations: bool = comm.allreduce(
-            bool(callback or (comm.rank == 0 and is_logged)), MPI.LOR
-        )
-
-    def report_iteration(self, iteration: int, active: ActiveSet, violation: float) -> None:
-        """Log an iteration and call the user's function, if anybody wants to know."""
-        if not self._reports_iterations:
-            return
-        counts = self._comm.allreduce(np.bincount(active.status, minlength=HELD + 1))
-        now = self._progress(iteration, violation, counts)
-        words = f"iteration {iteration}: {now}, violation / tolerance {violation:.1e}"
-        self._tell(logging.DEBUG, words, now)
-
-    def report_increment(self, state: ContactState, seconds: float) -> None:
-        """Log the end of the increment and call the user's function."""
-        status = np.concatenate([pair.status for pair in state.pairs])
-        counts, report = np.bincount(status, minlength=HELD + 1), state.report
-        now = self._progress(state.iterations, self.violation, counts, state)
-        words = (
-            f"{now.iteration} iterations, {now}, residual {state.residuals.largest():.1e}, "
-            f"{report.method}, {report.factorisations} factorisations, {seconds:.2f} s"
-        )
-        self._tell(logging.INFO, words, now)
-
-    def _progress(
-        self,
-        iteration: int,
-        violation: float,
-        counts: npt.NDArray[np.intp],
-        state: ContactState | None = None,
-    ) -> Progress:
-        sticking = int(counts[STICK] + counts[HELD])
-        each = int(counts[OPEN]), sticking, int(counts[SLIP])
-        return Progress(self._increment, iteration, violation, *each, state)
-
-    def _tell(self, level: int, words: str, now: Progress) -> None:
-        """Logs, and calls the user's function: what it raises on one process is raised on all."""
-        log_on_root(self._comm, level, f"increment {self._increment}: {words}", ".contact")
-        with collective_errors(self._comm):
-            if self._callback is not None:
-                self._callback(now)
 
 
 class Stepping:
@@ -373,7 +243,7 @@ class Stepping:
         # springs are in an assembled matrix
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not iterative}
         self._n_first_attempt = 0  # linear systems of an increment's first attempt
-        self.interface = nodal_interface(pairs, space, self._reduction, AssemblyRecord.read(K))
+        self.interface = build_interface(pairs, space, self._reduction, AssemblyRecord.read(K))
         check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
         self._smallness, self._slips = (
@@ -394,7 +264,7 @@ class Stepping:
             reporter = Reporter(comm, state.increment, self._callback)
             before = self._cost(end.free)
             try:
-                solution = self._solve_part(state, end, reporter)
+                solution = self._solve_part(state, end, reporter, before)
             except NotFound as failure:
                 parts = self._cut_back(state, end, reporter)
                 if not parts:
@@ -403,7 +273,7 @@ class Stepping:
                 solution = replace(combine_substeps(parts), iterations=iterations, report=report)
                 reached, _ = parts[-1]
                 if reached < 1:
-                    failure.reached = reached, solution
+                    failure.last_substate = reached, solution
                     failure.args = (f"{failure}. In parts {reached:.3g} of it was reached",)
                     raise
         self._slips.check(solution)
@@ -423,7 +293,8 @@ class Stepping:
         log_on_root(comm, logging.INFO, words, ".contact")
 
         def solve_part(current: ContactState, share: float) -> ContactState:
-            return self._solve_part(current, interpolate(start, end, share), reporter, left)
+            target = interpolate(start, end, share)
+            return self._solve_part(current, target, reporter, self._cost(target.free), left)
 
         sizes = (0.5, _MIN_SUBSTEP, 1.0)
         parts, _ = solve_in_substeps(solve_part, state, sizes, lambda: left() > 0)
@@ -432,7 +303,7 @@ class Stepping:
         log_on_root(comm, logging.INFO, words, ".contact")
         return parts
 
-    def _budget(self, remedy: Remedy, free: Free) -> Callable[[], float]:
+    def _budget(self, remedy: Remedy, free: FreeMotions) -> Callable[[], float]:
         """Return a function that says how many linear systems a remedy may still solve."""
         usual = _MIN_ATTEMPT_SOLVES * min(1.0, _SMALL_PROBLEM_DOFS / self._K.getSize()[0]) ** 1.5
         ratio = self._remedies.get(remedy, 0.0)
@@ -444,12 +315,16 @@ class Stepping:
         state: ContactState,
         target: IncrementTarget,
         reporter: Reporter,
+        before: Cost,
         left: Callable[[], float] | None = None,
     ) -> ContactState:
-        """Return the state at a target, in one piece; of a part, by what systems are `left`."""
+        """Return the state at a target, in one piece, after a cost `before`.
+
+        A part of an increment may take as many linear systems as are `left`.
+        """
         increment, kinematics = self._start_increment(state, target)
         linearised = self._linearise_start(increment, kinematics, state, target)
-        before, rigid = self._cost(target.free), self._system_for(target.free)[1]
+        rigid = self._system_for(target.free)[1]
         active = choose_first_set(
             self.interface, linearised, state, rigid.left_free, target.unloaded_free_surfaces
         )
@@ -526,23 +401,25 @@ class Stepping:
         before: Cost,
     ) -> ContactState:
         """Check the last iterate of an increment, and return its state."""
-        self.interface.check_supports(end.q)
+        frame, gap = end.kinematics.frame, end.kinematics.gap
+        self.interface.check_supports(frame[:, 0], gap)
         offset, pressed = increment.equilibrium.offset, end.nodes.trial_pressure > 0
         self.interface.check_supports_between(offset, target.q, pressed)
         rigid = self._system_for(target.free)[1]
         check_loose(increment, end, rigid, state, lambda: self._cost(target.free, before))
         smallness = self._smallness.after(increment, end, state)
         iterations, report = self._cost(target.free, before)
+        sizes = reference_sizes(increment, end, state.scale)
         solution = make_contact_state(
             increment,
             end,
             state,
+            sizes=sizes,
             iterations=iterations,
             report=report,
             smallness=smallness,
-            slides=rigid.slides(end.nodes, increment.allowance(end)),
+            slides=rigid.slides(end.nodes, end.allowance),
         )
-        sizes = reference_sizes(increment, end, state.scale)
         return self._verify(solution, state, target, sizes)
 
     def _verify(
@@ -615,11 +492,11 @@ class Stepping:
     def linearise(self, part: Part) -> Linearised:
         """Return the equations at the end of a part of an increment."""
         state, interface = part.state, self.interface
-        target = make_balanced_target(state, self._K, interface).with_free(state.free)
+        target = make_balanced_target(state, self._K, interface).with_free(state.free_motions)
         load_factor = 1.0 if part.start.increment else part.share
         target = replace(target, load_factor=load_factor)
         increment, kinematics = self._start_increment(part.before, target)
-        end = IncrementStart.from_state(state, interface)
+        end = make_increment_start(state, interface, state.translations)
         linearised = kinematics.linearise_by_all_translations(end.q, end.displacement, end.force)
         solution = increment.solve(
             resume_active_set(interface, linearised, state), linearised, "final"
@@ -631,7 +508,7 @@ class Stepping:
         self, state: ContactState, target: IncrementTarget
     ) -> tuple[LinearIncrement, UndeformedKinematics]:
         """Return the equations from a state to a target, and the kinematics in them."""
-        start = IncrementStart.from_state(state, self.interface)
+        start = make_increment_start(state, self.interface, state.translations)
         kinematics = UndeformedKinematics(self.interface, start, target.q, target.load_factor)
         increment = LinearIncrement(
             self._system_for(target.free)[0],
@@ -655,7 +532,7 @@ class Stepping:
         q = np.where(unloaded, 0.0, increment.start.q)
         q = np.where(np.isnan(target.q), q, target.q)
         increment.system.start(lambda: state.unknowns, q)
-        self.interface.check_supports(q)
+        self.interface.check_supports(self.interface.normals(q), self.interface.gaps(q))
         self._smallness.before(increment)
         return kinematics.linearise(q, increment.start.displacement, increment.start.force)
 
@@ -666,7 +543,7 @@ class Stepping:
     def _make_update(self, rigid: RigidMotions, accuracy: Accuracy) -> ActiveSetUpdate:
         return ActiveSetUpdate(rigid.left_free, self.interface, accuracy)
 
-    def _cost(self, free: Free, before: Cost = (0, NOTHING_DONE)) -> Cost:
+    def _cost(self, free: FreeMotions, before: Cost = (0, NO_SOLVER_REPORT)) -> Cost:
         """Return the linear systems since before, with springs and without, and their report."""
         system, _ = self._system_for(free)
         n_solved, report = system.n_solved, system.report
@@ -681,7 +558,7 @@ class Stepping:
             self._system[0].tangent.release()
             self._system = self._system_with_springs = None
 
-    def _system_for(self, free: Free) -> tuple[ContactSystem, RigidMotions]:
+    def _system_for(self, free: FreeMotions) -> tuple[ContactSystem, RigidMotions]:
         """Return system and rigid motions for these free motions; the last ones are kept."""
         if self._system is None or self._system[0].free != free:
             self.release()
@@ -689,7 +566,7 @@ class Stepping:
             self._system = system, RigidMotions(system, self._K, self.space)
         return self._system
 
-    def _make_system(self, K: PETSc.Mat, free: Free) -> ContactSystem:
+    def _make_system(self, K: PETSc.Mat, free: FreeMotions) -> ContactSystem:
         interface = self.interface
         torque_map = TorqueMap.of_translations(*interface.position.shape)
         return ContactSystem(K, self._reduction, interface, free, self.solver, torque_map)

@@ -24,8 +24,8 @@ from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import (
     ROUND_OFF,
-    FacedParts,
     Interface,
+    MortarMatrices,
     measure_gap_and_slip,
 )
 from pw_elements.contact.iteration import DISPLACEMENT_ROUND_OFF
@@ -107,7 +107,9 @@ def places_deformed(
     """Contact points at the deformed body, against rigid surfaces that move and turn, or bodies."""
     motions = [_at_points(interface, one.unknowns) for one in (before, state)]
     dim = motions[0].shape[1]
-    pivots, spins = (np.array(part) for part in zip(*(p.spin(dim) for p in pairs), strict=True))
+    pivots, spins = (
+        np.array(part) for part in zip(*(p.pivot_and_spin(dim) for p in pairs), strict=True)
+    )
     pivot, J = pivots[interface.pair], spins[interface.pair]
     within, turns = [], []
     for motion, one in zip(motions, (before, state), strict=True):
@@ -164,19 +166,21 @@ def _measure_bodies(
     received = []
     for k, mortar in interface.mortars.items():
         own = np.flatnonzero(interface.pair == k)
-        among = np.searchsorted(mortar.nodes[: mortar.slaves], interface.node[own])
-        x, parts = list[Array](), list[FacedParts]()
+        among = np.searchsorted(mortar.nodes[: mortar.n_slave_nodes], interface.node[own])
+        x, parts = list[Array](), list[MortarMatrices]()
         for one in (before, state):
             moved = interface.at_nodes(mortar.nodes, one.unknowns)
-            moved[mortar.slaves :] += one.translations[k]
+            moved[mortar.n_slave_nodes :] += one.translations[k]
             x.append(mortar.x + moved)
-            parts.append(mortar.measure_facing(x[-1]))
+            parts.append(mortar.evaluate_for_verification(x[-1]))
         gap, slip = measure_gap_and_slip(parts[0], parts[1], x[0], x[1])
         places.gap[own], places.slip[own] = gap[among], slip[among]
         places.normal[own], places.noise[own] = parts[1].normals[among], 0.0
-        places.parts_error[own] = parts[1].parts_error[among]
-        shares = sp.coo_array(parts[1].master_parts[among])
-        received.append((shares.data, own[shares.row], mortar.nodes[mortar.slaves + shares.col]))
+        places.parts_error[own] = parts[1].fraction_error[among]
+        shares = sp.coo_array(parts[1].master_fractions[among])
+        received.append(
+            (shares.data, own[shares.row], mortar.nodes[mortar.n_slave_nodes + shares.col])
+        )
     value, point, node = (np.concatenate(each) for each in zip(*received, strict=True))
     shape = n_points, interface.field.sizes[1] // dim
     unit = sp.csr_matrix((np.ones(n_points), (np.arange(n_points), interface.node)), shape)
@@ -209,7 +213,7 @@ def torque_of(
 ) -> Callable[[Array], Array]:
     """Function of forces (m, dim) on the points that gives torques (m,) about present pivots."""
     motion = _at_points(interface, state.unknowns)
-    pivots, spins = zip(*(pair.spin(motion.shape[1]) for pair in pairs), strict=True)
+    pivots, spins = zip(*(pair.pivot_and_spin(motion.shape[1]) for pair in pairs), strict=True)
     placement, of = state.placements[interface.pair], interface.pair
     arm = interface.position + motion - placement[:, :-1] - np.array(pivots)[of]
     velocity = np.einsum("nab,nb->na", np.array(spins)[of], arm)
@@ -271,7 +275,7 @@ def measure_residuals(
     """
     comm = interface.comm
     stated = interface.equation >= 0
-    reported = interface.local([pair.force_vector for pair in state.pairs])
+    (reported,) = interface.local(state.pairs, "force_vector")
     nodal = interface.field.extract(unbalanced).array_r.reshape(-1, reported.shape[1])
     first = interface.field.space.dofmap.index_map.local_range[0]
     # what a support holds is its reaction; friction at such a point is known from the state alone
@@ -350,8 +354,8 @@ def _balance(
 ) -> tuple[Array, Array]:
     """Residuals of the balances of free motions, and what of them may be round-off."""
     comm, dim = interface.comm, force.shape[1]
-    values, allowed = np.zeros(len(state.free)), np.zeros(len(state.free))
-    for number, ((pair, axis), total) in enumerate(zip(state.free, totals, strict=True)):
+    values, allowed = np.zeros(len(state.free_motions)), np.zeros(len(state.free_motions))
+    for number, ((pair, axis), total) in enumerate(zip(state.free_motions, totals, strict=True)):
         mine = interface.pair == pair
         if axis < dim:
             parts, arms = force[mine, axis], np.ones(mine.sum())

@@ -16,10 +16,15 @@ import numpy as np
 import scipy.sparse as sp
 
 from pw_elements._compat import single_entry_matrix
-from pw_elements.algebra import Reduction, constrained_operator, has_free_constant_pressure
+from pw_elements.algebra import (
+    Reduction,
+    constrained_operator,
+    has_free_constant_pressure,
+    reduce_matrix,
+)
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import Interface
-from pw_elements.contact.model import Free
+from pw_elements.contact.model import FreeMotions
 from pw_elements.contact.nodes import LinearisedLaw, TorqueMap
 from pw_elements.contact.system.assembled import (
     AssembledTangent,
@@ -32,8 +37,9 @@ from pw_elements.contact.system.assembled import (
     read_and_spread,
     with_points,
 )
-from pw_elements.contact.system.krylov import KrylovTangent, NodePoints, stated_mean
+from pw_elements.contact.system.krylov import KrylovTangent
 from pw_elements.contact.system.solution import Accuracy, Solution, TangentSolution
+from pw_elements.contact.system.unassembled import NodePoints, stated_mean
 from pw_elements.solvers import (
     LinearSolver,
     PreparedSolver,
@@ -96,7 +102,7 @@ class ContactSystem:
         K: PETSc.Mat,
         reduction: Reduction,
         interface: Interface,
-        free: Free,
+        free: FreeMotions,
         solver: LinearSolver,
         torque_map: TorqueMap,
     ) -> None:
@@ -190,7 +196,7 @@ class ContactSystem:
         self._torque_map = torque_map
 
         def assemble() -> tuple[PointRows, CsrArrays]:
-            self.stiffness = self.reduction.matrix(K)
+            self.stiffness = reduce_matrix(self.reduction, K)
             return self._assemble_rows()[1:]
 
         self.tangent.renew(assemble, pattern_changed=False)
@@ -200,7 +206,7 @@ class ContactSystem:
         self._torque_map = torque_map
 
         def assemble() -> tuple[PointRows, CsrArrays]:
-            self.stiffness = self.reduction.matrix(K)
+            self.stiffness = reduce_matrix(self.reduction, K)
             self._motion = motion
             self._moved = local_rows(motion.matMult(self.reduction.right), len(self.free))
             return self._assemble_rows()[1:]
@@ -256,7 +262,8 @@ class ContactSystem:
             friction_springs: (free,), stiffness by which friction on supports holds free motions.
         """
         self.n_solved += 1
-        self.tangent.set_springs(np.broadcast_to(friction_springs, len(self.free)))
+        if self.free:
+            self.tangent.set_springs(np.broadcast_to(friction_springs, len(self.free)))
         right, balance = self.right_hand_sides(load, law, totals, torque_map)
         solution = self.tangent.solve(right, balance, law, accuracy)
         reduced = load.duplicate()
@@ -272,6 +279,8 @@ class ContactSystem:
         stated = self._equations >= 0
         law_right = np.einsum("nab,nb->na", law.E, point_load) + law.c
         right[self._equations[stated]] = law_right[stated]
+        if not self.free:
+            return right, totals
         known = torque_map.resultants(point_load)
         known[:, -1] -= np.sum(torque_map.w * torque_map.d0, axis=1)
         return right, totals + self.totals(known)
@@ -317,7 +326,25 @@ class ContactSystem:
         self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
         return sums
 
-    def lever_arms(self, torque_map: TorqueMap) -> Array:
+    def balance_residuals(
+        self, force: Array, q: Array, totals: Array, torque_map: TorqueMap, size: float
+    ) -> Array:
+        """Return the unbalanced forces (free,) on the free motions, over a size and lever arms.
+
+        Args:
+            force: of the surfaces on the points, (m, dim).
+            q: motions of the surfaces, (pairs, k).
+            totals: (free,), forces given on the free motions.
+            torque_map: of the surfaces.
+            size: force that residuals are over.
+        """
+        if not self.free:
+            return np.zeros(0)
+        unbalanced = self.totals(torque_map.resultants(force)) - totals
+        unbalanced += self.springs * self.select_free(q)
+        return np.asarray(np.abs(unbalanced) / (size * self._lever_arms(torque_map)))
+
+    def _lever_arms(self, torque_map: TorqueMap) -> Array:
         """Return the longest lever arm of each free motion; 1 of translations."""
         size = np.linalg.norm(torque_map.V, axis=1)
         pair, tiny = self.interface.pair, np.finfo(float).tiny

@@ -1,0 +1,82 @@
+"""Isotropic elastic materials, constant or varying in space."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from dolfinx.mesh import Mesh, MeshTags
+from ufl.core.expr import Expr
+
+from pw_elements.checks import arguments, check_same_arguments, defer_errors_if_parallel
+from pw_elements.spaces import piecewise_constants_by_tag
+
+Scalar: TypeAlias = float | Expr
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic elastic material, given by numbers or, where it varies in space, UFL expressions.
+
+        steel = Material(210e3, 0.3, 7.85e-9)  # N, mm, t, s
+
+    `by_tag` combines several materials in one mesh, of one body or of several. Numbers,
+    `fem.Constant`s and nodal values of Lagrange functions are checked; other expressions cannot be.
+
+    Args:
+        youngs_modulus: E, positive, a stress.
+        poissons_ratio: nu, above -1 and at most 1/2, which plane stress and hybrid spaces allow.
+        density: positive, mass per volume.
+
+    Raises:
+        ValueError: for a modulus or density that is not positive, or nu outside (-1, 1/2].
+    """
+
+    youngs_modulus: Scalar
+    poissons_ratio: Scalar = 0.0
+    density: Scalar = 1.0
+
+    @defer_errors_if_parallel
+    def __post_init__(self) -> None:
+        for name in ("youngs_modulus", "density"):
+            value = arguments.check_positive_coefficient(name, getattr(self, name))
+            object.__setattr__(self, name, value)
+        nu = arguments.check_coefficient(
+            "poissons_ratio",
+            self.poissons_ratio,
+            lambda values: (values > -1) & (values <= 0.5),
+            "has to lie between -1 and 0.5",
+        )
+        object.__setattr__(self, "poissons_ratio", nu)
+
+    @classmethod
+    @check_same_arguments
+    def by_tag(
+        cls, mesh: Mesh, cell_tags: MeshTags, materials: Mapping[int, "Material"]
+    ) -> "Material":
+        """Combine several materials, each in the cells with its tag.
+
+            material = Material.by_tag(mesh, cell_tags, {1: Material(210e3, 0.3), 2: rubber})
+
+        Args:
+            mesh: of the body.
+            cell_tags: tags of all cells of the mesh.
+            materials: by tag, with numbers as constants.
+
+        Raises:
+            TypeError: for arguments of the wrong type.
+            ValueError: for tags of facets or of another mesh, cells without a tag, tags without a
+                material, materials without a cell, or constants that are not numbers.
+        """
+        arguments.check_mesh_type(mesh)
+        arguments.check_type(
+            "the mapping of tags", materials, Mapping, "give {tag: Material(E, nu), ...}"
+        )
+        constants = {}
+        for tag, material in materials.items():
+            label = f"the material of tag {tag}"
+            arguments.check_type(label, material, Material, "Material(E, nu) makes one")
+            constants[tag] = [
+                arguments.check_number(f"{name} of {label}", value)
+                for name, value in vars(material).items()
+            ]
+        return cls(*piecewise_constants_by_tag(mesh, cell_tags, constants))

@@ -1,0 +1,135 @@
+"""The solver "auto": it chooses between factors and Krylov's method.
+
+Factors serve every body that leaves enough memory for them. Krylov's method takes little memory,
+and may fail where supports or contact hardly hold the body; the computation is then repeated with
+factors, if they fit.
+"""
+
+import logging
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, TypeAlias, TypeVar
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from pw_elements.checks import arguments, vector_sizes
+from pw_elements.progress import log_on_root
+from pw_elements.solvers.direct import Direct, LinearSolver, NotConverged
+from pw_elements.solvers.iterative import Iterative, memory_of_factors
+from pw_elements.solvers.matrices import Supports
+from pw_elements.solvers.rigid_components import has_free_rigid_motion
+from pw_elements.spaces import is_hybrid
+
+Solver: TypeAlias = LinearSolver | Literal["auto"] | None
+
+T = TypeVar("T")
+
+# Unknowns in space from which on "auto" takes Krylov's method; for modes, which take some 50
+# solutions, it is slower than factors until these take several gigabytes
+_MIN_KRYLOV_DOFS = 15_000
+_MIN_KRYLOV_DOFS_FOR_MODES = 200_000
+# The same where contact alone holds a component, which takes more iterations: a lap joint took
+# factors and Krylov's method 2.7 and 4.2 CPU s for 14 310 unknowns, 16.5 and 12.2 s for 46 242
+_MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS = 30_000
+# Free memory that factors need, over the estimate of what they take
+_MEMORY_SAFETY_FACTOR = 2.0
+
+
+def free_memory(comm: MPI.Comm) -> float:
+    """Return the bytes that are free on the machines of all processes, the same on each."""
+    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    # one process of each machine reports; the limits of single processes' groups count
+    free = machine.allreduce(_free_memory_of_machine(), MPI.MIN)
+    total = comm.allreduce(free if machine.rank == 0 else 0.0, MPI.SUM)
+    machine.Free()
+    return float(total)
+
+
+def _free_memory_of_machine() -> float:
+    """Return the free bytes of this machine, or of the container or job that limits memory."""
+    try:
+        fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+        free = 1024.0 * int(fields["MemAvailable"].split()[0])
+    except (OSError, KeyError, ValueError):  # not Linux
+        free = float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    try:
+        group = Path("/proc/self/cgroup").read_text().rpartition("0::/")[2].strip()
+        limits = Path("/sys/fs/cgroup") / group
+        limit, used = ((limits / f"memory.{name}").read_text() for name in ("max", "current"))
+        return min(free, float(limit) - float(used))
+    except (OSError, ValueError):  # no limit, or "max"
+        return free
+
+
+def choose_solver(
+    solver: Solver,
+    supports: Supports | None,
+    factors_reason: str = "",
+    for_modes: bool = False,
+    contact_stiffness: PETSc.Mat | None = None,
+) -> LinearSolver:
+    """Return the solver to use: the user's own, or the choice of "auto".
+
+    Args:
+        solver: as the user gave it; None is "auto".
+        supports: of `Reduction.dirichlet`; None for another reduction.
+        factors_reason: why only factors serve, or "".
+        for_modes: whether eigenvalues are computed.
+        contact_stiffness: stiffness (n, n) of a body in contact, whose supports may leave it free.
+
+    Raises:
+        ValueError: for a solver that is neither an object nor "auto".
+    """
+    if solver is not None and not isinstance(solver, str):
+        return solver
+    if not (solver is None or arguments.is_one_of(solver, ("auto",))):
+        raise ValueError(f'solver {solver!r}: use Direct(), Iterative() or "auto"')
+    if supports is None:
+        return Direct()
+    mesh, dofs = supports.space.mesh, vector_sizes(supports.space)[1]
+    if mesh.geometry.dim < 3 or dofs < (
+        _MIN_KRYLOV_DOFS_FOR_MODES if for_modes else _MIN_KRYLOV_DOFS
+    ):
+        return Direct()
+    is_small = dofs < _MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS and not is_hybrid(supports.space)
+    in_contact = contact_stiffness is not None
+    if in_contact and is_small and has_free_rigid_motion(contact_stiffness, supports):
+        log_on_root(
+            mesh.comm, logging.INFO, f"auto: Direct for {dofs} unknowns that contact has to hold"
+        )
+        return Direct()
+    choice: LinearSolver = Direct() if factors_reason else Iterative()
+    reason = f" ({factors_reason})" if factors_reason else ""
+    memory = f"factors take some {memory_of_factors(dofs) / 1e9:.2g} GB"
+    decision = f"auto: {type(choice).__name__} for {dofs} unknowns in space{reason}; {memory}"
+    log_on_root(mesh.comm, logging.INFO, decision)
+    return choice
+
+
+def compute_with_fallback(
+    choice: LinearSolver,
+    solver: Solver,
+    supports: Supports | None,
+    compute: Callable[[LinearSolver], T],
+) -> T:
+    """Return `compute(choice)`; if "auto" chose and the solver fails, `compute(Direct())`.
+
+    Raises:
+        NotConverged: if the user named the solver, or memory does not suffice for factors.
+    """
+    try:
+        return compute(choice)
+    except NotConverged as failure:
+        if supports is None or solver not in (None, "auto"):
+            raise
+        comm = supports.space.mesh.comm
+        needed, free = memory_of_factors(vector_sizes(supports.space)[1]), free_memory(comm)
+        if not _MEMORY_SAFETY_FACTOR * needed <= free:
+            raise NotConverged(
+                f'{failure}. "auto" does not use Direct() with {free / 1e9:.2g} GB left'
+            ) from failure
+    memory = f"factors take some {needed / 1e9:.2g} of {free / 1e9:.2g} GB"
+    log_on_root(comm, logging.INFO, f"auto: Iterative gave up, Direct goes on; {memory}")
+    return compute(Direct())  # the first attempt has freed its memory

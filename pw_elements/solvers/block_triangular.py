@@ -1,0 +1,192 @@
+"""Block-triangular preconditioner of hybrid bodies: multigrid for displacements, mass of pressures.
+
+The guide's page on theory defines the blocks ("Large systems").
+"""
+
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix, assemble_vector
+
+from pw_elements.solvers.direct import FreePressure, set_options
+from pw_elements.solvers.matrices import (
+    ConstrainedOperator,
+    ConstraintProjection,
+    Supports,
+    destroy_objects,
+    galerkin_product,
+    python_matrix,
+)
+from pw_elements.solvers.multigrid import Multigrid, linear_interpolation
+from pw_elements.spaces import PRESSURE_MODE_TOLERANCE, SubSpace, equilibration_scale
+
+# By cell: least and largest eigenvalue of the P1 or Q1 mass matrix over its diagonal, and the
+# degree of the Chebyshev polynomial that inverts the matrix
+_MASS_SPECTRA = {
+    "triangle": (0.5, 2.0, 6),
+    "quadrilateral": (0.25, 2.25, 9),
+    "tetrahedron": (0.5, 2.5, 6),
+    "hexahedron": (0.125, 3.375, 12),
+}
+
+
+class BlockTriangularPreconditioner:
+    """Preconditioner for one matrix (n, n) of a hybrid space, used in place of a `Multigrid`.
+
+    Pressures are scaled to lengths by s of `equilibration_scale`: `scaled_matrix` is s K s, and
+    `operator` is Pi s K s Pi + (1 - Pi). `displacement_block` holds the stiffness A of the
+    displacements, stored in blocks, and its supports; `multigrid` belongs to A, and
+    `displacement_pc` is the preconditioner of A: this multigrid, or in contact `Sprung`.
+    """
+
+    def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
+        space, comm = supports.space, K.comm
+        self._K = K
+        self.displacements, self._pressure = SubSpace.displacements(space), SubSpace.pressure(space)
+        self._scale = equilibration_scale(space, K)
+        self.operator, self.scaled_matrix = (
+            python_matrix(
+                K.getSizes(),
+                ConstrainedOperator(K, ConstraintProjection(free, 1), self._scale),
+                comm,
+            )
+            for free in (supports.free, np.ones_like(supports.free))
+        )
+        free_displacements = supports.free[self.displacements.owned_unknowns.ravel()]
+        self._free_pressures = supports.free[self._pressure.owned_unknowns.ravel()].astype(float)
+        A = self._extract_blocks()
+        self.displacement_block = A, Supports(self.displacements.space, free_displacements)
+        self.multigrid = Multigrid(*self.displacement_block)
+        self.displacement_pc = PETSc.PC().create(comm)
+        self._force, self._displacement = A.createVecs()
+        self._pressure_correction, self._volume_residual = (
+            self._B.createVecLeft(),
+            self._B.createVecLeft(),
+        )
+
+    def _extract_blocks(self, A: PETSc.Mat | None = None) -> PETSc.Mat:
+        """Extract the blocks of K and set up the pressure solver; return A.
+
+        Args:
+            A: matrix that takes the displacements' block; None creates one.
+        """
+        space = self.displacements.space
+        u, p = (field.global_numbers() for field in (self.displacements, self._pressure))
+        aij = self._K.createSubMatrix(u, u)
+        aij.setBlockSize(space.mesh.geometry.dim)
+        A = aij.convert("baij", A or PETSc.Mat())
+        destroy_objects(aij)
+        self._B = self._K.createSubMatrix(p, u)
+        scale = self._pressure.extract(self._scale)
+        S = _pressure_mass(space, self._pressure.space, A, self._B)
+        compressibility = self._K.createSubMatrix(p, p)
+        S.axpy(-1.0, compressibility, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        S.diagonalScale(scale, scale)
+        self._B.diagonalScale(scale)
+        self._mass_solver = _create_chebyshev_solver(S, space.mesh.topology.cell_name())
+        return A
+
+    def refresh(self) -> None:
+        """Extract the blocks of K again after K has changed, and mark the multigrid stale."""
+        self._extract_blocks(self.displacement_block[0])
+        self.multigrid.refresh()
+
+    def set_up(self, preconditioner: PETSc.PC) -> None:
+        self.displacement_pc.setOptionsPrefix(preconditioner.getOptionsPrefix())
+        self.displacement_pc.setOperators(self.multigrid.operator)
+        self.multigrid.set_up(self.displacement_pc)
+        self.displacement_pc.setFromOptions()
+        preconditioner.setType("python")
+        preconditioner.setPythonContext(self)
+
+    def release(self) -> None:
+        destroy_objects(self.displacement_pc, self.operator, self.scaled_matrix)
+        self.multigrid.release()
+
+    def set_up_levels(self) -> None:
+        """Set up the coarse level of the multigrid.
+
+        Raises:
+            FreePressure: if a constant pressure is free.
+        """
+        if self.has_free_constant_pressure(self.operator):
+            raise FreePressure
+        self.multigrid.set_up_levels()
+
+    def has_free_constant_pressure(self, operator: PETSc.Mat) -> bool:
+        """Return whether a constant pressure has no effect under an operator.
+
+        Args:
+            operator: (n, n), or larger with the n unknowns first on each process.
+        """
+        constant, effect = operator.createVecs()
+        pressures = self._pressure.embed(self._free_pressures)
+        constant.array[: len(pressures)] = pressures
+        operator.mult(constant, effect)
+        infinity = PETSc.NormType.INFINITY
+        stiffness = self.displacement_block[0].norm(infinity)
+        return bool(effect.norm(infinity) <= PRESSURE_MODE_TOLERANCE * stiffness)
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        values = x.array_r
+        self._force.setArray(values[self.displacements.owned_unknowns.ravel()])
+        self.displacement_pc.apply(self._force, self._displacement)
+        self._B.mult(self._displacement, self._volume_residual)
+        prescribed = values[self._pressure.owned_unknowns.ravel()]
+        self._volume_residual.setArray(
+            (self._volume_residual.array_r - prescribed) * self._free_pressures
+        )
+        self._mass_solver.solve(self._volume_residual, self._pressure_correction)
+        u = self.displacements.embed(self._displacement.array_r)
+        p = np.where(self._free_pressures > 0, self._pressure_correction.array_r, prescribed)
+        y.setArray(u + self._pressure.embed(p))
+
+
+def _pressure_mass(
+    displacements: fem.FunctionSpace, pressures: fem.FunctionSpace, A: PETSc.Mat, B: PETSc.Mat
+) -> PETSc.Mat:
+    """Assemble the mass matrix of pressures over twice the shear modulus.
+
+    The modulus at each vertex is the ratio of P^T A P (P interpolates linear functions) to the
+    stiffness of linear elements with a unit modulus. The thickness of plane bodies, or the radius,
+    is the ratio of B times the displacements of a unit strain to the vertex functions' integrals.
+    """
+    mesh = displacements.mesh
+    linear, _, P = linear_interpolation(displacements)
+    u, v = ufl.TrialFunction(linear), ufl.TestFunction(linear)
+    unit = assemble_matrix(fem.form(2 * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) * ufl.dx))
+    unit.assemble()
+    dim = mesh.geometry.dim
+    stiffness, unit_stiffness = (
+        matrix.getDiagonal().array_r.reshape(-1, dim).sum(axis=1)
+        for matrix in (galerkin_product(A, P), unit)
+    )
+    q = ufl.TestFunction(pressures)
+    areas = assemble_vector(fem.form(q * ufl.dx))
+    areas.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+    unit_strain, volumes = B.createVecs()
+    x = displacements.tabulate_dof_coordinates()[: unit_strain.getLocalSize() // dim]
+    unit_strain.array.reshape(-1, dim)[:, -1] = x[:, dim - 1]
+    B.mult(unit_strain, volumes)
+    thickness = np.abs(volumes.array_r / areas.array_r)
+    modulus = np.abs(stiffness / unit_stiffness)
+    weight = fem.Function(pressures)
+    weight.x.array[: len(modulus)] = thickness**2 / (2 * modulus)
+    weight.x.scatter_forward()
+    mass = assemble_matrix(fem.form(weight * ufl.TrialFunction(pressures) * q * ufl.dx))
+    mass.assemble()
+    return mass
+
+
+def _create_chebyshev_solver(mass: PETSc.Mat, cell: str) -> PETSc.KSP:
+    least, largest, degree = _MASS_SPECTRA[cell]
+    ksp = PETSc.KSP().create(mass.comm)
+    ksp.setOperators(mass)
+    ksp.setType("chebyshev")
+    ksp.setNormType(PETSc.KSP.NormType.NONE)
+    ksp.setTolerances(max_it=degree)
+    ksp.getPC().setType("jacobi")
+    set_options(ksp, {"ksp_chebyshev_eigenvalues": f"{least},{largest}"})
+    return ksp

@@ -1,0 +1,148 @@
+"""Rigid motions of the connected components of a mesh, and whether anything resists them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import scipy.sparse as sp
+from dolfinx import fem
+
+from pw_elements.arrays import Array, Indices, LocalIndices, Mask
+from pw_elements.checks import connected_components
+from pw_elements.solvers.matrices import Supports, null_space, qr_triangle
+
+# Force of one component on another, over the largest stiffness, that is more than round-off
+_COUPLING_TOLERANCE = 1e-11
+# Stiffness of a rigid motion, over that of an arbitrary one, below which the motion is free
+_FREE_STIFFNESS = 1e-8
+
+
+@dataclass(frozen=True)
+class RigidComponents:
+    """Connected components of a mesh, sorted by their centres, and rigid motions of their nodes.
+
+    The k modes of a component are its translations, and its rotations about its centre divided by
+    its length, so that displacements are of the translations' size. A field that is no
+    displacement has its constants for modes.
+    """
+
+    component_of_node: Indices  # (nodes,), ghosts too
+    centre: Array  # (components, dim), mean position of each component's nodes
+    length: Array  # (components,), radius of gyration of each component's nodes
+    modes: Array  # (owned nodes, block, k), displacement of each node in its component's modes
+    comm: MPI.Comm
+
+    @classmethod
+    def from_space(cls, space: fem.FunctionSpace) -> "RigidComponents":
+        comm, dim, block = space.mesh.comm, space.mesh.geometry.dim, space.dofmap.index_map_bs
+        component, count = connected_components(comm, space.dofmap.index_map, space.dofmap.list)
+        owned = component[: space.dofmap.index_map.size_local]
+
+        def sum_by_component(values: Array) -> Array:
+            sums = np.zeros((count, values.shape[1]))
+            np.add.at(sums, owned, values)
+            comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
+            return sums
+
+        x, ones = space.tabulate_dof_coordinates()[: len(owned), :dim], np.ones((len(owned), 1))
+        n_nodes = sum_by_component(ones)
+        centre = sum_by_component(x) / n_nodes
+        arm = x - centre[owned]
+        length = np.sqrt(sum_by_component(np.sum(arm**2, axis=1)[:, None]) / n_nodes)[:, 0]
+        arm /= length[owned, None]
+        planes = list(combinations(range(dim), 2)) if block == dim else []
+        modes = np.zeros((len(owned), block, block + len(planes)))
+        modes[:, :, :block] = np.eye(block)
+        for k, (i, j) in enumerate(planes, start=block):
+            modes[:, i, k], modes[:, j, k] = -arm[:, j], arm[:, i]
+        order = np.lexsort(np.round(np.column_stack([length, centre[:, ::-1]]) / length.max(), 9).T)
+        return cls(np.argsort(order)[component], centre[order], length[order], modes, comm)
+
+    def mode_matrix(self, values: Array, n_other_modes: int = 0) -> sp.csr_array:
+        """Return a matrix with one column for each mode of each component.
+
+        Args:
+            values: (owned nodes, block, k), of each node in its component's modes.
+            n_other_modes: number of empty columns that follow.
+
+        Returns:
+            (owned dofs, k components + n_other_modes).
+        """
+        n, block, k = values.shape
+        mode = np.broadcast_to(
+            self.component_of_node[:n, None, None] * k + np.arange(k), values.shape
+        )
+        nonzero = values != 0
+        pointers = np.append(0, np.cumsum(nonzero.sum(axis=2)))
+        shape = n * block, len(self.centre) * k + n_other_modes
+        return sp.csr_array((values[nonzero], mode[nonzero], pointers), shape)
+
+    def resistance(
+        self,
+        K: PETSc.Mat,
+        free: Mask,
+        rows: LocalIndices | None = None,
+        transposed: bool = False,
+        n_other_modes: int = 0,
+    ) -> sp.csr_array:
+        """Return displacements at prescribed dofs and forces at free ones, in all modes.
+
+        Args:
+            K: stiffness (n, n); forces are K m over the largest diagonal entry.
+            free: (owned dofs,), of the displacements.
+            rows: (owned dofs,), local rows of K, if K has more unknowns than these displacements.
+            transposed: take forces K^T m.
+            n_other_modes: number of empty columns that follow.
+
+        Returns:
+            (owned dofs, modes + n_other_modes).
+        """
+        rows = np.arange(len(free), dtype=np.int32) if rows is None else rows
+        multiply = K.multTranspose if transposed else K.mult
+        free, diagonal = free.reshape(self.modes.shape[:2]), K.getDiagonal()
+        largest = np.abs(diagonal.array_r[rows]).max(initial=0.0)
+        stiffness = self.comm.allreduce(largest, MPI.MAX)
+        motion, image = K.createVecs()
+
+        def forces(displacement: Array) -> Array:
+            motion.array[rows] = np.where(free, displacement, 0.0).ravel()
+            multiply(motion, image)
+            return image.array_r[rows].reshape(free.shape)
+
+        def resist(modes: Array) -> Array:
+            columns = [np.where(free, forces(u) / stiffness, u) for u in np.moveaxis(modes, 2, 0)]
+            return np.stack(columns, axis=2)
+
+        if not self._has_coupled_components(forces, stiffness):
+            return self.mode_matrix(resist(self.modes), n_other_modes)
+        component = self.component_of_node[: len(free), None, None]
+        shape = len(rows), self.modes.shape[2]
+        columns = [
+            sp.csr_array(resist(np.where(component == k, self.modes, 0.0)).reshape(shape))
+            for k in range(len(self.centre))
+        ]
+        return sp.csr_array(sp.hstack([*columns, sp.csr_array((len(rows), n_other_modes))]))
+
+    def _has_coupled_components(self, forces: Callable[[Array], Array], stiffness: float) -> bool:
+        """Return whether components exert forces on each other, through springs for example.
+
+        Such components cannot all be moved in one product with K.
+        """
+        if len(self.centre) == 1:
+            return False
+        nodes, block, _ = self.modes.shape
+        arbitrary = 1.0 + np.cos(np.arange(nodes * block)).reshape(nodes, block)
+        weight = 1.0 + np.cos(self.component_of_node[:nodes, None])
+        coupling = np.abs(forces(weight * arbitrary) - weight * forces(arbitrary)).max(initial=0.0)
+        return bool(self.comm.allreduce(coupling, MPI.MAX) > _COUPLING_TOLERANCE * stiffness)
+
+
+def has_free_rigid_motion(K: PETSc.Mat, supports: Supports) -> bool:
+    """Return whether neither supports nor stiffness resist some rigid motion of a component."""
+    components = RigidComponents.from_space(supports.space)
+    resistance = qr_triangle(components.resistance(K, supports.free), components.comm)
+    return len(null_space(resistance, _FREE_STIFFNESS)) > 0
