@@ -275,9 +275,7 @@ SCENARIOS = [
     ),
     (
         f"facets are a mask of 3: it is one of all, {RANK_MESSAGE}",
-        lambda: boundary_measure(
-            MESH, np.vector_of_ones(3, dtype=bool) if IS_WRONG_RANK else failing_marker
-        ),
+        lambda: boundary_measure(MESH, np.ones(3, dtype=bool) if IS_WRONG_RANK else failing_marker),
     ),
     (
         f"force: {DIFFERENCE_MESSAGE}",
