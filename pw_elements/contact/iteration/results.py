@@ -12,7 +12,7 @@ import numpy.typing as npt
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import COORDINATE_ROUND_OFF, DEFORMABLE, Interface
 from pw_elements.contact.iteration.increment import Increment, NewtonState
-from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
+from pw_elements.contact.model import ContactState, PairState, Residuals, ResidualScale, Smallness
 from pw_elements.contact.nodes import HELD, OPEN, remove_normal_part
 from pw_elements.solvers import SolverReport
 
@@ -22,7 +22,7 @@ def make_contact_state(
     state: NewtonState,
     before: ContactState,
     *,
-    sizes: tuple[Scale, float, float],
+    sizes: tuple[ResidualScale, float, float],
     iterations: int,
     report: SolverReport,
     smallness: Smallness | None,
@@ -44,8 +44,8 @@ def make_contact_state(
     """
     system = increment.system
     signs = frozenset(system.tangent.solver.determinant_signs)
-    orientations = signs | before.orientations if before.free_motions == system.free else signs
-    is_unique = len(orientations) <= 1 if signs else None
+    all_signs = signs | before.determinant_signs if before.free_motions == system.free else signs
+    is_unique = len(all_signs) <= 1 if signs else None
     scale, force, length = sizes
     residuals = increment.residuals(state, force, length)
     largest = increment.max_over_ranks(*residuals.values())
@@ -60,7 +60,7 @@ def make_contact_state(
         report=report,
         increment=before.increment + 1,
         free_motions=system.free,
-        orientations=orientations,
+        determinant_signs=all_signs,
         scale=scale,
         smallness=smallness,
         converged=converged,
@@ -162,8 +162,8 @@ def make_pair_states(
 
 
 def compute_reference_sizes(
-    increment: Increment, state: NewtonState, before: Scale
-) -> tuple[Scale, float, float]:
+    increment: Increment, state: NewtonState, before: ResidualScale
+) -> tuple[ResidualScale, float, float]:
     """Return the scale of the load history, and the reference force and length of residuals.
 
     `before` is the scale at the start of the increment.
@@ -179,7 +179,7 @@ def compute_reference_sizes(
     )
     scale = before
     if force > state.round_off:
-        scale = Scale(max(force, before.force), max(length, before.length))
+        scale = ResidualScale(max(force, before.force), max(length, before.length))
     length = max(length, scale.length)
     length = length if length > COORDINATE_ROUND_OFF * extent else extent
     force = scale.force or stiffness * length

@@ -123,7 +123,7 @@ class MortarKinematics:
             normal, tangent, faced = (
                 mortar_state.normals[number],
                 mortar_state.tangents[number],
-                mortar_state.faced[number],
+                mortar_state.faces_master[number],
             )
             frame[points] = make_frames(normal, interface.equation[points] >= 0)
             sign = np.sum(frame[points, 1] * tangent, axis=1)  # of the frame's tangent
