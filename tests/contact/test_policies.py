@@ -57,9 +57,9 @@ def test_nodes_that_cycle_change_one_at_a_time():
         make_active_set(STICK, STICK, OPEN, OPEN),
         make_active_set(OPEN, OPEN, STICK, STICK),
     )
-    assert not guard.record_and_detect(first_set)
-    assert not guard.record_and_detect(second_set)
-    assert guard.record_and_detect(first_set)
+    assert not guard.record_and_detect_cycle(first_set)
+    assert not guard.record_and_detect_cycle(second_set)
+    assert guard.record_and_detect_cycle(first_set)
     cycling_nodes = make_contact_nodes(
         [[-1.99, 0], [-2.0, 0], [0, 0], [0, 0]], gap=[0, 0, -0.5, -0.1]
     )
@@ -70,10 +70,10 @@ def test_nodes_that_cycle_change_one_at_a_time():
         OPEN,
         OPEN,
     ]
-    assert not guard.record_and_detect(first_set)
-    assert not guard.record_and_detect(second_set)
+    assert not guard.record_and_detect_cycle(first_set)
+    assert not guard.record_and_detect_cycle(second_set)
     with pytest.raises(NotFound, match="2 active sets"):
-        guard.record_and_detect(first_set)
+        guard.record_and_detect_cycle(first_set)
 
 
 def test_a_recurring_set_is_kept_until_its_equations_are_solved():

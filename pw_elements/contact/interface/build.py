@@ -27,8 +27,8 @@ from pw_elements.contact.interface.mortar import Overlap, Trace, gather_trace
 from pw_elements.contact.interface.operators import (
     DEFORMABLE,
     RIGID,
-    InitialGap,
     Interface,
+    KnownGapSurface,
     PairPoints,
     compute_extents,
     gather_points,
@@ -531,7 +531,7 @@ def make_sliding_points(
     cone: FrictionCone,
     body: BodyNodes,
     revolved: bool,
-) -> tuple[PairPoints, InitialGap, SlidingMortar]:
+) -> tuple[PairPoints, KnownGapSurface, SlidingMortar]:
     """Return points, initial gap and mortar at owned nodes (m,) of a pair that may slide far.
 
     `revolved` tells whether areas are those of the whole circumference.
@@ -551,7 +551,7 @@ def make_sliding_points(
     points = replace(
         _make_points(body, nodes, cone, None), **_opposite_side_fields(owned, nodes, master, body)
     )
-    return points, InitialGap(body.x[nodes], gap, undeformed.normals[index]), mortar
+    return points, KnownGapSurface(body.x[nodes], gap, undeformed.normals[index]), mortar
 
 
 def _opposite_side_fields(
@@ -581,7 +581,7 @@ def make_mortar_points(
     body: BodyNodes,
     revolved: bool,
     depth: Array | None,
-) -> tuple[PairPoints, InitialGap]:
+) -> tuple[PairPoints, KnownGapSurface]:
     """Return points and initial gap at owned nodes (m,) of a pair with a deformable surface.
 
     Points that face nothing have an infinite gap.
@@ -654,7 +654,7 @@ def make_mortar_points(
         force_columns=sp.csr_matrix(sp.kron(force, axes)),
         **_opposite_side_fields(owned, nodes, master, body),
     )
-    return points, InitialGap(body.x[nodes], gap, normal)
+    return points, KnownGapSurface(body.x[nodes], gap, normal)
 
 
 def _warn_of_mesh_gaps(

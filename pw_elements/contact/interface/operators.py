@@ -101,7 +101,7 @@ class PairPoints:
 
 
 @dataclass(frozen=True)
-class InitialGap:
+class KnownGapSurface:
     """Surface with known gaps at its own points; its normals are constant.
 
     Args:
@@ -124,8 +124,8 @@ class InitialGap:
 
 # Surfaces that each process evaluates at its own points only, and surfaces whose evaluation cannot
 # fail
-_LOCALLY_EVALUATED_SURFACES = (*CLOSED_FORM_SURFACES, InitialGap)
-_UNGUARDED_SURFACES = (*SURFACES_DEFINED_EVERYWHERE, InitialGap)
+_LOCALLY_EVALUATED_SURFACES = (*CLOSED_FORM_SURFACES, KnownGapSurface)
+_UNGUARDED_SURFACES = (*SURFACES_DEFINED_EVERYWHERE, KnownGapSurface)
 
 
 class InvalidContactNodes(ValueError):

@@ -63,17 +63,17 @@ class CellGuard:
 
     def min_determinant(self) -> float:
         """Return the smallest determinant, minus infinity if one is not a number; collective."""
-        values = np.nan_to_num(self._determinants(), nan=-np.inf)
+        values = np.nan_to_num(self._evaluate_determinants(), nan=-np.inf)
         return float(self._mesh.comm.allreduce(values.min(initial=np.inf), MPI.MIN))
 
     def find_inverted_midpoints(self) -> Array:
         """Return the undeformed midpoints (k, dim) of all inverted cells; collective."""
-        inverted = self._cells[~(self._determinants() > 0).all(axis=1)]
+        inverted = self._cells[~(self._evaluate_determinants() > 0).all(axis=1)]
         mesh = self._mesh
         midpoints = mesh.geometry.x[cell_nodes(mesh)[inverted]].mean(axis=1)
         return np.concatenate(mesh.comm.allgather(midpoints[:, : mesh.geometry.dim]))
 
-    def _determinants(self) -> Array:
+    def _evaluate_determinants(self) -> Array:
         values = self._determinant.eval(self._mesh, self._cells)
         return np.asarray(values).reshape(len(self._cells), len(self._points))
 

@@ -242,7 +242,7 @@ class Increment:
         totals: Array = self.totals
         springs: Array = np.zeros(len(system.free))
         if self.interface.holds_friction and system.free:
-            totals, springs = self.support_friction.reduce_totals(totals, active, kinematics)
+            totals, springs = self.support_friction.subtract_from_totals(totals, active, kinematics)
         solution = system.solve(
             load,
             law,
@@ -296,7 +296,7 @@ class Increment:
         nodes = kinematics.evaluate_nodes(v, q, force, cone=interface.cone, scale=system.scale)
         if interface.holds_friction:
             if support_friction is None:
-                support_friction = self.support_friction.start_friction(kinematics)
+                support_friction = self.support_friction.friction_at_start(kinematics)
             nodes, force = self.support_friction.add_to_nodes(
                 nodes, kinematics, force, support_friction
             )

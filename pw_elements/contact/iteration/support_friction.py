@@ -64,7 +64,7 @@ class SupportFriction:
         self._free_motions: Mask = np.isnan(prescribed)[self._interface.pair]
         self._support_displacement = support_displacement
 
-    def start_friction(self, kinematics: LinearisedKinematics) -> Array:
+    def friction_at_start(self, kinematics: LinearisedKinematics) -> Array:
         """Return the support friction (m, dim - 1) at the start of the increment."""
         friction = np.einsum("nta,na->nt", kinematics.frame[:, 1:], self._start.force)
         return np.where(kinematics.held_tangents, friction, 0.0)
@@ -74,10 +74,10 @@ class SupportFriction:
     ) -> ActiveSet:
         """Return the active set with the start's support friction where its own is zero."""
         friction = active.support_friction
-        friction = np.where(friction == 0, self.start_friction(kinematics), friction)
+        friction = np.where(friction == 0, self.friction_at_start(kinematics), friction)
         return replace(active, support_friction=friction)
 
-    def reduce_totals(
+    def subtract_from_totals(
         self, totals: Array, active: ActiveSet, kinematics: LinearisedKinematics
     ) -> tuple[Array, Array]:
         """Return the totals (free,) without support friction, and its stiffness (free,).
@@ -142,7 +142,7 @@ class SupportFriction:
         )
         is_resting = nodes.resting_tangents
         nodes = replace(nodes, slip=np.where(is_resting, 0.0, nodes.slip))
-        friction = np.where(is_resting, self.start_friction(kinematics), friction)
+        friction = np.where(is_resting, self.friction_at_start(kinematics), friction)
         stiffness = np.where(is_coupled_to_surface, _stiffness_factor(kinematics), 1.0) * scale
         return _add_support_friction(
             nodes,

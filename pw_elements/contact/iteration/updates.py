@@ -64,7 +64,7 @@ class CycleGuard:
         self._visited: list[tuple[bytes, ActiveSet]] = []
         self._limited: Mask | None = None
 
-    def record_and_detect(self, active: ActiveSet) -> bool:
+    def record_and_detect_cycle(self, active: ActiveSet) -> bool:
         """Record a set; return True if it was visited before, and limit the nodes of its cycle.
 
         Raises:
@@ -178,7 +178,7 @@ class ActiveSetUpdate:
     def start(self, active: ActiveSet, increment: Increment) -> None:  # noqa: ARG002
         """Clear the record of visited sets and record the first active set of an increment."""
         self._cycles = CycleGuard(self._comm)
-        self._cycles.record_and_detect(active)
+        self._cycles.record_and_detect_cycle(active)
 
     def choose_next_set(
         self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonState
@@ -195,7 +195,7 @@ class ActiveSetUpdate:
             LastContactLost: if the next active set leaves a rigid motion free.
         """
         if state.violation <= 1:
-            return active, "tightened"  # all conditions hold, but the solution was too inaccurate
+            return active, "tightened"  # the linear system was not solved to final accuracy
         active = self._rotate_to_state_frames(active, kinematics, state)
         return self._propose_next_set(active, state)
 
@@ -218,7 +218,7 @@ class ActiveSetUpdate:
         proposed = self._propose_holding_set(active, state.nodes)
         if not state.is_exact and is_same_set(proposed, active, self._comm):
             return active, "tightened"  # corrected factors may leave small gaps
-        if self._cycles.record_and_detect(proposed):
+        if self._cycles.record_and_detect_cycle(proposed):
             proposed = self._propose_holding_set(active, state.nodes)
         return proposed, self.accuracy
 

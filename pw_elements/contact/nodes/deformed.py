@@ -177,7 +177,7 @@ class DeformedKinematics:
         tangent_change = tangents @ curvature  # t·N
         finite_gap = np.where(np.isfinite(gap), gap, 0.0)
         chord = interface.position + motion - finite_gap[:, None] * normal - self._point0
-        normal0 = self._start_normals(normal, gap)
+        normal0 = self._normals_at_start(normal, gap)
         s = np.linalg.norm(normal - normal0, axis=1) / 2
         factor, factor_slope = _arc_factors(np.minimum(s, _MAX_S))
         tangential_chord = np.einsum("nta,na->nt", tangents, chord)
@@ -220,7 +220,7 @@ class DeformedKinematics:
     def slip_by_start_motion(self, kinematics: LinearisedKinematics) -> Array:
         """Return derivatives (m, dim - 1, dim) of the slip by the displacements at the start."""
         normal, tangents = kinematics.frame[:, 0], kinematics.frame[:, 1:]
-        normal0 = self._start_normals(normal, kinematics.gap)
+        normal0 = self._normals_at_start(normal, kinematics.gap)
         s = np.linalg.norm(normal - normal0, axis=1) / 2
         factor, factor_slope = _arc_factors(np.minimum(s, _MAX_S))
         n_n = self._normal0[:, :, None] * self._normal0[:, None, :]
@@ -270,7 +270,7 @@ class DeformedKinematics:
         interface = self._interface
         end = self._surface_frame_motion(kinematics)
         gap, normal, _ = interface.closest(end)
-        normal_change = np.linalg.norm(normal - self._start_normals(normal, gap), axis=1)
+        normal_change = np.linalg.norm(normal - self._normals_at_start(normal, gap), axis=1)
         jumped = normal_change > 2 * _RIGHT_ANGLE_S
         if len(interface.gathered(jumped[jumped])):
             for fraction in _PATH_FRACTIONS:
@@ -283,7 +283,7 @@ class DeformedKinematics:
         displacement = kinematics.v0[:, : self._motion0.shape[1]]
         return self._surfaces.motion_in_surface_frame(kinematics.q0, displacement)
 
-    def _start_normals(self, normal: Array, gap: Array) -> Array:
+    def _normals_at_start(self, normal: Array, gap: Array) -> Array:
         """Return normals (m, dim) at the start of the increment.
 
         Where no surface faces a point at the start or now, it is the current normal.
