@@ -80,7 +80,7 @@ class SupportFriction:
     def subtract_from_totals(
         self, totals: Array, active: ActiveSet, kinematics: LinearisedKinematics
     ) -> tuple[Array, Array]:
-        """Return the totals (free,) without support friction, and its stiffness (free,).
+        """Return totals (free,) minus the support friction, and its stiffness (free,).
 
         `totals` are the prescribed forces and torques of the free motions.
         """
