@@ -234,7 +234,8 @@ class ActiveSetUpdate:
         status for one more iteration, as many as are needed.
 
         Raises:
-            LastContactLost: if the set leaves a rigid motion free although no node is released.
+            LastContactLost: if a rigid motion is free although only the node with the largest
+                violation is released.
         """
         releases = (proposed.status != active.status) & (active.status != OPEN)
         releases &= proposed.status != STICK
