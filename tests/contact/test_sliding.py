@@ -284,7 +284,7 @@ def test_slip_agrees_with_that_of_the_path(die_history, caplog):
         is_sliding = path_length > 0.01
         assert is_sliding.sum() > 5
         assert (difference < 0.06 * path_length)[is_sliding].all()
-    check = SlipCheck(bodies.problem._finite.interface)
+    check = SlipCheck(bodies.problem._large_strain_stepping.interface)
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
         check.check(states[-1])
         assert not caplog.records
@@ -295,7 +295,7 @@ def test_slip_agrees_with_that_of_the_path(die_history, caplog):
     (record,) = caplog.records
     assert record.getMessage().startswith("increment 3, contact pair 0: slip differs")
     frictionless_pair = replace(pair, slip=0 * pair.slip, friction=0 * pair.friction)
-    SlipCheck(bodies.problem._finite.interface).check(
+    SlipCheck(bodies.problem._large_strain_stepping.interface).check(
         replace(state_without_slip, pairs=(frictionless_pair,))
     )
     assert len(caplog.records) == 1

@@ -109,7 +109,7 @@ class FiniteEquilibrium:
         self._field = SubSpace.displacements(body.u.function_space)
         self.offset = reduction.offset
         # coordinates' round-off, as forces
-        round_off = ROUND_OFF * float(system.scale.max(initial=0.0)) * guard.extent
+        round_off = ROUND_OFF * float(system.law_scale.max(initial=0.0)) * guard.extent
         self._round_off = system.comm.allreduce(round_off, MPI.MAX) or np.finfo(float).tiny
         diagonal = self._field.extract(body.tangent.getDiagonal())
         self._max_row_sum = _ROW_SUM_OVER_DIAGONAL * float(diagonal.norm(PETSc.NormType.INFINITY))
@@ -192,7 +192,7 @@ class FiniteEquilibrium:
 
     def _renew_system(self, K: PETSc.Mat, torque_map: TorqueMap) -> PETSc.Mat:
         """Set the system's matrix; return the tangent (n, n)."""
-        self._system.renew(K, torque_map)
+        self._system.update_stiffness(K, torque_map)
         return K
 
     def _round_off_of_volumes(self, K: PETSc.Mat) -> Array | float:
@@ -242,7 +242,7 @@ class SlidingEquilibrium(FiniteEquilibrium):
         self._system.set_force_operator(self._mortars.update(self._u))
 
     def _renew_system(self, K: PETSc.Mat, torque_map: TorqueMap) -> PETSc.Mat:
-        tangent = self._mortars.force_stiffness(self._system.forces(self._residual)[0])
+        tangent = self._mortars.force_stiffness(self._system.split_residual(self._residual)[0])
         tangent.axpy(1.0, K, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        self._system.renew_with_motion(tangent, torque_map, self._mortars.motion)
+        self._system.update_stiffness_and_motion(tangent, torque_map, self._mortars.motion)
         return tangent

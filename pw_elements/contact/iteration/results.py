@@ -40,7 +40,9 @@ def make_contact_state(
     """
     system = increment.system
     signs = frozenset(system.tangent.solver.determinant_signs)
-    orientations = signs | before.orientations if before.free_motions == system.free else signs
+    orientations = (
+        signs | before.orientations if before.free_motions == system.free_motions else signs
+    )
     is_unique = len(orientations) <= 1 if signs else None
     scale, force, length = sizes
     residuals = increment.residuals(state, force, length)
@@ -55,7 +57,7 @@ def make_contact_state(
         residuals=Residuals(**dict(zip(residuals, largest, strict=True))),
         report=report,
         increment=before.increment + 1,
-        free_motions=system.free,
+        free_motions=system.free_motions,
         orientations=orientations,
         scale=scale,
         smallness=smallness,
@@ -167,7 +169,7 @@ def reference_sizes(
         np.linalg.norm(state.force, axis=1),
         np.linalg.norm(displacements, axis=1),
         np.abs(increment.interface.position),
-        increment.system.scale,
+        increment.system.law_scale,
     )
     scale = before
     if force > state.round_off:

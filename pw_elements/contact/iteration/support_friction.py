@@ -91,18 +91,18 @@ class SupportFriction:
         iterated = closed & kinematics.held_tangents & coupled
         sticks = (active.status == STICK)[:, None]
         # of slip that turns by l / |v|, which is c M / (1 - M)
-        turning = system.scale * active.turning
+        turning = system.law_scale * active.turning
         turning = turning / np.maximum(1 - active.turning, 1 / factor) + active.turning_by_slip
         turning = turning[:, None] * (1 - active.direction**2)
-        stick_stiffness = (factor * system.scale)[:, None]
+        stick_stiffness = (factor * system.law_scale)[:, None]
         stiffness = np.where(iterated, np.where(sticks, stick_stiffness, turning), 0.0)
         friction = np.where(closed, active.support_friction, 0.0)
         friction = friction - stiffness * (slip - np.where(sticks, 0.0, active.support_slip))
         tangential_V = np.einsum("nta,nak->ntk", kinematics.frame[:, 1:], kinematics.torque_map.V)
-        total = system.totals(np.einsum("ntk,nt->nk", tangential_V, friction))
+        total = system.sum_over_free_motions(np.einsum("ntk,nt->nk", tangential_V, friction))
         resistance = stiffness[:, :, None] * tangential_V * -kinematics.motion_by_q[:, 1:]
-        springs = np.maximum(0.0, system.totals(resistance.sum(axis=1)))
-        return totals - total + springs * system.select_free(kinematics.q0), springs
+        springs = np.maximum(0.0, system.sum_over_free_motions(resistance.sum(axis=1)))
+        return totals - total + springs * system.select_free_motions(kinematics.q0), springs
 
     def add_to_nodes(
         self,
@@ -115,7 +115,7 @@ class SupportFriction:
 
         `friction` (m, dim - 1) is that of the iteration before.
         """
-        interface, scale, held = self._interface, self._system.scale, kinematics.held_tangents
+        interface, scale, held = self._interface, self._system.law_scale, kinematics.held_tangents
         coupled_tangents = self._coupled_tangents(kinematics)
         is_coupled = np.asarray(coupled_tangents.any(axis=1))
         size = np.abs(interface.position) + np.abs(kinematics.v0[:, : force.shape[1]])

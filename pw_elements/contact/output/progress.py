@@ -46,7 +46,7 @@ class Progress:
 Callback: TypeAlias = Callable[[Progress], object]
 
 
-class Reporter:
+class ProgressReporter:
     """Logs one increment and calls the user's callback; all processes make and use it together."""
 
     def __init__(self, comm: MPI.Comm, increment: int, callback: Callback | None) -> None:

@@ -306,7 +306,7 @@ def rescue(
         share = f"{increment.nearest.violation * TOLERANCE:.1g}"
         near = f" The state that came nearest violates the law by {share} of its largest force."
     if not isinstance(failure, NotUnique):
-        enclosed = f" {_ENCLOSED}." if increment.system.tangent.encloses() else ""
+        enclosed = f" {_ENCLOSED}." if increment.system.tangent.has_enclosed_pressure() else ""
         advice = "Smaller increments, or pressing before pushing, may find one"
         if state is not None and isinstance(failure, LastContactLost):
             advice = describe_exhausted_friction(state) or advice

@@ -28,7 +28,7 @@ from pw_elements.contact.nodes import (
     assemble_node_equations,
     select_nodes,
 )
-from pw_elements.contact.system import ContactSystem, border_columns, local_rows
+from pw_elements.contact.system import ContactSystem, extract_local_rows, make_border_columns
 from pw_elements.solvers import RigidComponents, destroy_objects, null_space, qr_triangle
 
 _AXES = "xyz"
@@ -144,7 +144,7 @@ class RigidMotions:
     def __init__(self, system: ContactSystem, K: PETSc.Mat, space: fem.FunctionSpace) -> None:
         self._system, self._K, self._space = system, K, space
         pieces = RigidComponents.from_space(space)
-        self.modes = RigidModes(pieces, system.free, system.interface.pairs)
+        self.modes = RigidModes(pieces, system.free_motions, system.interface.pairs)
         self._at = system.interface.field.owned_unknowns.ravel()
         self._held = qr_triangle(self._resisted(pieces, transposed=False), system.comm)
         self._relative = self._at_points(pieces, works=False)
@@ -280,9 +280,9 @@ class RigidMotions:
         motions = PETSc.Mat().createAIJ(sizes, csr=(*places, full.data), comm=comm)
         product = interface.force.transposeMatMult if works else interface.motion.matMult
         moved = product(motions)
-        dim, of_pieces = interface.position.shape[1], local_rows(moved, 0)
+        dim, of_pieces = interface.position.shape[1], extract_local_rows(moved, 0)
         destroy_objects(motions, moved)
-        surfaces = border_columns(modes.free, interface.pair, dim)
+        surfaces = make_border_columns(modes.free, interface.pair, dim)
         still = sp.csr_array((len(interface.pair) * dim, modes.of_pieces))
         return sp.csr_array(of_pieces - sp.hstack([still, surfaces]))
 

@@ -52,14 +52,14 @@ def check_contact_arguments(
     arguments.check_integer("max_iterations", max_iterations, 1)
     with collective_errors(space.mesh.comm):  # only some processes may have one
         check_function("callback", callback, "it has to be a function")
-    stated = check_each(pairs, ContactPair, "a contact pair")
+    stated = list_of_type(pairs, ContactPair, "a contact pair")
     check_problem({"the stiffness": K}, reductions=(reduction,), space=space, solver=solver)
     if any(isinstance(pair.surface, DeformableSurface) for pair in stated):
         check_piecewise_linear_weights(K, space)
     return tuple(stated)
 
 
-def check_paths(
+def list_paths(
     paths: PathInTime | Sequence[PathInTime | None],
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
@@ -78,7 +78,7 @@ def check_paths(
     return each
 
 
-def check_remedies(remedies: Remedies) -> dict[Remedy, float]:
+def list_remedy_cost_ratios(remedies: Remedies) -> dict[Remedy, float]:
     """Return the remedies of a problem, and the cost that each may have over the first attempt."""
     named = isinstance(remedies, Collection) and not isinstance(remedies, str)
     if not named or any(one not in REMEDIES for one in remedies):
@@ -89,7 +89,7 @@ def check_remedies(remedies: Remedies) -> dict[Remedy, float]:
     }
 
 
-def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
+def check_large_strain_surfaces(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
     """Raise a ValueError that says what to use where deformed bodies cannot touch a surface."""
     for k, pair in enumerate(pairs):
         surface, wrong = pair.surface, ""
@@ -117,9 +117,9 @@ def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> No
             raise ValueError(f"contact pair {k}: {wrong}")
 
 
-def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
+def check_state_of_problem(state: ContactState, own: ContactState, what: str) -> None:
     """Raise an error for a state of other contact nodes than a problem's own, or with NaN."""
-    check_each([state], ContactState, what)
+    list_of_type([state], ContactState, what)
     alike = len(state.pairs) == len(own.pairs) and all(
         pair.position.shape == mine.position.shape
         and np.abs(pair.position - mine.position).max() <= _SAME_PLACE * np.abs(mine.position).max()
@@ -133,7 +133,7 @@ def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
             raise ValueError(f"{what} has forces or displacements that are not finite")
 
 
-def check_each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
+def list_of_type(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
     """Return a list of one or several things; raise TypeError for one that is of another kind."""
     things = arguments.as_list(given)
     for thing in things:
@@ -158,7 +158,7 @@ def check_motions(motions: Sequence[Motion | None], pairs: Sequence[ContactPair]
     for k, (motion, pair) in enumerate(zip(motions, pairs, strict=True)):
         if motion is None:
             continue
-        check_each([motion], Motion, f"a motion of contact pair {k}")
+        list_of_type([motion], Motion, f"a motion of contact pair {k}")
         if len(motion.translation) != dim:
             raise ValueError(f"the motion of contact pair {k} is not {dim}-D")
         if pair.pivot is None and motion.rotation != 0:

@@ -66,7 +66,7 @@ from pw_elements.contact.nodes import (
     make_increment_start,
     make_sticking_set,
 )
-from pw_elements.contact.output import Callback, Coefficients, Reporter, ResidualProbe
+from pw_elements.contact.output import Callback, Coefficients, ProgressReporter, ResidualProbe
 from pw_elements.contact.rescue import (
     SupportedPieces,
     combine_substeps,
@@ -81,7 +81,7 @@ from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.smallness import SlipCheck
 from pw_elements.contact.steps.stepping import (
     IncrementTarget,
-    interpolate,
+    interpolate_targets,
 )
 from pw_elements.contact.steps.verification import (
     Sizes,
@@ -102,7 +102,7 @@ Loading: TypeAlias = Callable[[float], None]
 _SMALLEST = 1 / 64
 # Largest angle of a tool in one part. Twice as much would be a right angle, at which a node that
 # slides round a tool counts as one that has jumped
-MAX_TURN = np.pi / 4
+MAX_SUBSTEP_ROTATION = np.pi / 4
 # Largest path over distance of a prescribed displacement in one part: that of an arc of a right
 # angle. Samples of the path per increment, and the distance over the largest one that counts
 _MAX_DETOUR, _PATH_SAMPLES, _MAX_PATH_SAMPLES, _MIN_PATH = np.pi / np.sqrt(8), 16, 256, 1e-3
@@ -115,7 +115,7 @@ _MAX_CLEAR_ITERATIONS = 10
 _LOG_ROUND_OFF = 1e-9
 
 
-class FiniteStepping:
+class LargeStrainStepping:
     """The increments of a `ContactProblem` of a residual; the space is of the displacements.
 
     The reduction is of the conditions, whose values change; `update` brings the history up to date.
@@ -164,17 +164,17 @@ class FiniteStepping:
         self, state: ContactState, load: Loading | None, motions: Sequence[Motion | None]
     ) -> ContactState:
         start_time, interface = perf_counter(), self.interface
-        start = IncrementTarget.from_state(state, turning=True)
-        end = IncrementTarget.from_motions(None, motions, interface, turning=True)
-        if any(pair in interface.mortars for pair, _ in end.free):
+        start = IncrementTarget.from_state(state, with_angles=True)
+        end = IncrementTarget.from_motions(None, motions, interface, with_angles=True)
+        if any(pair in interface.mortars for pair, _ in end.free_motions):
             raise ValueError(
                 "the surface of a deformed body is not free to move besides its displacements: "
                 "give it a translation, or the body supports and loads"
             )
         with report_activity(interface.comm, f"contact increment {state.increment}"):
-            reporter = Reporter(interface.comm, state.increment, self._callback)
-            system = self._system_for(end.free)
-            before = system.n_solved, system.report
+            reporter = ProgressReporter(interface.comm, state.increment, self._callback)
+            system = self._system_for(end.free_motions)
+            before = system.n_solves, system.report
             if self._watch is not None and not state.increment:  # others are looked at in the end
                 self._restore(state)
                 self._watch.is_beyond_limit()
@@ -198,8 +198,8 @@ class FiniteStepping:
                     forces = self._body.assemble_residual().norm(PETSc.NormType.INFINITY)
                     arguments.check_magnitude("the load of the undeformed body", forces)
                 try:
-                    target = interpolate(start, end, share)
-                    solution = self._solve_part(now, target, system, reporter, patient, begin)
+                    target = interpolate_targets(start, end, share)
+                    solution = self._solve_substep(now, target, system, reporter, patient, begin)
                 except NotConverged as failed:
                     raise NotFound(str(failed)) from failed
                 return replace(solution, history=self._updated())
@@ -229,13 +229,13 @@ class FiniteStepping:
                 words = f"{failed}; {where}, which cannot be halved further"
                 if self._watch is not None and self._watch.is_beyond_limit():
                     words += f". The body is nearly incompressible: {HYBRID_SPACES_REMEDY}"
-                by_friction = bool(end.free) or not self._held_axes().all()
+                by_friction = bool(end.free_motions) or not self._held_axes().all()
                 if by_friction and (used_up := describe_exhausted_friction(now)):
                     words += f". {used_up}"
                 error = NotFound(words)
                 error.last_substate = (done, now) if parts else None
                 raise error from failed
-        n_solved, report = system.n_solved - before[0], system.report.since(before[1])
+        n_solved, report = system.n_solves - before[0], system.report.since(before[1])
         solution = replace(combine_substeps(parts), iterations=n_solved, report=report)
         self._slips.check(solution)
         reporter.report_increment(solution, perf_counter() - start_time)
@@ -244,7 +244,7 @@ class FiniteStepping:
     def _count_pieces(self, start: IncrementTarget, end: IncrementTarget, path: Array) -> int:
         """Return a power of two: of parts in which slip can be seen from the ends."""
         angles = np.nan_to_num(end.q - start.q)[:, -1]
-        turns = float(np.abs(angles).max(initial=0.0)) / MAX_TURN
+        turns = float(np.abs(angles).max(initial=0.0)) / MAX_SUBSTEP_ROTATION
         straight = _count_straight_pieces(path, self.interface.comm)
         return max(_round_up_to_power_of_two(turns), straight)
 
@@ -314,7 +314,7 @@ class FiniteStepping:
         path = [start]
         for k in range(1, samples + 1):
             self._apply(load, k / samples)
-            path.append(self.prescribed())
+            path.append(self.evaluate_prescribed_values())
         return np.array([field.extract(values).array_r.reshape(-1, dim).copy() for values in path])
 
     def _held_axes(self) -> Mask:
@@ -347,12 +347,12 @@ class FiniteStepping:
             self._system.tangent.release()
             self._system = None
 
-    def _solve_part(
+    def _solve_substep(
         self,
         state: ContactState,
         target: IncrementTarget,
         system: ContactSystem,
-        reporter: Reporter,
+        reporter: ProgressReporter,
         keep_cycling_sets: bool,
         begin: PETSc.Vec | None = None,
     ) -> ContactState:
@@ -366,7 +366,7 @@ class FiniteStepping:
         increment, kinematics = self._start_increment(state, target, system, unknowns)
         start = increment.start
         q = np.where(np.isnan(target.q), start.q, target.q)
-        system.start(lambda: unknowns, q)
+        system.set_initial_iterate(lambda: unknowns, q)
         max_iterations = self._max_iterations
         if begin is None:
             closed = interface.local(state.pairs, "status")[0] != OPEN
@@ -428,10 +428,10 @@ class FiniteStepping:
                     "contact nodes first at {} pass through the other side", passed
                 )
         angle = np.abs(end.q - increment.start.q)[:, -1]
-        if (angle[np.isnan(target.q[:, -1])] > MAX_TURN).any():
+        if (angle[np.isnan(target.q[:, -1])] > MAX_SUBSTEP_ROTATION).any():
             raise NotFound(
                 f"a surface that is free to turn has turned by {angle.max():.3g}: slip is seen up "
-                f"to {MAX_TURN:.3g}, an eighth of a turn, in one part"
+                f"to {MAX_SUBSTEP_ROTATION:.3g}, an eighth of a turn, in one part"
             )
 
     def _check_stability(
@@ -446,7 +446,7 @@ class FiniteStepping:
         signs = of_solver or system.tangent.determinant_signs()
         if self._watch is not None and self._watch.is_beyond_limit():
             signs = ()  # they change without any instability
-        is_comparable = bool(of_solver) and state.free_motions == system.free
+        is_comparable = bool(of_solver) and state.free_motions == system.free_motions
         before = state.orientations if is_comparable else frozenset[int]()
         if signs and signs[-1] not in (before or signs[:1]):
             raise NotFound("the state found is unstable: its tangent's determinant has turned sign")
@@ -464,7 +464,7 @@ class FiniteStepping:
         self._body.set_unknowns(solution.unknowns)
         unbalanced = self._body.assemble_residual()
         assert self._system is not None
-        scale, comm = self._system.scale, self.interface.comm
+        scale, comm = self._system.law_scale, self.interface.comm
         largest = self.interface.field.extract(unbalanced).norm(PETSc.NormType.INFINITY)
         stiffness = comm.allreduce(scale.max(initial=0.0), MPI.MAX)
         round_off = TOLERANCE * largest + ROUND_OFF * stiffness * self._guard.extent
@@ -485,7 +485,7 @@ class FiniteStepping:
         """Return the equations from a state to a target, the body being at all unknowns (n,)."""
         interface = self.interface
         start = make_increment_start(state, interface, state.placements)
-        reduction = replace(self._reduction, offset=self.prescribed())
+        reduction = replace(self._reduction, offset=self.evaluate_prescribed_values())
         of_body = self._body, system, reduction, self._guard, at
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, start.q, target.q)
@@ -499,7 +499,7 @@ class FiniteStepping:
         )
         return increment, kinematics
 
-    def identify(self) -> tuple[Indices, ResidualProbe]:
+    def identify_residual(self) -> tuple[Indices, ResidualProbe]:
         """Return -1 for each unknown (n,) of this process that is prescribed, and the residual."""
         free, _ = evaluate_conditions(self._whole, self._conditions)
         return np.where(free, 0, -1), ResidualProbe(self._body, self.coefficients)
@@ -509,10 +509,10 @@ class FiniteStepping:
         """Return the last tangent (n, n)."""
         return self._body.tangent
 
-    def prescribed(self) -> PETSc.Vec:
+    def evaluate_prescribed_values(self) -> PETSc.Vec:
         return evaluate_conditions(self._whole, self._conditions)[1]
 
-    def contains(self, constant: fem.Constant) -> bool:
+    def depends_on(self, constant: fem.Constant) -> bool:
         """Whether the residual or one of its Dirichlet conditions depends on a constant."""
         values = [getattr(condition.g, "value", None) for condition in self._each_condition]
         # DOLFINx hands on C++ objects of constants, but their values are one array
@@ -529,7 +529,7 @@ class FiniteStepping:
         self._apply(part.load, part.share)
         free = part.state.free_motions
         system = self._system_for(free)
-        target = IncrementTarget.from_state(part.state, turning=True).with_free(free)
+        target = IncrementTarget.from_state(part.state, with_angles=True).with_free_motions(free)
         unknowns = part.state.unknowns
         increment, kinematics = self._start_increment(part.before, target, system, unknowns)
         states, dim = (part.before, part.state), self.interface.position.shape[1]
@@ -545,7 +545,7 @@ class FiniteStepping:
 
     def _system_for(self, free: FreeMotions) -> ContactSystem:
         """Return the system for these free motions; the last one is kept."""
-        if self._system is None or self._system.free != free:
+        if self._system is None or self._system.free_motions != free:
             self.release()
             no_vector = np.zeros_like(self.interface.position)
             rest = np.zeros((self.interface.pairs, no_vector.shape[1] + 1))

@@ -35,16 +35,16 @@ from pw_elements.contact.output import (
 )
 from pw_elements.contact.steps.checks import (
     Remedies,
-    check_belongs,
     check_contact_arguments,
-    check_deformed,
-    check_each,
     check_function,
+    check_large_strain_surfaces,
     check_motions,
-    check_remedies,
+    check_state_of_problem,
+    list_of_type,
     list_per_pair,
+    list_remedy_cost_ratios,
 )
-from pw_elements.contact.steps.finite import FiniteStepping, Loading
+from pw_elements.contact.steps.finite import LargeStrainStepping, Loading
 from pw_elements.contact.steps.sensitivity import (
     Derivatives,
     Output,
@@ -55,7 +55,7 @@ from pw_elements.contact.steps.sensitivity import (
     checked_parameters,
     parts_of,
 )
-from pw_elements.contact.steps.stepping import REMEDIES, Stepping
+from pw_elements.contact.steps.stepping import REMEDIES, SmallStrainStepping
 from pw_elements.progress import report_activity
 from pw_elements.solvers import (
     Direct,
@@ -100,7 +100,9 @@ class ContactProblem:
     """
 
     _has_residual = False
-    _histories: Sequence[fem.FunctionSpace] = ()  # spaces of the functions that belong to a state
+    _history_spaces: Sequence[
+        fem.FunctionSpace
+    ] = ()  # spaces of the functions that belong to a state
 
     @check_same_arguments
     def __init__(
@@ -120,9 +122,9 @@ class ContactProblem:
         check_mesh(space.mesh)
         self._K, self._space, self._reduction = K, space, reduction
         self._asked, self._supports = solver, reduction.supports
-        each = check_remedies(remedies)
+        each = list_remedy_cost_ratios(remedies)
         self._by = partial(
-            Stepping,
+            SmallStrainStepping,
             K,
             reduction,
             self.pairs,
@@ -132,11 +134,11 @@ class ContactProblem:
             remedies=each,
         )
         self._seen = K.stateGet()
-        self._stepping: Stepping = self._by(
+        self._small_strain_stepping: SmallStrainStepping = self._by(
             solver=choose_solver(solver, self._supports, contact_stiffness=K)
         )
         self.undeformed: ContactState = make_undeformed_state(
-            self._stepping.interface, K.createVecRight()
+            self._small_strain_stepping.interface, K.createVecRight()
         )
 
     @classmethod
@@ -233,7 +235,7 @@ class ContactProblem:
                 goes on with factors if there is memory for them, and stays with them. With a
                 residual smaller parts are tried instead, and NotFound is raised in the end.
         """
-        check_belongs(state, self.undeformed, "the state")
+        check_state_of_problem(state, self.undeformed, "the state")
         if not state.converged:
             raise ValueError("the state at the start is no solution: go on from the one before")
         moved = list_per_pair("motions", () if motions is None else motions, len(self.pairs))
@@ -252,18 +254,23 @@ class ContactProblem:
         self._renew()
 
         def step_by(solver: LinearSolver) -> ContactState:
-            if solver is not self._stepping.solver:
+            if solver is not self._small_strain_stepping.solver:
                 self.release()
-                self._stepping = self._by(solver=solver)
-            return self._stepping.step(state, load, motions)
+                self._small_strain_stepping = self._by(solver=solver)
+            return self._small_strain_stepping.step(state, load, motions)
 
-        return compute_with_fallback(self._stepping.solver, self._asked, self._supports, step_by)
+        return compute_with_fallback(
+            self._small_strain_stepping.solver, self._asked, self._supports, step_by
+        )
 
     def _renew(self) -> None:
         """Rebuild all if K has changed since the last factorisation."""
         if self._K.stateGet() != self._seen:
             self.release()
-            self._stepping, self._seen = self._by(solver=self._stepping.solver), self._K.stateGet()
+            self._small_strain_stepping, self._seen = (
+                self._by(solver=self._small_strain_stepping.solver),
+                self._K.stateGet(),
+            )
 
     @check_same_arguments
     def sensitivity(
@@ -310,14 +317,14 @@ class ContactProblem:
                 iterative solver, states that are not ends of such steps, and contact nodes that are
                 about to change their status.
         """
-        if self._histories:
+        if self._history_spaces:
             raise ValueError(
                 "the residual has a history that `update` changes in its own way: there are no "
                 "derivatives of that"
             )
-        states = check_each(states, ContactState, "a state")
+        states = list_of_type(states, ContactState, "a state")
         for state in states:
-            check_belongs(state, self.undeformed, "a state")
+            check_state_of_problem(state, self.undeformed, "a state")
         steps = len(states) - 1
         if steps < 1:
             raise ValueError(
@@ -325,7 +332,7 @@ class ContactProblem:
             )
         check_loads(loads, steps, self._has_residual)
         self._renew()
-        increments, known = self._increments, (self._space, self._has_residual)
+        increments, known = self._current_stepping, (self._space, self._has_residual)
         if is_matrix_free(increments.solver) or increments.interface.mortars:
             raise ValueError(
                 "there are no derivatives of two bodies at large sliding, nor by an iterative "
@@ -345,14 +352,14 @@ class ContactProblem:
     @check_same_arguments
     def release(self) -> None:
         """Frees what the solver holds, on all processes; the next step makes it anew."""
-        self._increments.release()
+        self._current_stepping.release()
 
     @property
-    def _increments(self) -> Stepping | FiniteStepping:
-        return self._stepping
+    def _current_stepping(self) -> SmallStrainStepping | LargeStrainStepping:
+        return self._small_strain_stepping
 
     @property
-    def _residual(self) -> FiniteStepping | None:
+    def _residual(self) -> LargeStrainStepping | None:
         return None
 
     @property
@@ -369,7 +376,7 @@ class ContactProblem:
 
     def _identify_interface(self, column: Indices) -> dict[str, Any]:
         """Return the parts that all problems have; columns (n,) are -1 where supports hold."""
-        interface, states = self._increments.interface, self.undeformed.pairs
+        interface, states = self._current_stepping.interface, self.undeformed.pairs
         return identify_problem(interface, self.pairs, states, column, self._space)
 
     @check_same_arguments
@@ -385,8 +392,8 @@ class ContactProblem:
             ValueError: for a state of other contact nodes.
             OSError: if the file cannot be written.
         """
-        check_belongs(state, self.undeformed, "the state")
-        write_state(path, state, self._space, self._histories, self._identify())
+        check_state_of_problem(state, self.undeformed, "the state")
+        write_state(path, state, self._space, self._history_spaces, self._identify())
 
     @check_same_arguments
     def load(
@@ -413,7 +420,7 @@ class ContactProblem:
             OSError: if the file cannot be read.
         """
         check_changed(changed)
-        histories, identity = self._histories, self._identify()
+        histories, identity = self._history_spaces, self._identify()
         known = self.undeformed, self.pairs, self._stiffness
         return read_state(path, self._space, histories, identity, *known, changed)
 
@@ -443,7 +450,7 @@ class _ResidualProblem(ContactProblem):
             same["the history"] = [
                 getattr(one, "function_space", None) for one in arguments.as_list(history)
             ]
-            functions = check_each(history, fem.Function, "a function of the history")
+            functions = list_of_type(history, fem.Function, "a function of the history")
             if not all(np.isfinite(one.x.array).all() for one in functions):
                 raise ValueError("a function of the history has values that are not finite")
         reduction = Reduction.dirichlet(space, conditions)
@@ -455,11 +462,11 @@ class _ResidualProblem(ContactProblem):
         self.pairs = check_contact_arguments(
             K, reduction, pairs, space, max_iterations, solver, callback
         )
-        check_deformed(self.pairs, space)
+        check_large_strain_surfaces(self.pairs, space)
         check_mesh(space.mesh)
         self._space = space
-        self._histories = [function.function_space for function in functions]
-        self._finite = FiniteStepping(
+        self._history_spaces = [function.function_space for function in functions]
+        self._large_strain_stepping = LargeStrainStepping(
             problem,
             conditions,
             reduction,
@@ -470,7 +477,7 @@ class _ResidualProblem(ContactProblem):
             functions,
             update,
         )
-        start = make_undeformed_state(self._finite.interface, K.createVecRight())
+        start = make_undeformed_state(self._large_strain_stepping.interface, K.createVecRight())
         values = tuple(function.x.array.copy() for function in functions)
         self.undeformed = replace(start, history=values, smallness=None)
 
@@ -482,28 +489,28 @@ class _ResidualProblem(ContactProblem):
     ) -> ContactState:
         remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
         check_function("the load of a residual", load, remedy)
-        return self._finite.step(state, load, motions)
+        return self._large_strain_stepping.step(state, load, motions)
 
     def _renew(self) -> None:
         """Do nothing: the tangent is new in each iteration."""
 
     @property
-    def _increments(self) -> Stepping | FiniteStepping:
-        return self._finite
+    def _current_stepping(self) -> SmallStrainStepping | LargeStrainStepping:
+        return self._large_strain_stepping
 
     @property
-    def _residual(self) -> FiniteStepping | None:
-        return self._finite
+    def _residual(self) -> LargeStrainStepping | None:
+        return self._large_strain_stepping
 
     @property
     def _stiffness(self) -> PETSc.Mat:
-        return self._finite.stiffness
+        return self._large_strain_stepping.stiffness
 
     def _check_constants(self, parameters: Sequence[Any], outputs: Sequence[Any]) -> None:
-        check_constants(parameters, outputs, self._finite)
+        check_constants(parameters, outputs, self._large_strain_stepping)
 
     def _identify(self) -> Identity:
-        column, residual = self._finite.identify()
+        column, residual = self._large_strain_stepping.identify_residual()
         return Identity(self._identify_interface(column), residual)
 
 
@@ -542,13 +549,13 @@ def solve_contact(
             They name the increment, counted from 0, and have the states before it as `states`.
     """
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
-    given = check_each([loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load")
+    given = list_of_type([loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load")
     if not given:
         raise ValueError("there is no load increment")
     for k, load in enumerate(given):
         check_load(f"the load of increment {k}", load, K)
     motions = [
-        check_each(pair.motions, Motion, "a motion") or [None] * len(given)
+        list_of_type(pair.motions, Motion, "a motion") or [None] * len(given)
         for pair in problem.pairs
     ]
     for k, of_pair in enumerate(motions):

@@ -137,10 +137,10 @@ class Linearised:
         self._system, self._K, self._reduction = increment.system, K, reduction
         self._check_margin(end)
         active, kinematics = end.nodes.active_set, end.kinematics
-        self._law = kinematics.linearise_law(active, self._system.scale)
+        self._law = kinematics.linearise_law(active, self._system.law_scale)
         self._torque_map = kinematics.torque_map
         to_nodes = np.swapaxes(kinematics.frame, 1, 2)
-        of_slip = assemble_node_equations(active, self._system.scale)[1][:, :, 1:]
+        of_slip = assemble_node_equations(active, self._system.law_scale)[1][:, :, 1:]
         self._by_start = to_nodes @ of_slip @ by_start
         friction = end.nodes.force[:, :1] * active.direction
         self._by_friction = np.einsum("nat,nt->na", to_nodes[:, :, 1:], friction)
@@ -182,33 +182,36 @@ class Linearised:
         )
         law = replace(law, c=law.c - np.einsum("nab,nb->na", self._by_start, start))
         found = system.solve(load, law, totals, torque_map=self._torque_map)
-        for at, value in zip(system.free, found.free_motions, strict=True):
+        for at, value in zip(system.free_motions, found.free_motions, strict=True):
             moved[at] = value
         unknowns, unbalanced = offset.duplicate(), load.duplicate()
-        self._reduction.right.multAdd(found.reduced, offset, unknowns)
-        system.stiffness.mult(found.reduced, unbalanced)
+        self._reduction.right.multAdd(found.reduced_unknowns, offset, unknowns)
+        system.stiffness.mult(found.reduced_unknowns, unbalanced)
         unbalanced.axpy(-1.0, load)
-        return Change(unknowns, moved, system.forces(unbalanced)[0])
+        return Change(unknowns, moved, system.split_residual(unbalanced)[0])
 
     def gradient(self, weights: Change, each: Sequence[Given]) -> tuple[Array, Change]:
         """Derivatives (parameters,) of the weighted end by what is given; weights of the start."""
         system, motion = self._system, self._system.interface.motion
-        force, right = system.weigh_forces(weights.force), self._reduction.right.createVecRight()
+        force, right = (
+            system.make_equation_weights(weights.force),
+            self._reduction.right.createVecRight(),
+        )
         self._reduction.right.multTranspose(weights.unknowns, right)
         system.stiffness.multTransposeAdd(force, right, right)
-        free = np.array([weights.translations[at] for at in system.free])
+        free = np.array([weights.translations[at] for at in system.free_motions])
         assert isinstance(system.tangent, AssembledTangent)
         found = system.tangent.solve_transposed(right.array_r, free, self._law)
         slopes = np.zeros(len(each))
         for k, given in enumerate(each):
             load, law, totals, moved, offset = self._right(given)
-            known = np.append(*system.right_hand_sides(load, law, totals, self._torque_map))[
-                : len(found)
-            ]
+            known = np.append(
+                *system.assemble_right_hand_sides(load, law, totals, self._torque_map)
+            )[: len(found)]
             slopes[k] = found @ known - force.array_r @ load.array_r
             slopes[k] += weights.unknowns.array_r @ offset.array_r
             slopes[k] += np.sum(weights.translations * moved) * (system.comm.rank == 0)
-        start = -np.einsum("nab,na->nb", self._by_start, system.at_points(found))
+        start = -np.einsum("nab,na->nb", self._by_start, system.extract_at_points(found))
         points, unknowns = motion.createVecLeft(), motion.createVecRight()
         points.setArray(start)
         motion.multTranspose(points, unknowns)
@@ -221,8 +224,8 @@ class Linearised:
     def _right(self, given: Given) -> tuple[PETSc.Vec, LinearisedLaw, Array, Array, PETSc.Vec]:
         """Reduced load, law, totals, prescribed translations and displacements."""
         system, moved = self._system, given.motions.copy()
-        totals = np.array([moved[at] for at in system.free])
-        for at in system.free:
+        totals = np.array([moved[at] for at in system.free_motions])
+        for at in system.free_motions:
             moved[at] = 0.0
         reduction = replace(self._reduction, offset=given.offset).for_load(self._K, given.load)
         pair = system.interface.pair
@@ -239,10 +242,10 @@ class Residual(Protocol):
     form: ufl.Form
     u: fem.Function
 
-    def contains(self, constant: fem.Constant) -> bool:
+    def depends_on(self, constant: fem.Constant) -> bool:
         """Whether the residual or one of its Dirichlet conditions depends on a constant."""
 
-    def prescribed(self) -> PETSc.Vec:
+    def evaluate_prescribed_values(self) -> PETSc.Vec:
         """Prescribed displacements (n,), as conditions have them now."""
 
 
@@ -329,9 +332,9 @@ class Derivatives:
         value = constant.value.copy()
         # differences are exact: conditions hold a constant as it is
         constant.value = value + rate
-        offset = residual.prescribed()
+        offset = residual.evaluate_prescribed_values()
         constant.value = value - rate
-        offset.axpy(-1.0, residual.prescribed())
+        offset.axpy(-1.0, residual.evaluate_prescribed_values())
         offset.scale(0.5)
         constant.value = value
         return load, offset
@@ -441,7 +444,7 @@ def check_constants(
     ]
     for parameter, _ in parameters:
         constant = _thing(parameter)
-        if not isinstance(constant, fem.Constant) or residual.contains(constant):
+        if not isinstance(constant, fem.Constant) or residual.depends_on(constant):
             continue
         if not any(constant is other for other in in_outputs):
             raise ValueError(
