@@ -277,7 +277,9 @@ class DualQuadraticProblem:
         u.x.array[:] = 0.0
         problem.system.assemble_tangent()
         reduction = Reduction.dirichlet(u.function_space, conditions)
-        self._steps = LargeStrainStepping(problem, conditions, reduction, [pair], 25, told, Direct())
+        self._steps = LargeStrainStepping(
+            problem, conditions, reduction, [pair], 25, told, Direct()
+        )
         interface = self._steps.interface
         interface.mortars = {0: DualQuadratic(*sides)}
         self.undeformed = make_undeformed_state(interface, problem.system.tangent.createVecRight())

@@ -127,12 +127,12 @@ def kernel_check_differences(mortar, start, end):
     slip, _ = projected.measure_slip_and_rates(mortar.make_reference(start), end)
     facing_parts = [mortar.evaluate_for_verification(x) for x in (start, end)]
     gap, slip_vector = measure_gap_and_slip(*facing_parts, start, end)
-    assert np.array_equal(facing_parts[0].faced, projected_start.faced)
-    assert np.array_equal(np.isfinite(gap), projected.faced)
+    assert np.array_equal(facing_parts[0].faces_master, projected_start.faces_master)
+    assert np.array_equal(np.isfinite(gap), projected.faces_master)
     length = np.linalg.norm(np.diff(end[mortar.sides.slave_facets], axis=1), axis=2).max()
-    slip = np.where(projected.faced, slip, 0.0)[:, None] * projected.tangents
+    slip = np.where(projected.faces_master, slip, 0.0)[:, None] * projected.tangents
     return {
-        "gap": np.abs(gap - projected.gaps)[projected.faced].max(initial=0.0) / length,
+        "gap": np.abs(gap - projected.gaps)[projected.faces_master].max(initial=0.0) / length,
         "slip": np.abs(slip_vector - slip).max() / length,
         "normal": np.abs(facing_parts[1].normals - projected.normals).max(),
         "area": np.abs(facing_parts[1].areas - projected.areas).max()

@@ -16,7 +16,7 @@ from pw_elements.contact import (
     SignedDistance,
     Sphere,
 )
-from pw_elements.contact.model import measure_step_error
+from pw_elements.contact.model import measure_difference_step_error
 from pw_elements.meshes import triangles
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.polyline import Polyline
@@ -168,7 +168,7 @@ def test_a_step_of_differences_that_is_too_large_is_logged(caplog):
         assert not is_logged
     x = RNG.uniform(-1, 1, (20, 2))
     flat = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1] - 1e4 - 1) - 1e4, step=1e-6)
-    assert measure_step_error(flat, x) < 1e-5
+    assert measure_difference_step_error(flat, x) < 1e-5
 
 
 def test_closest_points_are_infinitely_far_where_nothing_is_faced():

@@ -109,7 +109,11 @@ def converged_increment():
     solution = solve_increment(
         increment,
         choose_first_set(
-            stepping.interface, linearised, start, rigid.left_free, target.unloaded_free_surfaces
+            stepping.interface,
+            linearised,
+            start,
+            rigid.describe_free_motions,
+            target.unloaded_free_surfaces,
         ),
         linearised,
         stepping._make_set_update(rigid, "rough"),

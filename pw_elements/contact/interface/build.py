@@ -33,17 +33,17 @@ from pw_elements.contact.interface.operators import (
     extents,
     gather_points,
 )
-from pw_elements.contact.interface.probes import compare_pairs
+from pw_elements.contact.interface.probes import compare_pairs_between_processes
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
-    MAX_STEP_ERROR,
+    MAX_DIFFERENCE_STEP_ERROR,
     ContactPair,
     DeformableSurface,
     FrictionCone,
     MatchingNodes,
     SignedDistance,
     Surface,
-    measure_step_error,
+    measure_difference_step_error,
     with_default_step,
 )
 from pw_elements.elasticity import (
@@ -233,7 +233,7 @@ def build_interface(
     interface = Interface(points, shapes, body.displacements, interfering, inverse, mortars)
     _check_contact_nodes(body, np.concatenate([*nodes, *opposite_nodes]))
     interface.check(body.diagonal)
-    compare_pairs(interface, pairs, shapes)
+    compare_pairs_between_processes(interface, pairs, shapes)
     _warn_of_large_difference_steps(interface)
     return interface
 
@@ -247,9 +247,9 @@ def _warn_of_large_difference_steps(interface: Interface) -> None:
         x = interface.gathered(interface.position[interface.pair == k])
         with collective_errors(comm):
             error = call_user_function(
-                comm, f"the surface of contact pair {k}", measure_step_error, surface, x
+                comm, f"the surface of contact pair {k}", measure_difference_step_error, surface, x
             )
-        if error > MAX_STEP_ERROR:
+        if error > MAX_DIFFERENCE_STEP_ERROR:
             words = (
                 f"contact pair {k}: halving the step of differences, {surface.step:.3g}, changes "
                 f"the gradient of its SignedDistance by {error:.1e} of its size, and gaps and "
@@ -539,7 +539,7 @@ def make_sliding_points(
     owned, slave, master = _gather_sides(number, pair, nodes, body)
     mortar = SlidingMortar(slave, master, revolved)
     undeformed = mortar.linearise(mortar.x)
-    if not undeformed.faced.any():
+    if not undeformed.faces_master.any():
         raise ValueError(_NO_OVERLAP_MESSAGE % number)
     free = ~_find_prescribed_components(slave.nodes, body)
     # as in `_turn_into_symmetry_planes`
@@ -547,7 +547,7 @@ def make_sliding_points(
     mortar.allowed_components[near] = free[near]
     undeformed = mortar.linearise(mortar.x)
     index = np.searchsorted(slave.nodes, owned)
-    gap = np.where(undeformed.faced, undeformed.gaps, np.inf)[index]
+    gap = np.where(undeformed.faces_master, undeformed.gaps, np.inf)[index]
     points = replace(
         _make_points(body, nodes, cone, None), **_opposite_side_fields(owned, nodes, master, body)
     )

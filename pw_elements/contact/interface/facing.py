@@ -63,7 +63,7 @@ class MortarMatrices:
     fraction_error: Array
 
     @property
-    def faced(self) -> Mask:
+    def faces_master(self) -> Mask:
         """Nodes (m,) that face the master."""
         return np.asarray(self.areas > 0)
 
@@ -75,7 +75,7 @@ class MortarMatrices:
     def measure_gaps(self, x: Array) -> Array:
         """Return gaps (m,) at positions x (n, 2), infinite for nodes that face nothing."""
         distance = self.distance_rows @ x
-        return np.where(self.faced, np.sum(self.normals * distance, axis=1), np.inf)
+        return np.where(self.faces_master, np.sum(self.normals * distance, axis=1), np.inf)
 
 
 def measure_gap_and_slip(
@@ -96,7 +96,7 @@ def measure_gap_and_slip(
     slip = np.sum(end.tangents * (start.distance_rows @ x_end - distance), axis=1)
     entered = np.sum(end.tangents * distance, axis=1)
     entered -= np.sum(start.tangents * (end.distance_rows @ x_start), axis=1)
-    slip = np.where(start.faced, slip, entered) * end.faced
+    slip = np.where(start.faces_master, slip, entered) * end.faces_master
     return end.measure_gaps(x_end), slip[:, None] * end.tangents
 
 

@@ -29,11 +29,11 @@ from pw_elements.contact.model import ClosestPointSurface, ContactPair, Surface
 _N_SURFACE_POINTS, _BOX_MARGIN = 32, 0.5
 # Number of nodes of a pair at which functions of positions are evaluated, and normal forces at
 # which laws of friction are
-_N_NODES = 32
+_N_PROBE_NODES = 32
 _PROBE_FORCES: Array = 10.0 ** np.linspace(-6, 6, 13)
 
 
-def compare_pairs(
+def compare_pairs_between_processes(
     interface: Interface, pairs: Sequence[ContactPair], surfaces: Sequence[Surface]
 ) -> None:
     """Raise ValueError if surfaces, laws or interferences differ between processes; collective.
@@ -76,7 +76,7 @@ def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
 
 def probe_friction(interface: Interface, number: int, pair: ContactPair) -> Array:
     """Return friction coefficients at some nodes of a pair, under several forces; collective."""
-    x = evenly_spaced_rows(interface.in_order(number, interface.position), _N_NODES)
+    x = evenly_spaced_rows(interface.in_order(number, interface.position), _N_PROBE_NODES)
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
 
@@ -98,7 +98,7 @@ def probe_interference(interface: Interface, number: int, pair: ContactPair) -> 
     depth: Any = pair.interference
     if not arguments.is_user_function(depth):
         return np.array([float(depth)])
-    x = evenly_spaced_rows(interface.in_order(number, interface.position), _N_NODES)
+    x = evenly_spaced_rows(interface.in_order(number, interface.position), _N_PROBE_NODES)
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
     whose = f"the interference of contact pair {number}"

@@ -111,13 +111,13 @@ class SlidingReference:
 
     Args:
         distance_rows: S_0, (m, n); zero for nodes that faced nothing.
-        faced: (m,), whether a node faced the master.
+        faced_master: (m,), whether a node faced the master.
         x: x_0, (n, 2), positions.
         tangents: t_0, (m, 2), unit vectors.
     """
 
     distance_rows: sp.csr_array
-    faced: Mask
+    faced_master: Mask
     x: Array
     tangents: Array
 
@@ -129,7 +129,7 @@ class LinearisedMortar:
     The n nodes of both sides are the slave's m and then the master's k.
 
     Args:
-        faced: (m,), whether a node faces the master.
+        faces_master: (m,), whether a node faces the master.
         normals: (m, 2), unit vectors out of the master.
         mean_distance: S x, (m, 2), mean distances; zero for nodes that face nothing.
         distance_rows: S, (m, n).
@@ -143,7 +143,7 @@ class LinearisedMortar:
             constant forces (m, 2) at the slave's nodes.
     """
 
-    faced: Mask
+    faces_master: Mask
     normals: Array
     mean_distance: Array
     distance_rows: sp.csr_array
@@ -176,8 +176,8 @@ class LinearisedMortar:
         Returns:
             The slip, and three derivatives (m, 2 n).
         """
-        n, t, m = self.normals, self.tangents, len(self.faced)
-        entering = self.faced & ~reference.faced
+        n, t, m = self.normals, self.tangents, len(self.faces_master)
+        entering = self.faces_master & ~reference.faced_master
         # S_0 x - S x of nodes that faced the master at the start, S x of those that enter contact
         distance = np.where(
             entering[:, None], self.mean_distance, reference.distance_rows @ x - self.mean_distance
@@ -381,7 +381,7 @@ class SlidingMortar:
     def make_reference(self, x: Array) -> SlidingReference:
         """Return the reference of slip at positions (m + k, 2)."""
         mortar = self.linearise(x)
-        return SlidingReference(mortar.distance_rows, mortar.faced, x, mortar.tangents)
+        return SlidingReference(mortar.distance_rows, mortar.faces_master, x, mortar.tangents)
 
     def integrate_slip(self, start: Array, end: Array) -> Array:
         """Return slip (m, 2) along the straight path from positions (n, 2) to others.
@@ -486,7 +486,9 @@ class SlidingMortar:
         facing = cosine > -2 * MAX_FACING_COSINE
         return facet[facing], master_facet[facing]
 
-    def _middles_and_halves(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Vector, ...]:
+    def _interpolation_coefficients(
+        self, corners: Sequence[Vector], nodes: Indices
+    ) -> tuple[Vector, ...]:
         """Return x_0, x_1, n_0, n_1 of the slave's facets: points x_0 + s x_1, normals n_0 + s n_1.
 
         The coordinate s is from -1 to 1. Normals are interpolated between those of both ends.
@@ -512,7 +514,7 @@ class SlidingMortar:
         """
         limits = []
         for side, (c0, c1, c2) in zip(
-            (-1.0, 1.0), self._limit_quadratics(corners, nodes), strict=True
+            (-1.0, 1.0), self._facing_limit_polynomials(corners, nodes), strict=True
         ):
             root = _smaller_root(c0, c1, c2)
             has_root = np.abs(root) <= 1  # False for NaN
@@ -520,7 +522,7 @@ class SlidingMortar:
             limits.append(np.where(has_root, np.where(c1 > 0, root, -side * np.inf), without_root))
         return limits[0], limits[1]
 
-    def _limit_quadratics(
+    def _facing_limit_polynomials(
         self, corners: Sequence[Vector], nodes: Indices
     ) -> list[tuple[Any, Any, Any]]:
         """Return c_0, c_1, c_2 of f(s) = (x(s) - p) x n(s), for the master's second and first node.
@@ -528,7 +530,7 @@ class SlidingMortar:
         x(s) and n(s) are points and normals of the slave's facets. The order of the nodes follows
         from the opposite directions in which both sides are traversed.
         """
-        x0, x1, n0, n1 = self._middles_and_halves(corners, nodes)
+        x0, x1, n0, n1 = self._interpolation_coefficients(corners, nodes)
         coefficients = []
         for node in (corners[5], corners[4]):
             from_node = x0[0] - node[0], x0[1] - node[1]
@@ -548,8 +550,8 @@ class SlidingMortar:
                 end of the slave's facet.
         """
         q, ends = len(nodes), list[Any]()
-        x0, x1, n0, n1 = self._middles_and_halves(corners, nodes)
-        quadratics = self._limit_quadratics(corners, nodes)
+        x0, x1, n0, n1 = self._interpolation_coefficients(corners, nodes)
+        quadratics = self._facing_limit_polynomials(corners, nodes)
         for coefficients, is_end, side in zip(quadratics, at_facet_end, (-1.0, 1.0), strict=True):
             ends.append(_set_constant_where(is_end, side, _smaller_root(*coefficients)))
         index, t = np.repeat(np.arange(q), len(_GAUSS_POINTS)), np.tile(_GAUSS_POINTS, q)

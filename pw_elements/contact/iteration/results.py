@@ -8,7 +8,7 @@ import numpy.typing as npt
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
 from pw_elements.contact.iteration.increment import Increment, NewtonState
-from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
+from pw_elements.contact.model import ContactState, PairState, Residuals, ResidualScale, Smallness
 from pw_elements.contact.nodes import HELD, OPEN, remove_normal_part
 from pw_elements.solvers import SolverReport
 
@@ -18,7 +18,7 @@ def make_contact_state(
     state: NewtonState,
     before: ContactState,
     *,
-    sizes: tuple[Scale, float, float],
+    sizes: tuple[ResidualScale, float, float],
     iterations: int,
     report: SolverReport,
     smallness: Smallness | None,
@@ -40,10 +40,10 @@ def make_contact_state(
     """
     system = increment.system
     signs = frozenset(system.tangent.solver.determinant_signs)
-    orientations = (
-        signs | before.orientations if before.free_motions == system.free_motions else signs
+    all_signs = (
+        signs | before.determinant_signs if before.free_motions == system.free_motions else signs
     )
-    is_unique = len(orientations) <= 1 if signs else None
+    is_unique = len(all_signs) <= 1 if signs else None
     scale, force, length = sizes
     residuals = increment.residuals(state, force, length)
     largest = increment.max_over_ranks(*residuals.values())
@@ -58,7 +58,7 @@ def make_contact_state(
         report=report,
         increment=before.increment + 1,
         free_motions=system.free_motions,
-        orientations=orientations,
+        determinant_signs=all_signs,
         scale=scale,
         smallness=smallness,
         converged=converged,
@@ -159,8 +159,8 @@ def make_pair_states(
 
 
 def reference_sizes(
-    increment: Increment, state: NewtonState, before: Scale
-) -> tuple[Scale, float, float]:
+    increment: Increment, state: NewtonState, before: ResidualScale
+) -> tuple[ResidualScale, float, float]:
     """Return the scale of the history up to here, and force and length that residuals are over."""
     pair, V = increment.interface.pair, state.kinematics.torque_map.V
     shifts = np.einsum("nak,nk->na", V, state.q[pair])
@@ -173,7 +173,7 @@ def reference_sizes(
     )
     scale = before
     if force > state.round_off:
-        scale = Scale(max(force, before.force), max(length, before.length))
+        scale = ResidualScale(max(force, before.force), max(length, before.length))
     length = max(length, scale.length)
     length = length if length > ROUND_OFF * extent else extent
     force = scale.force or stiffness * length

@@ -21,13 +21,13 @@ from pw_elements.contact.model.state import (
     FreeMotions,
     PairState,
     Residuals,
-    Scale,
+    ResidualScale,
     Smallness,
 )
 from pw_elements.contact.model.surfaces import (
     BUILT_IN_CLOSEST_POINTS,
     CLOSED_FORM_SURFACES,
-    MAX_STEP_ERROR,
+    MAX_DIFFERENCE_STEP_ERROR,
     SURFACES_DEFINED_EVERYWHERE,
     ClosestPointSurface,
     FlatPunch,
@@ -37,6 +37,6 @@ from pw_elements.contact.model.surfaces import (
     Sphere,
     Surface,
     describe_wrong_derivatives,
-    measure_step_error,
+    measure_difference_step_error,
     with_default_step,
 )

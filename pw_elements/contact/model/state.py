@@ -98,8 +98,9 @@ class Residuals:
 
     Forces are divided by the largest nodal contact force, lengths by the largest displacement of a
     contact node or its surface (for two bodies, of both), where the largest values of this state
-    and of all earlier ones with contact count (`Scale`). If these are only round-off, lengths are
-    divided by the largest coordinate of a contact node, and forces by a node's stiffness times it.
+    and of all earlier ones with contact count (`ResidualScale`). If these are only round-off,
+    lengths are divided by the largest coordinate of a contact node, and forces by a node's
+    stiffness times it.
 
     Residuals are evaluated from displacements, form or stiffness, surfaces and law, independently
     of the iteration. A state is returned only if each is at most 1e-9 plus its allowance, see
@@ -134,7 +135,7 @@ class Residuals:
 
 
 @dataclass(frozen=True)
-class Scale:
+class ResidualScale:
     """Largest force and length in a history from the undeformed body on, during contact."""
 
     force: float = 0.0  # nodal contact force; 0 as long as it has been only round-off
@@ -183,7 +184,7 @@ class ContactState:
         report: report of the solver of this increment's linear systems.
         increment: number of increments since the undeformed body, where it is 0.
         free_motions: (pair, component) of the free motions of surfaces; component dim is the angle.
-        orientations: signs of the determinants that `unique` compares; for
+        determinant_signs: signs of the determinants that `unique` compares; for
             `ContactProblem.of_residual` that of the last tangent, which distinguishes unstable
             states from stable ones. Empty with `Iterative()`, which searches for negative
             eigenvalues of the preconditioned tangent by Arnoldi's method, without a proof.
@@ -210,8 +211,8 @@ class ContactState:
     report: SolverReport = NO_SOLVER_REPORT
     increment: int = 0
     free_motions: FreeMotions = ()
-    orientations: frozenset[int] = frozenset()
-    scale: Scale = Scale()
+    determinant_signs: frozenset[int] = frozenset()
+    scale: ResidualScale = ResidualScale()
     smallness: Smallness | None = Smallness()
     converged: bool = True
     substates: tuple[tuple[float, "ContactState"], ...] = ()

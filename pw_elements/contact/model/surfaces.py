@@ -15,7 +15,7 @@ import numpy as np
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks import arguments, defer_errors_if_parallel
 
-Points = Array
+PointArray = Array
 
 # Newton's method for closest points: limit of steps, and size of the final step over the largest
 # coordinate, with a gradient function and with differences
@@ -33,7 +33,7 @@ _CENTRE_TOLERANCE = 1e-12
 # Largest relative change of a gradient by differences when their step is halved; above it a warning
 # is logged. With the default step the change is round-off of the function, up to 1e-6 for a radius
 # of 1e4 times the body's size
-MAX_STEP_ERROR = 1e-5
+MAX_DIFFERENCE_STEP_ERROR = 1e-5
 
 
 def unit_vector(direction: Sequence[float]) -> Array:
@@ -51,7 +51,7 @@ def check_direction(direction: Sequence[float]) -> None:
     unit_vector(direction)
 
 
-def normalise_rows(vectors: Points) -> Points:
+def normalise_rows(vectors: PointArray) -> PointArray:
     """Return unit vectors (n, dim) along vectors; ValueError if one has no length."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if not length.all():
@@ -62,10 +62,10 @@ def normalise_rows(vectors: Points) -> Points:
 class Surface(Protocol):
     """Geometry of a rigid surface at its initial position."""
 
-    def gap(self, x: Points) -> Array:
+    def gap(self, x: PointArray) -> Array:
         """Return gaps (n,) at points x (n, dim), negative inside, infinite if nothing faces x."""
 
-    def normal(self, x: Points) -> Points:
+    def normal(self, x: PointArray) -> PointArray:
         """Return the unit directions (n, dim) in which the surface pushes points x (n, dim)."""
 
 
@@ -73,7 +73,7 @@ class Surface(Protocol):
 class ClosestPointSurface(Surface, Protocol):
     """Surface for deformed bodies, with closest points and curvature."""
 
-    def closest(self, x: Points) -> tuple[Array, Points, Array]:
+    def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances of points x (n, dim) from their closest points, with derivatives.
 
         Returns:
@@ -105,15 +105,15 @@ class Plane:
         arguments.check_vector("the point of a plane", self.point)
         check_direction(self.direction)
 
-    def gap(self, x: Points) -> Array:
+    def gap(self, x: PointArray) -> Array:
         """Return distances (n,) of points x (n, dim), positive on the side of the direction."""
         return (x - np.asarray(self.point)) @ unit_vector(self.direction)
 
-    def normal(self, x: Points) -> Points:
+    def normal(self, x: PointArray) -> PointArray:
         """Return the unit direction (n, dim) at points x (n, dim)."""
         return np.tile(unit_vector(self.direction), (len(x), 1))
 
-    def closest(self, x: Points) -> tuple[Array, Points, Array]:
+    def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances of points x (n, dim), normals and their derivatives, which are zero."""
         return self.gap(x), self.normal(x), np.zeros((*x.shape, x.shape[1]))
 
@@ -146,12 +146,12 @@ class Parabola:
         if arguments.check_number("radius", self.radius) == 0:
             raise ValueError(f"radius = {self.radius}: a parabola needs a radius that is not zero")
 
-    def gap(self, x: Points) -> Array:
+    def gap(self, x: PointArray) -> Array:
         """Return distances (n,) of points x (n, dim) along the axis."""
         s, radius = x - np.asarray(self.apex), self.radius
         return np.sign(radius) * (np.sum(s[:, :-1] ** 2, axis=1) / (2 * radius) - s[:, -1])
 
-    def normal(self, x: Points) -> Points:
+    def normal(self, x: PointArray) -> PointArray:
         """Return the axis (n, dim), from the rigid surface into the body, at points x (n, dim)."""
         axis = np.zeros_like(x)
         axis[:, -1] = -np.sign(self.radius)
@@ -178,7 +178,7 @@ class Sphere:
         arguments.check_vector("the centre of a sphere", self.centre)
         arguments.check_positive("radius", self.radius)
 
-    def gap(self, x: Points) -> Array:
+    def gap(self, x: PointArray) -> Array:
         """Return distances (n,) of points x (n, dim) from the sphere."""
         y, row = x - np.asarray(self.centre), np.arange(len(x))
         # measured from the nearest pole, since |y| - R would lose digits of small gaps
@@ -189,11 +189,11 @@ class Sphere:
         squares = np.sum(y**2, axis=1) + rise * (2 * self.radius + rise)
         return squares / (np.sqrt(squares + self.radius**2) + self.radius)
 
-    def normal(self, x: Points) -> Points:
+    def normal(self, x: PointArray) -> PointArray:
         """Return unit vectors (n, dim) from the centre towards points x (n, dim)."""
         return normalise_rows(x - np.asarray(self.centre))
 
-    def closest(self, x: Points) -> tuple[Array, Points, Array]:
+    def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances of points x (n, dim), normals n, and (I - n n^T)/|x - centre|.
 
         All are NaN at the centre, which has no closest point.
@@ -230,14 +230,14 @@ class FlatPunch:
         check_direction(self.direction)
         arguments.check_positive("half_width", self.half_width)
 
-    def gap(self, x: Points) -> Array:
+    def gap(self, x: PointArray) -> Array:
         """Return distances (n,) of points x (n, dim) from the face, infinite outside its width."""
         s, n = x - np.asarray(self.centre), unit_vector(self.direction)
         gap = s @ n
         outside = np.linalg.norm(s - np.outer(gap, n), axis=1) > self.half_width * (1 + 1e-9)
         return np.where(outside, np.inf, gap)
 
-    def normal(self, x: Points) -> Points:
+    def normal(self, x: PointArray) -> PointArray:
         """Return the unit direction (n, dim) at points x (n, dim)."""
         return np.tile(unit_vector(self.direction), (len(x), 1))
 
@@ -263,8 +263,8 @@ class SignedDistance:
         ValueError: for a step that is not positive.
     """
 
-    function: Callable[[Points], Array]
-    gradient: Callable[[Points], Points] | None = None
+    function: Callable[[PointArray], Array]
+    gradient: Callable[[PointArray], PointArray] | None = None
     step: float | None = None
 
     @defer_errors_if_parallel
@@ -277,14 +277,14 @@ class SignedDistance:
         if self.step is not None:
             arguments.check_positive("step", self.step)
 
-    def gap(self, x: Points) -> Array:
+    def gap(self, x: PointArray) -> Array:
         """Return distances (n,) of points x (n, dim), of first order."""
         gap = self._evaluate_function(x)
         faced = np.isfinite(gap)
         gap[faced] /= np.linalg.norm(self._evaluate_gradient(x[faced]), axis=1)
         return gap
 
-    def normal(self, x: Points) -> Points:
+    def normal(self, x: PointArray) -> PointArray:
         """Return unit gradients (n, dim) at points x (n, dim), arbitrary where nothing faces x."""
         faced = np.isfinite(self._evaluate_function(x))
         self._check_gradient(x[faced])
@@ -292,7 +292,7 @@ class SignedDistance:
         normal[faced] = normalise_rows(self._evaluate_gradient(x[faced]))
         return normal
 
-    def closest(self, x: Points) -> tuple[Array, Points, Array]:
+    def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances of points x (n, dim), normals and derivatives of the normals.
 
         Newton's method solves p + l grad f(p) = x, f(p) = 0 for the closest point p.
@@ -309,7 +309,7 @@ class SignedDistance:
             gap[faced], normal[faced], curvature[faced] = self._project_points(x[faced])
         return gap, normal, curvature
 
-    def _project_points(self, x: Points) -> tuple[Array, Points, Array]:
+    def _project_points(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances, normals and their derivatives at points x (n, dim) with finite values.
 
         They are NaN where Newton's method finds no closest point.
@@ -347,14 +347,14 @@ class SignedDistance:
         normal[~converged] = gap[~converged] = np.nan
         return gap, normal, np.linalg.solve(identity + gap[:, None, None] * curvature, curvature)
 
-    def _evaluate_function(self, x: Points) -> Array:
+    def _evaluate_function(self, x: PointArray) -> Array:
         """Return values (n,) of the function."""
         layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
         return arguments.check_function_values(
             "the function of a signed distance", self.function(x), (len(x),), layout
         )
 
-    def _evaluate_gradient(self, x: Points) -> Points:
+    def _evaluate_gradient(self, x: PointArray) -> PointArray:
         """Return the gradient (n, dim), by differences if there is no gradient function."""
         if self.gradient is not None:
             layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
@@ -368,7 +368,7 @@ class SignedDistance:
         ]
         return np.asarray(np.array(derivatives).T, dtype=float)
 
-    def _check_gradient(self, x: Points) -> None:
+    def _check_gradient(self, x: PointArray) -> None:
         """Raise ValueError if differences contradict a user's gradient at points x (n, dim).
 
         At an edge any component between those of both sides is accepted.
@@ -399,16 +399,16 @@ class SignedDistance:
                 "gradient, or leave it out"
             )
 
-    def _difference_step(self, x: Points) -> float:
+    def _difference_step(self, x: PointArray) -> float:
         return self.step or _DIFFERENCE_STEP * (np.abs(x).max(initial=0.0) or 1.0)
 
-    def _nonzero_gradient(self, x: Points) -> tuple[Points, Mask]:
+    def _nonzero_gradient(self, x: PointArray) -> tuple[PointArray, Mask]:
         """Return the gradient (n, dim), replaced by a unit vector where (n,) it vanishes."""
         gradient = self._evaluate_gradient(x)
         is_zero = ~np.any(gradient != 0, axis=1)
         return np.where(is_zero[:, None], np.eye(x.shape[1])[-1], gradient), is_zero
 
-    def _evaluate_hessian(self, x: Points) -> Array:
+    def _evaluate_hessian(self, x: PointArray) -> Array:
         """Return second derivatives (n, dim, dim) of the function, symmetrised."""
         factor = 1 if self.gradient is not None else _SECOND_DIFFERENCE_FACTOR
         step = self._difference_step(x) * factor
@@ -426,7 +426,7 @@ CLOSED_FORM_SURFACES = (Plane, Parabola, Sphere, FlatPunch)
 SURFACES_DEFINED_EVERYWHERE = (Plane, Parabola, FlatPunch)
 
 
-def describe_wrong_derivatives(surface: ClosestPointSurface, x: Points, step: float) -> str:
+def describe_wrong_derivatives(surface: ClosestPointSurface, x: PointArray, step: float) -> str:
     """Return how differences contradict a surface's closest points at points x (n, dim), or "".
 
     The normal is compared with differences of the distance, and its derivative with differences of
@@ -461,7 +461,7 @@ def describe_wrong_derivatives(surface: ClosestPointSurface, x: Points, step: fl
 
 
 def _directional_derivative(
-    function: Callable[[Points], Array], x: Points, values: Array, h: Array
+    function: Callable[[PointArray], Array], x: PointArray, values: Array, h: Array
 ) -> Array:
     """Return the derivative (n, ...) along h (dim,) by differences, one-sided next to infinity.
 
@@ -482,7 +482,7 @@ def _directional_derivative(
     return np.where(np.isfinite(central), central, one_sided)
 
 
-def measure_step_error(surface: SignedDistance, x: Points) -> float:
+def measure_difference_step_error(surface: SignedDistance, x: PointArray) -> float:
     """Return the largest relative change of the gradient when the step of differences is halved.
 
     It is evaluated on the surface, at first-order closest points of points x (n, dim), and is zero

@@ -111,7 +111,11 @@ class MortarKinematics:
         for k, met in self._mortars.items():
             mortar, points, number = interface.mortars[k], self._points[k], self._slave_number[k]
             slips, motions = met.measure_slip_and_rates(self._references[k], self._positions[k])
-            normal, tangent, faced = met.normals[number], met.tangents[number], met.faced[number]
+            normal, tangent, faced = (
+                met.normals[number],
+                met.tangents[number],
+                met.faces_master[number],
+            )
             frame[points] = make_frames(normal, interface.equation[points] >= 0)
             side = np.sum(frame[points, 1] * tangent, axis=1)
             gap[points] = np.where(faced, met.gaps[number], np.inf)

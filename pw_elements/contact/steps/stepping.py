@@ -48,7 +48,7 @@ from pw_elements.contact.model import (
     Motion,
     NoEquilibrium,
     NotFound,
-    Scale,
+    ResidualScale,
 )
 from pw_elements.contact.nodes import (
     TOLERANCE,
@@ -62,19 +62,19 @@ from pw_elements.contact.nodes import (
 from pw_elements.contact.output import Callback, ProgressReporter
 from pw_elements.contact.rescue import (
     RigidMotions,
-    check_loose,
     combine_substeps,
     prove_no_equilibrium,
-    rescue,
+    refuse_loose_body,
+    rescue_increment,
     solve_in_substeps,
     solve_with_springs,
 )
-from pw_elements.contact.steps.sensitivity import Linearised, Part
+from pw_elements.contact.steps.sensitivity import HistoryPart, LinearisedEnd
 from pw_elements.contact.steps.smallness import SlipCheck, SmallnessCheck
 from pw_elements.contact.steps.verification import (
-    Sizes,
+    ReferenceSizes,
     check_stiffness_sign,
-    places_undeformed,
+    measure_undeformed,
     verify_state,
 )
 from pw_elements.contact.system import Accuracy, ContactSystem
@@ -281,7 +281,7 @@ class SmallStrainStepping:
                     failure.last_substate = reached_share, solution
                     failure.args = (f"{failure}. In parts {reached_share:.3g} of it was reached",)
                     raise
-        self._slip_check.check(solution)
+        self._slip_check.log_differences(solution)
         reporter.report_increment(solution, perf_counter() - start_time)
         return solution
 
@@ -346,7 +346,11 @@ class SmallStrainStepping:
         linearised = self._linearise_start(increment, kinematics, state, target)
         rigid = self._system_for(target.free_motions)[1]
         active = choose_first_set(
-            self.interface, linearised, state, rigid.left_free, target.unloaded_free_surfaces
+            self.interface,
+            linearised,
+            state,
+            rigid.describe_free_motions,
+            target.unloaded_free_surfaces,
         )
         max_iterations = self._max_iterations
         if remaining_solves is not None:
@@ -384,12 +388,12 @@ class SmallStrainStepping:
                 increment,
                 partial(self._make_increment_with_springs, target, increment.start),
                 kinematics,
-                first=(active, linearised, state.unknowns),
+                start=(active, linearised, state.unknowns),
                 make_update=partial(self._make_set_update, rigid, "rough"),
                 max_iterations=self._max_iterations,
-                left=remaining_solves,
+                remaining_systems=remaining_solves,
             )
-            end = rescue(
+            end = rescue_increment(
                 failure,
                 increment,
                 prove,
@@ -426,10 +430,10 @@ class SmallStrainStepping:
         offset, is_pressed = increment.equilibrium.offset, end.nodes.trial_pressure > 0
         self.interface.check_supports_between(offset, target.q, is_pressed)
         rigid = self._system_for(target.free_motions)[1]
-        check_loose(
+        refuse_loose_body(
             increment, end, rigid, state, lambda: self._cost(target.free_motions, cost_before)
         )
-        smallness = self._smallness_check.after(increment, end, state)
+        smallness = self._smallness_check.check_solution(increment, end, state)
         iterations, report = self._cost(target.free_motions, cost_before)
         sizes = reference_sizes(increment, end, state.scale)
         solution = make_contact_state(
@@ -440,7 +444,7 @@ class SmallStrainStepping:
             iterations=iterations,
             report=report,
             smallness=smallness,
-            slides=rigid.slides(end.nodes, end.allowance),
+            slides=rigid.is_friction_exhausted(end.nodes, end.allowance),
         )
         return self._verify_state(solution, state, target, sizes)
 
@@ -449,7 +453,7 @@ class SmallStrainStepping:
         solution: ContactState,
         start_state: ContactState,
         target: IncrementTarget,
-        sizes: tuple[Scale, float, float],
+        sizes: tuple[ResidualScale, float, float],
     ) -> ContactState:
         """Return the state with residuals from K, the load, the surfaces and the law alone."""
         _, force, length = sizes
@@ -462,11 +466,13 @@ class SmallStrainStepping:
         stiffness = self._system_for(target.free_motions)[0].law_scale
         return verify_state(
             solution,
-            places_undeformed(self.interface, start_state, solution, 1 - target.load_factor),
+            measure_undeformed(self.interface, start_state, solution, 1 - target.load_factor),
             unbalanced,
             self.interface,
             self._reduction,
-            Sizes(force, length, stiffness, TOLERANCE * target.load.norm(largest) + round_off),
+            ReferenceSizes(
+                force, length, stiffness, TOLERANCE * target.load.norm(largest) + round_off
+            ),
             target.totals,
         )
 
@@ -521,22 +527,22 @@ class SmallStrainStepping:
             totals=target.totals + system.springs * system.select_free_motions(q),
         )
 
-    def linearise(self, part: Part) -> Linearised:
+    def linearise(self, part: HistoryPart) -> LinearisedEnd:
         """Return the linearised equations at the end of a substep."""
-        state, interface = part.state, self.interface
+        state, interface = part.part_end, self.interface
         target = make_balanced_target(state, self._K, interface).with_free_motions(
             state.free_motions
         )
-        load_factor = 1.0 if part.start.increment else part.share
+        load_factor = 1.0 if part.increment_start.increment else part.load_factor
         target = replace(target, load_factor=load_factor)
-        increment, kinematics = self._start_increment(part.before, target)
+        increment, kinematics = self._start_increment(part.part_start, target)
         end = make_increment_start(state, interface, state.translations)
         linearised = kinematics.linearise_by_all_translations(end.q, end.displacement, end.force)
         solution = increment.solve(
             resume_active_set(interface, linearised, state), linearised, "final"
         )
         slip_by_start = -linearised.frame[:, 1:]
-        return Linearised(increment, solution, self._K, self._reduction, slip_by_start)
+        return LinearisedEnd(increment, solution, self._K, self._reduction, slip_by_start)
 
     def _start_increment(
         self, state: ContactState, target: IncrementTarget
@@ -567,7 +573,7 @@ class SmallStrainStepping:
         q = np.where(np.isnan(target.q), q, target.q)
         increment.system.set_initial_iterate(lambda: state.unknowns, q)
         self.interface.check_supports(self.interface.normals(q), self.interface.gaps(q))
-        self._smallness_check.before(increment)
+        self._smallness_check.refuse_prescribed_passing(increment)
         return kinematics.linearise(q, increment.start.displacement, increment.start.force)
 
     def _make_equilibrium(self, target: IncrementTarget) -> LinearEquilibrium:
@@ -575,7 +581,7 @@ class SmallStrainStepping:
         return LinearEquilibrium.from_stiffness(system, self._K, target.load, target.load_factor)
 
     def _make_set_update(self, rigid: RigidMotions, accuracy: Accuracy) -> ActiveSetUpdate:
-        return ActiveSetUpdate(rigid.left_free, self.interface, accuracy)
+        return ActiveSetUpdate(rigid.describe_free_motions, self.interface, accuracy)
 
     def _cost(self, free_motions: FreeMotions, cost_before: Cost = (0, NO_SOLVER_REPORT)) -> Cost:
         """Return the cost since `cost_before`, with and without springs."""
