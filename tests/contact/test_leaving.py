@@ -103,9 +103,13 @@ def separates_along(problem, ends, unknowns):
             for fraction in fractions
         ]
     )
-    displacements = np.zeros((len(fractions), *stepping._positions.shape))
+    displacements = np.zeros((len(fractions), *stepping._node_positions.shape))
     pieces = SupportedPieces.fit(
-        stepping._positions, stepping._held, stepping._piece, displacements, stepping.interface.comm
+        stepping._node_positions,
+        stepping._is_supported,
+        stepping._node_component,
+        displacements,
+        stepping.interface.comm,
     )
     return ends_all_contact(stepping.interface, stepping._surfaces, pieces, motions, unknowns)
 
@@ -156,9 +160,9 @@ def test_supports_behind_a_gap_may_be_reached():
     problem = ContactProblem.of_residual(bodies.residual, bodies.u, bodies.conditions, pair)
     stepping = problem._large_strain_stepping
     node_data = (
-        stepping._positions,
-        stepping._held,
-        0 * stepping._piece,
+        stepping._node_positions,
+        stepping._is_supported,
+        0 * stepping._node_component,
     )  # as if the bodies were connected
     motions, displacements = np.zeros((65, 1, 3)), np.zeros((65, *node_data[0].shape))
     motions[:, 0, 1] = np.linspace(0.0, -1.1, 65)

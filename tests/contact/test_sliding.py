@@ -486,7 +486,7 @@ def test_unsupported_pairs_are_refused():
     for residual, pair, message in cases:
         with pytest.raises(ValueError, match=message):
             make_problem(residual, bodies.u, bodies.conditions, pair)
-    with pytest.raises(ValueError, match="does not serve two bodies"):
+    with pytest.raises(ValueError, match="does not support two bodies"):
         make_problem(bodies.residual, bodies.u, bodies.conditions, bodies.pair, Iterative())
     with pytest.raises(ValueError, match="not free to move"):
         bodies.problem.step(bodies.problem.undeformed, motions=Motion((0.0, None)))
