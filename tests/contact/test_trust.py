@@ -183,7 +183,7 @@ def test_a_refusal_names_the_fallbacks_and_the_part_that_was_reached(caplog):
     for remedy in ("by springs", "in parts"):
         assert f"{remedy}, at the cost of at most 150 linear systems" in caplog.text
     fraction, state = caught.value.last_substate
-    assert f"In parts {fraction} of it was reached" in str(caught.value)
+    assert f"Substeps reached {fraction} of the increment" in str(caught.value)
     assert fraction == 0.5
     assert state.converged
     assert state.residuals.largest() < 1e-9

@@ -105,7 +105,7 @@ from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
 from pw_elements.spaces import is_hybrid
 
-Loading: TypeAlias = Callable[[float], None]
+LoadFunction: TypeAlias = Callable[[float], None]
 
 # Smallest substep, as a fraction of the initial one
 _MIN_SUBSTEP = 1 / 64
@@ -190,7 +190,7 @@ class LargeStrainStepping:
             self._tangent_ratio_monitor = TangentRatioMonitor(self.form, self.u)
 
     def step(
-        self, state: ContactState, load: Loading | None, motions: Sequence[Motion | None]
+        self, state: ContactState, load: LoadFunction | None, motions: Sequence[Motion | None]
     ) -> ContactState:
         """Return the state at the end of one increment; raises errors of `ContactProblem.step`."""
         start_time, interface = perf_counter(), self.interface
@@ -291,7 +291,7 @@ class LargeStrainStepping:
         n_straight = _count_straight_segments(support_path, self.interface.comm)
         return max(_round_up_to_power_of_two(rotations), n_straight)
 
-    def _trace_support_path(self, state: ContactState, load: Loading | None) -> Array:
+    def _trace_support_path(self, state: ContactState, load: LoadFunction | None) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim) along the increment.
 
         Samples are equally spaced, and enough to count straight segments.
@@ -329,7 +329,7 @@ class LargeStrainStepping:
     def _find_contact_free_start(
         self,
         state: ContactState,
-        load: Loading | None,
+        load: LoadFunction | None,
         start: IncrementTarget,
         end: IncrementTarget,
         support_path: Array,
@@ -369,7 +369,7 @@ class LargeStrainStepping:
         return start_unknowns
 
     def _sample_support_path(
-        self, state: ContactState, load: Loading | None, n_samples: int
+        self, state: ContactState, load: LoadFunction | None, n_samples: int
     ) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim), zero at free components."""
         field, dim = self.interface.field, self.interface.position.shape[1]
@@ -670,7 +670,7 @@ class LargeStrainStepping:
         for function, values in zip(self.history, state.history, strict=False):
             function.x.array[:] = values
 
-    def _apply_load(self, load: Loading | None, fraction: float) -> None:
+    def _apply_load(self, load: LoadFunction | None, fraction: float) -> None:
         with collective_errors(self.interface.comm) as same:
             if load is not None:
                 with self.coefficients.record_changes():

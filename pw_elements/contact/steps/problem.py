@@ -48,7 +48,7 @@ from pw_elements.contact.steps.checks import (
     list_per_pair,
     list_remedy_cost_ratios,
 )
-from pw_elements.contact.steps.finite import LargeStrainStepping, Loading
+from pw_elements.contact.steps.finite import LargeStrainStepping, LoadFunction
 from pw_elements.contact.steps.sensitivity import (
     Derivatives,
     Output,
@@ -211,7 +211,7 @@ class ContactProblem:
     def step(
         self,
         state: ContactState,
-        load: PETSc.Vec | Loading | None = None,
+        load: PETSc.Vec | LoadFunction | None = None,
         motions: Motion | Sequence[Motion | None] | None = (),
     ) -> ContactState:
         """Return the state at the end of one increment.
@@ -288,7 +288,7 @@ class ContactProblem:
         states: Sequence[ContactState],
         outputs: Sequence[Output],
         parameters: Sequence[Parameter],
-        loads: Sequence[Loading | None] = (),
+        loads: Sequence[LoadFunction | None] = (),
         weights: npt.ArrayLike | None = None,
     ) -> Array:
         """Return derivatives of the results of a history of states with respect to parameters.

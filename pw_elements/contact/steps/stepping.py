@@ -276,10 +276,12 @@ class SmallStrainStepping:
                     raise
                 iterations, report = self._cost(end.free_motions, cost_before)
                 solution = replace(combine_substeps(substeps), iterations=iterations, report=report)
-                reached_share, _ = substeps[-1]
-                if reached_share < 1:
-                    failure.last_substate = reached_share, solution
-                    failure.args = (f"{failure}. In parts {reached_share:.3g} of it was reached",)
+                reached_fraction, _ = substeps[-1]
+                if reached_fraction < 1:
+                    failure.last_substate = reached_fraction, solution
+                    failure.args = (
+                        f"{failure}. Substeps reached {reached_fraction:.3g} of the increment",
+                    )
                     raise
         self._slip_check.log_differences(solution)
         reporter.report_increment(solution, perf_counter() - start_time)
@@ -308,8 +310,10 @@ class SmallStrainStepping:
 
         sizes = (0.5, _MIN_SUBSTEP, 1.0)
         substeps, _ = solve_in_substeps(solve_substep, state, sizes, lambda: remaining_solves() > 0)
-        reached_share = substeps[-1][0] if substeps else 0.0
-        message = f"{reached_share:.4g} of the increment has been solved in {len(substeps)} parts"
+        reached_fraction = substeps[-1][0] if substeps else 0.0
+        message = (
+            f"{reached_fraction:.4g} of the increment has been solved in {len(substeps)} substeps"
+        )
         log_on_root(comm, logging.INFO, message, ".contact")
         return substeps
 
@@ -357,14 +361,14 @@ class SmallStrainStepping:
             max_iterations = int(max(1, min(max_iterations, remaining_solves())))
 
         @cache
-        def prove() -> NoEquilibrium | None:
+        def find_proof() -> NoEquilibrium | None:
             load = self._make_equilibrium(target).load
             return prove_no_equilibrium(increment, load, linearised, rigid)
 
         def after_iteration(iteration: int, active: ActiveSet, violation: float) -> None:
             reporter.report_iteration(iteration, active, violation)
             is_late = violation > 1 and iteration == _ITERATIONS_BEFORE_PROOF
-            if is_late and (proof := prove()):
+            if is_late and (proof := find_proof()):
                 raise proof
 
         def iterate(accuracy: Accuracy) -> NewtonState:
@@ -378,7 +382,7 @@ class SmallStrainStepping:
             )
 
         try:
-            end = self._iterate_to_solution(increment, iterate)
+            end = self._iterate_with_accuracy_fallback(increment, iterate)
         except (ContactFailed, NotConverged) as failure:
             if remaining_solves is None:
                 self._n_first_attempt_solves = self._cost(target.free_motions, cost_before)[0]
@@ -396,7 +400,7 @@ class SmallStrainStepping:
             end = rescue_increment(
                 failure,
                 increment,
-                prove,
+                find_proof,
                 springs if "springs" in self._remedies else None,
                 state,
                 lambda: self._cost(target.free_motions, cost_before),
@@ -405,7 +409,7 @@ class SmallStrainStepping:
         return self._check_and_make_state(increment, end, state, target, cost_before)
 
     @staticmethod
-    def _iterate_to_solution(
+    def _iterate_with_accuracy_fallback(
         increment: LinearIncrement, iterate: Callable[[Accuracy], NewtonState]
     ) -> NewtonState:
         """Iterate with rough linear solutions; if this fails, with accurate ones."""

@@ -210,10 +210,10 @@ class ContactSystem:
             extract_local_rows(matrix, len(self.free_motions)) for matrix in (K, forces)
         )
         rows = ContactRows(local_forces, self._reduced_motion, self._borders, self._equations)
-        border = gather_balance_rows(self._sum_balances(local_forces), self.springs, self.comm)
+        border = gather_balance_rows(self._assemble_balances(local_forces), self.springs, self.comm)
         return local_forces, rows, insert_contact_rows(eliminated, rows, border)
 
-    def _sum_balances(self, local_forces: sp.csr_matrix) -> sp.coo_matrix:
+    def _assemble_balances(self, local_forces: sp.csr_matrix) -> sp.coo_matrix:
         """Return contributions (free, n) of this process' points to the balances of free motions.
 
         Explicit zeros stay, so that the pattern does not depend on values.
