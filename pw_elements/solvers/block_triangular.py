@@ -38,7 +38,8 @@ class BlockTriangularPreconditioner:
     Pressures are scaled to lengths by s of `equilibration_scale`: `scaled_matrix` is s K s, and
     `operator` is Pi s K s Pi + (1 - Pi). `displacement_block` holds the stiffness A of the
     displacements, stored in blocks, and its supports; `multigrid` belongs to A, and
-    `displacement_pc` is the preconditioner of A: this multigrid, or in contact `Sprung`.
+    `displacement_pc` is the preconditioner of A: this multigrid, or `SpringPreconditioner` in
+    contact.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:

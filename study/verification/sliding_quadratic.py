@@ -28,7 +28,7 @@ from pw_elements.contact.interface.sliding import (
 )
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import ContactState
-from pw_elements.contact.steps.finite import FiniteStepping
+from pw_elements.contact.steps.finite import LargeStrainStepping
 
 # Of products of two quadratic functions on curved facets
 _PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
@@ -277,7 +277,9 @@ class DualQuadraticProblem:
         u.x.array[:] = 0.0
         problem.system.assemble_tangent()
         reduction = Reduction.dirichlet(u.function_space, conditions)
-        self._steps = FiniteStepping(problem, conditions, reduction, [pair], 25, told, Direct())
+        self._steps = LargeStrainStepping(
+            problem, conditions, reduction, [pair], 25, told, Direct()
+        )
         interface = self._steps.interface
         interface.mortars = {0: DualQuadratic(*sides)}
         self.undeformed = make_undeformed_state(interface, problem.system.tangent.createVecRight())

@@ -145,7 +145,7 @@ def kernel_check_differences(mortar, start, end):
 
 def mortar_positions_in_states(bodies, states):
     """Return the mortar of both bodies and its node positions (n, 2) in states and substates."""
-    mortar = bodies.problem._finite.interface.mortars[0]
+    mortar = bodies.problem._large_strain_stepping.interface.mortars[0]
     displacements = [
         step.displacement.array_r.reshape(-1, 2)[mortar.nodes]
         for step in states_with_substates(states)

@@ -139,10 +139,12 @@ def test_round_off_of_volumes_is_tolerated_in_pressure_equations_alone():
     w, residual = finite_strain_residual(spaces)
     conditions = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
     pair = ContactPair(on_plane(1, 1.0), Sphere((1.0, 2.0), 1.0))
-    stepping = (problem := ContactProblem.of_residual(residual, w, conditions, pair))._finite
+    stepping = (
+        problem := ContactProblem.of_residual(residual, w, conditions, pair)
+    )._large_strain_stepping
     zero_motion = [Motion((0.0, 0.0))]
-    target = IncrementTarget.from_motions(None, zero_motion, stepping.interface, turning=True)
-    state, system = problem.undeformed, stepping._system_for(target.free)
+    target = IncrementTarget.from_motions(None, zero_motion, stepping.interface, with_angles=True)
+    state, system = problem.undeformed, stepping._system_for(target.free_motions)
     increment, kinematics = stepping._start_increment(state, target, system, state.unknowns)
     equilibrium, start = increment.equilibrium, increment.start
     linearised = kinematics.linearise(start.q, start.displacement, start.force)

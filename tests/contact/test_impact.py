@@ -275,7 +275,7 @@ INVALID = {
     ),
     "matching": (
         lambda: {"pairs": ContactPair(on_plane(1, 0.0), MatchingNodes(on_plane(1, 1.0), FLOOR))},
-        "not of two bodies",
+        "impact of two bodies is not supported",
     ),
     "inside": (
         lambda: {"displacement": BLOCK.uniform_vector((0.0, -0.1))},

@@ -78,8 +78,8 @@ def test_a_tool_slides_off_in_one_step(moving_part):
 def test_a_step_is_solved_in_the_usual_way_if_the_direct_attempt_fails(monkeypatch):
     rubber = RubberUnderCircle()
     (pressed_state,) = step_through(rubber.problem, [Motion((0.0, -0.2))])
-    stepping, is_direct = rubber.problem._finite, []
-    solve = stepping._solve_part
+    stepping, is_direct = rubber.problem._large_strain_stepping, []
+    solve = stepping._solve_substep
 
     def fail_direct_attempt(*arguments):
         is_direct.append(arguments[-1] is not None)
@@ -87,7 +87,7 @@ def test_a_step_is_solved_in_the_usual_way_if_the_direct_attempt_fails(monkeypat
             raise NotFound("not at once")
         return solve(*arguments)
 
-    monkeypatch.setattr(stepping, "_solve_part", fail_direct_attempt)
+    monkeypatch.setattr(stepping, "_solve_substep", fail_direct_attempt)
     state = rubber.problem.step(pressed_state, motions=Motion((0.0, 2.0)))
     assert is_direct == [True, False]
     assert (state.pairs[0].status == OPEN).all()
@@ -95,7 +95,7 @@ def test_a_step_is_solved_in_the_usual_way_if_the_direct_attempt_fails(monkeypat
 
 def separates_along(problem, ends, unknowns):
     """Return whether a circle that moves between two positions leaves the rubber."""
-    stepping = problem._finite
+    stepping = problem._large_strain_stepping
     fractions = np.linspace(0, 1, 129)
     motions = np.array(
         [
@@ -103,9 +103,13 @@ def separates_along(problem, ends, unknowns):
             for fraction in fractions
         ]
     )
-    displacements = np.zeros((len(fractions), *stepping._positions.shape))
+    displacements = np.zeros((len(fractions), *stepping._node_positions.shape))
     pieces = SupportedPieces.fit(
-        stepping._positions, stepping._held, stepping._piece, displacements, stepping.interface.comm
+        stepping._node_positions,
+        stepping._is_supported,
+        stepping._node_component,
+        displacements,
+        stepping.interface.comm,
     )
     return ends_all_contact(stepping.interface, stepping._surfaces, pieces, motions, unknowns)
 
@@ -154,11 +158,11 @@ def test_supports_behind_a_gap_may_be_reached():
     )
     pair = ContactPair(on_plane(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)))
     problem = ContactProblem.of_residual(bodies.residual, bodies.u, bodies.conditions, pair)
-    stepping = problem._finite
+    stepping = problem._large_strain_stepping
     node_data = (
-        stepping._positions,
-        stepping._held,
-        0 * stepping._piece,
+        stepping._node_positions,
+        stepping._is_supported,
+        0 * stepping._node_component,
     )  # as if the bodies were connected
     motions, displacements = np.zeros((65, 1, 3)), np.zeros((65, *node_data[0].shape))
     motions[:, 0, 1] = np.linspace(0.0, -1.1, 65)

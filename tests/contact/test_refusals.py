@@ -338,7 +338,7 @@ def test_the_nearest_state_of_a_failure_is_kept_but_cannot_be_continued(tmp_path
     assert state.iterations == 3
     assert 1e-6 < state.residuals.largest() < 10
     problem = greco.contact_problem(greco.floor_pair(1.0), greco.symmetry_supports)
-    with pytest.raises(ValueError, match="no solution: go on from the one before"):
+    with pytest.raises(ValueError, match="has not converged: continue from the last converged"):
         problem.step(state, greco.edge_load)
     with pytest.raises(ValueError, match="the state is not a solution"):
         problem.save(state, tmp_path / "state.npz")

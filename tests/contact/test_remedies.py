@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from pw_elements.contact.steps.stepping import Stepping
+from pw_elements.contact.steps.stepping import SmallStrainStepping
 from pw_elements.contact.system import AssembledTangent, ContactSystem
 from pw_elements.solvers import NotConverged
 from tests.contact.residuals import (
@@ -54,14 +54,14 @@ def test_a_plate_that_slides_freely_over_supported_nodes_is_solved_in_substeps()
 
 def test_a_solver_that_fails_in_a_substep_is_reported(monkeypatch):
     """No smaller substep is tried; "auto" then goes on with a direct solver."""
-    problem, solve_part = make_problem(158), Stepping._solve_part
+    problem, solve_part = make_problem(158), SmallStrainStepping._solve_substep
 
     def fail_in_substeps(self, *arguments):
         if len(arguments) == 4:  # a substep has a budget
             raise NotConverged("gave up")
         return solve_part(self, *arguments)
 
-    monkeypatch.setattr(Stepping, "_solve_part", fail_in_substeps)
+    monkeypatch.setattr(SmallStrainStepping, "_solve_substep", fail_in_substeps)
     with pytest.raises(NotConverged, match="gave up"):
         problem.solve(remedies=("cutback",))
 

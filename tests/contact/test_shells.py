@@ -377,14 +377,14 @@ def test_initial_penetration_needs_interference():
 def test_a_fit_in_substeps_obeys_the_law_in_each_of_them(monkeypatch):
     ring = ShrunkRing(3)
     problem = ring.contact_problem(ring.pair(0.2), ring.end_supports)
-    solve_part, undeformed = problem._stepping._solve_part, problem.undeformed
+    solve_part, undeformed = problem._small_strain_stepping._solve_substep, problem.undeformed
 
     def fail_above_half(state, target, *arguments):
         if target.load_factor - (0.0 if state is undeformed else 0.5) > 0.5:
             raise NotFound("too much")
         return solve_part(state, target, *arguments)
 
-    monkeypatch.setattr(problem._stepping, "_solve_part", fail_above_half)
+    monkeypatch.setattr(problem._small_strain_stepping, "_solve_substep", fail_above_half)
     cut_state = problem.step(undeformed, ring.zero_load)
     conditions = [prescribe(ring.space, 1, on_plane(1, z)) for z in (0.0, RING_HEIGHT)]
     problem_data = ProblemData(ring.K, ring.space, [ring.zero_load], conditions, [ring.pair(0.2)])

@@ -23,7 +23,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.iteration import choose_first_set, make_contact_state, solve_increment
 from pw_elements.contact.model import Residuals
-from pw_elements.contact.steps.stepping import IncrementTarget, Stepping
+from pw_elements.contact.steps.stepping import IncrementTarget, SmallStrainStepping
 from pw_elements.meshes import triangles
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import AssemblyRecord
@@ -100,12 +100,12 @@ def converged_increment():
     """Return an increment, its solution and its start state; nodes are open, stick and slip."""
     punch = PunchedBlock()
     problem = punch.contact_problem(punch.punch_pair(0.6), punch.base_supports)
-    stepping, motion = problem._stepping, Motion((0.02, None), (0, -217.3))
+    stepping, motion = problem._small_strain_stepping, Motion((0.02, None), (0, -217.3))
     start = problem.undeformed
     target = IncrementTarget.from_motions(punch.zero_load, [motion], stepping.interface)
     increment, kinematics = stepping._start_increment(start, target)
     linearised = stepping._linearise_start(increment, kinematics, start, target)
-    rigid = stepping._system_for(target.free)[1]
+    rigid = stepping._system_for(target.free_motions)[1]
     solution = solve_increment(
         increment,
         choose_first_set(
@@ -116,7 +116,7 @@ def converged_increment():
             target.unloaded_free_surfaces,
         ),
         linearised,
-        stepping._make_update(rigid, "rough"),
+        stepping._make_set_update(rigid, "rough"),
         max_iterations=50,
         after_iteration=lambda *_: None,
     )
@@ -183,7 +183,7 @@ def test_a_refusal_names_the_fallbacks_and_the_part_that_was_reached(caplog):
     for remedy in ("by springs", "in parts"):
         assert f"{remedy}, at the cost of at most 150 linear systems" in caplog.text
     fraction, state = caught.value.last_substate
-    assert f"In parts {fraction} of it was reached" in str(caught.value)
+    assert f"Substeps reached {fraction} of the increment" in str(caught.value)
     assert fraction == 0.5
     assert state.converged
     assert state.residuals.largest() < 1e-9
@@ -192,7 +192,7 @@ def test_a_refusal_names_the_fallbacks_and_the_part_that_was_reached(caplog):
 def test_a_fallback_costs_at_most_its_multiple_of_the_first_attempt(monkeypatch):
     """Only a part that has begun may exceed the budget."""
     budgets, remaining_budgets = [], []
-    budget = Stepping._budget
+    budget = SmallStrainStepping._make_budget
 
     def record_budget(stepping, remedy, free):
         remaining_budgets.extend(
@@ -202,7 +202,7 @@ def test_a_fallback_costs_at_most_its_multiple_of_the_first_attempt(monkeypatch)
         budgets.append((remaining, remaining()))
         return remaining
 
-    monkeypatch.setattr(Stepping, "_budget", record_budget)
+    monkeypatch.setattr(SmallStrainStepping, "_make_budget", record_budget)
     for multiple in (0.1, 3.0):
         budgets.clear()
         remaining_budgets.clear()

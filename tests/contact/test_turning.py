@@ -237,7 +237,7 @@ def test_a_rotation_that_the_slip_misses_would_be_logged(caplog, monkeypatch):
         (pair,) = rotate_in_increments(problem, pressed, 0.1, 2 * np.pi, 1).pairs
         assert np.abs(pair.slip - pair.path_slip).max() < 0.01 * np.abs(pair.slip).max()
         assert not caplog.records
-        monkeypatch.setattr(finite, "MAX_TURN", np.inf)
+        monkeypatch.setattr(finite, "MAX_SUBSTEP_ROTATION", np.inf)
         # the verification would refuse the state, since its slip contains whole turns as well
         monkeypatch.setattr(finite, "verify_state", lambda found, *_: found)
         (pair,) = rotate_in_increments(problem, pressed, 0.1, 2 * np.pi, 1).pairs
@@ -312,7 +312,7 @@ def test_an_increment_with_too_large_a_free_rotation_is_cut(monkeypatch):
 
     uncut_steps = rotation_steps()
     max_turn = 0.6 * uncut_steps.max()
-    monkeypatch.setattr(finite, "MAX_TURN", max_turn)
+    monkeypatch.setattr(finite, "MAX_SUBSTEP_ROTATION", max_turn)
     cut_steps = rotation_steps()
     assert len(cut_steps) > len(uncut_steps)
     assert cut_steps.max() <= max_turn

@@ -147,7 +147,7 @@ def test_residuals_agree_with_plain_arithmetic():
     unknowns.setArray(
         unknowns.array_r + np.abs(unknowns.array_r).max() * rng.normal(size=unknowns.getLocalSize())
     )
-    disturbed_state, stepping = replace(state, unknowns=unknowns), problem._stepping
+    disturbed_state, stepping = replace(state, unknowns=unknowns), problem._small_strain_stepping
     unbalanced = body.K * unknowns - load
     interface = stepping.interface
     residuals, _ = measure_residuals(

@@ -348,7 +348,7 @@ def small(monkeypatch):
         "_MIN_KRYLOV_DOFS_FOR_MODES",
     ):
         monkeypatch.setattr(automatic, limit, 1)
-    monkeypatch.setattr(krylov, "_ENOUGH", 0)  # GMRES then fails where no node sticks
+    monkeypatch.setattr(krylov, "_MIN_STICKING_NODES", 0)  # GMRES then fails where no node sticks
 
 
 @pytest.mark.parametrize(("held", "method"), [(False, "LU by mumps"), (True, "GMRES with p-m")])

@@ -254,7 +254,7 @@ def by_auto(comm):
     with pytest.MonkeyPatch.context() as patch:
         for limit in ("_MIN_KRYLOV_DOFS", "_MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS"):
             patch.setattr(automatic, limit, 1)
-        patch.setattr(krylov, "_ENOUGH", 0)
+        patch.setattr(krylov, "_MIN_STICKING_NODES", 0)
         states = solve_contact(*arguments)
         patch.setattr(automatic, "free_memory", lambda _: 1e6)
         with pytest.raises(NotConverged) as caught:

@@ -65,7 +65,7 @@ class LooseBlocks:
 
     def is_solved_by_search(self, state, load):
         """Return whether a search of all statuses of the contact nodes finds a state."""
-        interface, K = self.problem._stepping.interface, self.problem._K[:, :]
+        interface, K = self.problem._small_strain_stepping.interface, self.problem._K[:, :]
         free_dofs = np.flatnonzero(self.x[:, 1].repeat(2) > 0.0)
         G, H = interface.motion[:, :][:, free_dofs], interface.force[:, :][free_dofs]
         n, m = len(free_dofs), len(G)

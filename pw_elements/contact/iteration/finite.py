@@ -124,7 +124,7 @@ class FiniteEquilibrium:
         self._field = SubSpace.displacements(body.u.function_space)
         self.offset = reduction.offset
         # forces due to round-off of coordinates
-        round_off = COORDINATE_ROUND_OFF * float(system.scale.max(initial=0.0)) * guard.extent
+        round_off = COORDINATE_ROUND_OFF * float(system.law_scale.max(initial=0.0)) * guard.extent
         self._round_off = system.comm.allreduce(round_off, MPI.MAX) or np.finfo(float).tiny
         diagonal = self._field.extract(body.tangent.getDiagonal())
         self._max_row_sum = _ROW_SUM_TO_DIAGONAL_RATIO * float(
@@ -213,7 +213,7 @@ class FiniteEquilibrium:
 
     def _update_system(self, K: PETSc.Mat, torque_map: TorqueMap) -> PETSc.Mat:
         """Pass the tangent K (n, n) of the body to the contact system; return the full tangent."""
-        self._system.renew(K, torque_map)
+        self._system.update_stiffness(K, torque_map)
         return K
 
     def _estimate_volume_round_off(self, K: PETSc.Mat) -> Array | float:
@@ -263,7 +263,7 @@ class SlidingEquilibrium(FiniteEquilibrium):
         self._system.set_force_operator(self._mortars.update_force_operator(self._u))
 
     def _update_system(self, K: PETSc.Mat, torque_map: TorqueMap) -> PETSc.Mat:
-        tangent = self._mortars.force_operator_stiffness(self._system.forces(self._residual)[0])
+        tangent = self._mortars.force_operator_stiffness(self._system.split_residual(self._residual)[0])
         tangent.axpy(1.0, K, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        self._system.renew_with_motion(tangent, torque_map, self._mortars.motion_operator)
+        self._system.update_stiffness_and_motion(tangent, torque_map, self._mortars.motion_operator)
         return tangent

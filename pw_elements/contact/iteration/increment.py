@@ -237,11 +237,11 @@ class Increment:
         )
         load = equilibrium.linearise(torque_map)
         known_v = system.point_motions(equilibrium.offset)
-        law = kinematics.linearise_law(active, system.scale)
+        law = kinematics.linearise_law(active, system.law_scale)
         law = eliminate_known_motions(law, known_q, known_v)
         totals: Array = self.totals
-        springs: Array = np.zeros(len(system.free))
-        if self.interface.holds_friction and system.free:
+        springs: Array = np.zeros(len(system.free_motions))
+        if self.interface.holds_friction and system.free_motions:
             totals, springs = self.support_friction.subtract_from_totals(totals, active, kinematics)
         solution = system.solve(
             load,
@@ -251,13 +251,15 @@ class Increment:
             accuracy=accuracy,
             friction_springs=springs,
         )
-        q = system.with_free(self.prescribed, solution.free_motions)
-        step_length = equilibrium.line_search_to(solution.reduced)
+        q = system.fill_free_motions(self.prescribed, solution.free_motions)
+        step_length = equilibrium.line_search_to(solution.reduced_unknowns)
         if step_length < 1:
             q = kinematics.q0 + step_length * (q - kinematics.q0)
-            system.start(lambda: equilibrium.displacements(solution.reduced), q)
+            system.set_initial_iterate(
+                lambda: equilibrium.displacements(solution.reduced_unknowns), q
+            )
         return self.evaluate(
-            solution.reduced,
+            solution.reduced_unknowns,
             q,
             kinematics,
             support_friction=active.support_friction,
@@ -291,9 +293,9 @@ class Increment:
         residual = self.equilibrium.residual(reduced)
         displacement = system.point_displacements(unknowns)
         displacement_size = system.displacement_sizes(unknowns)
-        force, unbalanced = system.forces(residual)
+        force, unbalanced = system.split_residual(residual)
         kinematics, v = self.kinematics.kinematics_at_iterate(kinematics, q, displacement, force)
-        nodes = kinematics.evaluate_nodes(v, q, force, cone=interface.cone, scale=system.scale)
+        nodes = kinematics.evaluate_nodes(v, q, force, cone=interface.cone, scale=system.law_scale)
         if interface.holds_friction:
             if support_friction is None:
                 support_friction = self.support_friction.friction_at_start(kinematics)
@@ -411,7 +413,7 @@ class Increment:
 
         The two round-offs are forces.
         """
-        position, scale = self.interface.position, self.system.scale[:, None]
+        position, scale = self.interface.position, self.system.law_scale[:, None]
         arms = torque_map.V[:, :, position.shape[1] :].sum(axis=2)
         displacement_round_off = scale * (DISPLACEMENT_ROUND_OFF * displacement_size)
         coordinate_round_off = scale * (COORDINATE_ROUND_OFF * (np.abs(position) + np.abs(arms)))

@@ -44,7 +44,9 @@ def make_contact_state(
     """
     system = increment.system
     signs = frozenset(system.tangent.solver.determinant_signs)
-    all_signs = signs | before.determinant_signs if before.free_motions == system.free else signs
+    all_signs = (
+        signs | before.determinant_signs if before.free_motions == system.free_motions else signs
+    )
     is_unique = len(all_signs) <= 1 if signs else None
     scale, force, length = sizes
     residuals = increment.residuals(state, force, length)
@@ -59,7 +61,7 @@ def make_contact_state(
         residuals=Residuals(**dict(zip(residuals, largest, strict=True))),
         report=report,
         increment=before.increment + 1,
-        free_motions=system.free,
+        free_motions=system.free_motions,
         determinant_signs=all_signs,
         scale=scale,
         smallness=smallness,
@@ -175,7 +177,7 @@ def compute_reference_sizes(
         np.linalg.norm(state.force, axis=1),
         np.linalg.norm(displacements, axis=1),
         np.abs(increment.interface.position),
-        increment.system.scale,
+        increment.system.law_scale,
     )
     scale = before
     if force > state.round_off:

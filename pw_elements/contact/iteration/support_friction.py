@@ -95,19 +95,19 @@ class SupportFriction:
         iterated = closed & kinematics.held_tangents & coupled
         sticks = (active.status == STICK)[:, None]
         # stiffness l / |v| of slip that changes its direction, in terms of M: c M / (1 - M)
-        slip_stiffness = system.scale * active.friction_ratio
+        slip_stiffness = system.law_scale * active.friction_ratio
         slip_stiffness = slip_stiffness / np.maximum(1 - active.friction_ratio, 1 / factor)
         slip_stiffness = slip_stiffness + active.friction_per_slip
         slip_stiffness = slip_stiffness[:, None] * (1 - active.direction**2)
-        stick_stiffness = (factor * system.scale)[:, None]
+        stick_stiffness = (factor * system.law_scale)[:, None]
         stiffness = np.where(iterated, np.where(sticks, stick_stiffness, slip_stiffness), 0.0)
         friction = np.where(closed, active.support_friction, 0.0)
         friction = friction - stiffness * (slip - np.where(sticks, 0.0, active.support_slip))
         tangential_V = np.einsum("nta,nak->ntk", kinematics.frame[:, 1:], kinematics.torque_map.V)
-        total = system.totals(np.einsum("ntk,nt->nk", tangential_V, friction))
+        total = system.sum_over_free_motions(np.einsum("ntk,nt->nk", tangential_V, friction))
         resistance = stiffness[:, :, None] * tangential_V * -kinematics.motion_by_q[:, 1:]
-        springs = np.maximum(0.0, system.totals(resistance.sum(axis=1)))
-        return totals - total + springs * system.select_free(kinematics.q0), springs
+        springs = np.maximum(0.0, system.sum_over_free_motions(resistance.sum(axis=1)))
+        return totals - total + springs * system.select_free_motions(kinematics.q0), springs
 
     def add_to_nodes(
         self,
@@ -124,7 +124,7 @@ class SupportFriction:
             force: (m, dim), forces of the nodes' own equations in global components.
             friction: (m, dim - 1), support friction of the previous iteration.
         """
-        interface, scale = self._interface, self._system.scale
+        interface, scale = self._interface, self._system.law_scale
         coupled_tangents = self._coupled_tangents(kinematics)
         is_coupled_to_surface = np.asarray(coupled_tangents.any(axis=1))
         size = np.abs(interface.position) + np.abs(kinematics.v0[:, : force.shape[1]])

@@ -10,6 +10,6 @@ from pw_elements.contact.output.identity import (
     fingerprint_stiffness,
 )
 from pw_elements.contact.output.pictures import plot
-from pw_elements.contact.output.progress import Callback, Progress, Reporter
+from pw_elements.contact.output.progress import Callback, Progress, ProgressReporter
 from pw_elements.contact.output.storage import read_state, write_state
 from pw_elements.contact.output.time_series import write

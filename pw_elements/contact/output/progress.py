@@ -49,7 +49,7 @@ class Progress:
 Callback: TypeAlias = Callable[[Progress], object]
 
 
-class Reporter:
+class ProgressReporter:
     """Log the progress of one increment and call the user's function with it; collective.
 
     Args:

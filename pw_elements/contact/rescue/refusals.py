@@ -381,7 +381,11 @@ def rescue_increment(
             f" The state that came nearest violates the law by {violation} of its largest force."
         )
     if not isinstance(failure, NotUnique):
-        enclosed = f" {_ENCLOSED_BODY_MESSAGE}." if increment.system.tangent.encloses() else ""
+        enclosed = (
+            f" {_ENCLOSED_BODY_MESSAGE}."
+            if increment.system.tangent.has_enclosed_pressure()
+            else ""
+        )
         advice = "Smaller increments, or pressing before pushing, may find one"
         if state is not None and isinstance(failure, LastContactLost):
             advice = describe_exhausted_friction(state) or advice

@@ -32,7 +32,7 @@ from pw_elements.contact.nodes import (
     assemble_node_equations,
     combine_active_sets,
 )
-from pw_elements.contact.system import ContactSystem, border_columns, local_rows
+from pw_elements.contact.system import ContactSystem, extract_local_rows, make_border_columns
 from pw_elements.solvers import RigidComponents, destroy_objects, null_space, qr_triangle
 
 _AXES = "xyz"
@@ -173,7 +173,7 @@ class RigidMotions:
     def __init__(self, system: ContactSystem, K: PETSc.Mat, space: fem.FunctionSpace) -> None:
         self._system, self._K, self._space = system, K, space
         pieces = RigidComponents.from_space(space)
-        self.modes = RigidModes(pieces, system.free, system.interface.pairs)
+        self.modes = RigidModes(pieces, system.free_motions, system.interface.pairs)
         self._displacement_rows = system.interface.field.owned_unknowns.ravel()
         # R of a QR factorisation: the motions that it takes to zero are free under the supports
         self._support_rows = qr_triangle(
@@ -346,9 +346,9 @@ class RigidMotions:
         motions = PETSc.Mat().createAIJ(sizes, csr=(*pattern, full.data), comm=comm)
         multiply = interface.force.transposeMatMult if for_work else interface.motion.matMult
         at_nodes = multiply(motions)
-        dim, of_pieces = interface.position.shape[1], local_rows(at_nodes, 0)
+        dim, of_pieces = interface.position.shape[1], extract_local_rows(at_nodes, 0)
         destroy_objects(motions, at_nodes)
-        of_surfaces = border_columns(modes.free, interface.pair, dim)
+        of_surfaces = make_border_columns(modes.free, interface.pair, dim)
         no_surface_motion = sp.csr_array((len(interface.pair) * dim, modes.n_piece_modes))
         return sp.csr_array(of_pieces - sp.hstack([no_surface_motion, of_surfaces]))
 

@@ -1,7 +1,8 @@
-"""Checks of what the user states, made once where a public method is called.
+"""Checks of the user's arguments, made once at each public method.
 
-The module guarantees that increments are solved for arguments of the right types, sizes and
-numbers alone: nothing of the iteration checks them again.
+The module guarantees that the increments of a problem get arguments of valid types, sizes and
+values only, so that the iteration does not check them again. It assumes that the checks are called
+on all processes.
 """
 
 import logging
@@ -30,12 +31,13 @@ from pw_elements.progress import log_on_root
 from pw_elements.solvers import Solver
 from pw_elements.spaces import is_hybrid
 
-# by name, or by name and how many times the first attempt's cost they may take
+# Names of remedies, or names with the largest cost of each relative to the first attempt
 Remedies: TypeAlias = Collection[Remedy] | Mapping[Remedy, float]
+# Translation (dim,) of a surface at a time
 PathInTime: TypeAlias = Callable[[float], Sequence[float]]
 
-# Largest difference of the positions of nodes that are the same, over the largest coordinate
-_SAME_PLACE = 1e-9
+# Largest difference between positions of identical nodes, relative to the largest coordinate
+_POSITION_TOLERANCE = 1e-9
 
 
 def check_contact_arguments(
@@ -47,119 +49,139 @@ def check_contact_arguments(
     solver: Solver,
     callback: Callback | None = None,
 ) -> tuple[ContactPair, ...]:
-    """Return the pairs of a problem; raise an error for arguments that do not fit together."""
+    """Return the pairs as a tuple; raise an error for arguments that do not fit together."""
     arguments.check_space(space)
     arguments.check_integer("max_iterations", max_iterations, 1)
-    with collective_errors(space.mesh.comm):  # only some processes may have one
+    with collective_errors(space.mesh.comm):  # only some processes may have a callback
         check_function("callback", callback, "it has to be a function")
-    stated = check_each(pairs, ContactPair, "a contact pair")
+    pair_list = list_of_type(pairs, ContactPair, "a contact pair")
     check_problem({"the stiffness": K}, reductions=(reduction,), space=space, solver=solver)
-    if any(isinstance(pair.surface, DeformableSurface) for pair in stated):
+    if any(isinstance(pair.surface, DeformableSurface) for pair in pair_list):
         check_piecewise_linear_weights(K, space)
-    return tuple(stated)
+    return tuple(pair_list)
 
 
-def check_paths(
+def list_paths(
     paths: PathInTime | Sequence[PathInTime | None],
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
 ) -> list[PathInTime | None]:
-    """Return the path of each pair's surface in explicit dynamics; a single one needs no list."""
+    """Return the path of each pair's surface in explicit dynamics, None for resting surfaces.
+
+    Raises:
+        ValueError: for two bodies, a hybrid space, or a wrong number of paths.
+        TypeError: for a path that is not a function.
+    """
     if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
-        raise ValueError("impact is one against rigid surfaces, not of two bodies")
+        raise ValueError("impact of two bodies is not supported: give rigid surfaces")
     if is_hybrid(space):
         raise ValueError(
-            "a pressure has no mass: impact is one of displacements alone, as of "
+            "a pressure has no mass: give a space of displacements alone, as of "
             "Spaces.petrov_galerkin(mesh)"
         )
-    each = list_per_pair("paths", paths, len(pairs))
-    for k, path in enumerate(each):
+    path_list = list_per_pair("paths", paths, len(pairs))
+    for k, path in enumerate(path_list):
         check_function(f"the path of contact pair {k}", path, "it has to be a function of time")
-    return each
+    return path_list
 
 
-def check_remedies(remedies: Remedies) -> dict[Remedy, float]:
-    """Return the remedies of a problem, and the cost that each may have over the first attempt."""
-    named = isinstance(remedies, Collection) and not isinstance(remedies, str)
-    if not named or any(one not in REMEDIES for one in remedies):
+def list_remedy_cost_ratios(remedies: Remedies) -> dict[Remedy, float]:
+    """Return the largest cost of each remedy relative to the first attempt."""
+    has_names = isinstance(remedies, Collection) and not isinstance(remedies, str)
+    if not has_names or any(remedy not in REMEDIES for remedy in remedies):
         raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}")
-    some = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MAX_COST_RATIO)
+    ratios = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MAX_COST_RATIO)
     return {
-        k: arguments.check_positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some
+        name: arguments.check_positive(f"the multiple of {name}", ratios[name])
+        for name in REMEDIES
+        if name in ratios
     }
 
 
-def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
-    """Raise a ValueError that says what to use where deformed bodies cannot touch a surface."""
+def check_large_strain_surfaces(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
+    """Raise a ValueError for pairs that large strains do not support; it names an alternative."""
     for k, pair in enumerate(pairs):
-        surface, wrong = pair.surface, ""
+        surface, fault = pair.surface, ""
         if getattr(surface, "gradient", True) is None:
-            words = f"contact pair {k}: differences stand in for a gradient function"
-            log_on_root(space.mesh.comm, logging.WARNING, words, ".contact")
+            message = f"contact pair {k} has no gradient function: finite differences replace it"
+            log_on_root(space.mesh.comm, logging.WARNING, message, ".contact")
         if pair.interference:
-            wrong = (
-                "it has interference, which small displacements only can have: start with the "
-                "surface outside of the body, and move it in"
+            fault = (
+                "interference is supported for small displacements only: start with the surface "
+                "outside of the body, and move it in"
             )
         elif isinstance(surface, DeformableSurface):
             if space.mesh.geometry.dim == 3 or surface.coincident:
-                wrong = (
+                fault = (
                     "two deformed bodies slide on each other in the plane and in axisymmetry only, "
-                    "and from where they are: sides cannot count as coincident"
+                    "and `coincident` sides are not supported"
                 )
         elif not isinstance(surface, ClosestPointSurface):
-            wrong = (
+            fault = (
                 f"deformed bodies cannot touch a {type(surface).__name__}, which knows no closest "
-                "points; use Sphere (a circle in the plane), Plane or SignedDistance, such as one "
+                "points; use Sphere (a circle in the plane), Plane or SignedDistance, such as that "
                 "of a punch with rounded edges"
             )
-        if wrong:
-            raise ValueError(f"contact pair {k}: {wrong}")
+        if fault:
+            raise ValueError(f"contact pair {k}: {fault}")
 
 
-def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
-    """Raise an error for a state of other contact nodes than a problem's own, or with NaN."""
-    check_each([state], ContactState, what)
-    alike = len(state.pairs) == len(own.pairs) and all(
-        pair.position.shape == mine.position.shape
-        and np.abs(pair.position - mine.position).max() <= _SAME_PLACE * np.abs(mine.position).max()
-        for pair, mine in zip(state.pairs, own.pairs, strict=True)
+def check_state_of_problem(state: ContactState, undeformed: ContactState, label: str) -> None:
+    """Raise an error for a state of other contact nodes than a problem's, or with NaN.
+
+    Args:
+        state: of the user.
+        undeformed: state of the problem.
+        label: of the state, for messages.
+    """
+    list_of_type([state], ContactState, label)
+    has_same_nodes = len(state.pairs) == len(undeformed.pairs) and all(
+        pair.position.shape == undeformed_pair.position.shape
+        and np.abs(pair.position - undeformed_pair.position).max()
+        <= _POSITION_TOLERANCE * np.abs(undeformed_pair.position).max()
+        for pair, undeformed_pair in zip(state.pairs, undeformed.pairs, strict=True)
     )
-    if not alike:
-        raise ValueError(f"{what} belongs to other contact nodes than this problem's")
+    if not has_same_nodes:
+        raise ValueError(f"{label} belongs to other contact nodes than this problem's")
     for pair in state.pairs:
         names = ("force_normal", "force_tangential", "displacement", "translation", "rotation")
         if not all(np.isfinite(getattr(pair, name)).all() for name in names):
-            raise ValueError(f"{what} has forces or displacements that are not finite")
+            raise ValueError(f"{label} has forces or displacements that are not finite")
 
 
-def check_each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
-    """Return a list of one or several things; raise TypeError for one that is of another kind."""
-    things = arguments.as_list(given)
-    for thing in things:
-        arguments.check_type(what, thing, kind, f"it has to be a {kind.__name__}")
-    return things
+def list_of_type(values: Any, expected_type: type, label: str) -> list:  # noqa: ANN401
+    """Return one or several values as a list; raise TypeError for values of another type."""
+    items = arguments.as_list(values)
+    for item in items:
+        arguments.check_type(label, item, expected_type, f"it has to be a {expected_type.__name__}")
+    return items
 
 
-def list_per_pair(what: str, given: Any, pairs: int) -> list:  # noqa: ANN401
-    """Return a list with one thing for each pair, None if none are given."""
-    each = arguments.as_list(given)
-    if len(each or [None] * pairs) != pairs:
-        raise ValueError(f"{len(each)} {what} for {pairs} contact pairs")
-    return each or [None] * pairs
+def list_per_pair(label: str, values: Any, n_pairs: int) -> list:  # noqa: ANN401
+    """Return a list with one value per pair, None for each if there are no values.
+
+    Raises:
+        ValueError: for another number of values.
+    """
+    items = arguments.as_list(values)
+    if len(items or [None] * n_pairs) != n_pairs:
+        raise ValueError(f"{len(items)} {label} for {n_pairs} contact pairs")
+    return items or [None] * n_pairs
 
 
-def check_function(name: str, given: object, remedy: str) -> None:
-    if not (given is None or arguments.is_user_function(given)):
-        raise TypeError(f"{name} is {arguments.describe(given)}: {remedy}")
+def check_function(name: str, function: object, remedy: str) -> None:
+    """Raise a TypeError with a remedy for anything but a function or None."""
+    if not (function is None or arguments.is_user_function(function)):
+        raise TypeError(f"{name} is {arguments.describe(function)}: {remedy}")
 
 
 def check_motions(motions: Sequence[Motion | None], pairs: Sequence[ContactPair], dim: int) -> None:
+    """Raise an error for motions of another type or dimension, or rotations without a pivot."""
     for k, (motion, pair) in enumerate(zip(motions, pairs, strict=True)):
         if motion is None:
             continue
-        check_each([motion], Motion, f"a motion of contact pair {k}")
+        list_of_type([motion], Motion, f"a motion of contact pair {k}")
         if len(motion.translation) != dim:
             raise ValueError(f"the motion of contact pair {k} is not {dim}-D")
         if pair.pivot is None and motion.rotation != 0:
-            raise ValueError(f"contact pair {k} turns about nothing: give it a pivot")
+            raise ValueError(f"contact pair {k} has a rotation without a pivot: give it a pivot")

@@ -1,10 +1,14 @@
-"""Increments at large strains and large sliding, of any residual.
+"""Increments at large strains and large sliding, for any residual.
 
-An increment that fails is halved; its parts grow again where they succeed. Closed nodes stick at
-its start, and move along with their surface.
+An increment that fails is halved; the substeps grow again after successes. In the initial iterate
+closed nodes stick and move with their surface.
 
-Slip is seen from the two ends of a part alone, so that a part must not contain whole turns: an
-increment in which a tool turns, or supports move, by more than an eighth of a turn starts in parts.
+Slip is computed from the two ends of a substep, which must therefore not contain whole turns. An
+increment in which a rigid surface rotates by more than an eighth of a turn, or supports move along
+a strongly curved path, starts with several substeps.
+
+The module guarantees that states are never changed, and that each returned state has been
+verified. It assumes arguments that `steps.checks` has checked.
 """
 
 import logging
@@ -66,7 +70,12 @@ from pw_elements.contact.nodes import (
     make_increment_start,
     make_sticking_set,
 )
-from pw_elements.contact.output import Callback, Reporter, ResidualCoefficients, ResidualProbe
+from pw_elements.contact.output import (
+    Callback,
+    ProgressReporter,
+    ResidualCoefficients,
+    ResidualProbe,
+)
 from pw_elements.contact.rescue import (
     SupportedPieces,
     combine_substeps,
@@ -81,7 +90,7 @@ from pw_elements.contact.steps.sensitivity import HistoryPart, LinearisedEnd
 from pw_elements.contact.steps.smallness import SlipCheck
 from pw_elements.contact.steps.stepping import (
     IncrementTarget,
-    interpolate,
+    interpolate_targets,
 )
 from pw_elements.contact.steps.verification import (
     ReferenceSizes,
@@ -96,29 +105,46 @@ from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
 from pw_elements.spaces import is_hybrid
 
-Loading: TypeAlias = Callable[[float], None]
+LoadFunction: TypeAlias = Callable[[float], None]
 
-# Smallest part of an increment, or of the parts in which it starts
-_SMALLEST = 1 / 64
-# Largest angle of a tool in one part. Twice as much would be a right angle, at which a node that
-# slides round a tool counts as one that has jumped
-MAX_TURN = np.pi / 4
-# Largest path over distance of a prescribed displacement in one part: that of an arc of a right
-# angle. Samples of the path per increment, and the distance over the largest one that counts
-_MAX_DETOUR, _PATH_SAMPLES, _MAX_PATH_SAMPLES, _MIN_PATH = np.pi / np.sqrt(8), 16, 256, 1e-3
-# Fewest samples of the ways of supports and surfaces that must not pass each other, and samples of
-# those that leave each other
-_WAY_SAMPLES, _LEAVING_SAMPLES = 64, 128
-# Linear systems that a state without contact may take, from where supports put the body
+# Smallest substep, as a fraction of the initial one
+_MIN_SUBSTEP = 1 / 64
+# Largest rotation of a rigid surface in one substep. At twice this angle, a node that slides round
+# the surface would count as one that has jumped
+MAX_SUBSTEP_ROTATION = np.pi / 4
+# Largest ratio of the path to its chord for prescribed displacements in one substep, that of a
+# quarter circle
+_MAX_PATH_RATIO = np.pi / np.sqrt(8)
+# Samples of this path per increment, at first and at most
+_PATH_SAMPLES, _MAX_PATH_SAMPLES = 16, 256
+# Shortest path that counts as curved, relative to the longest one of any node
+_MIN_PATH_FRACTION = 1e-3
+# Fewest samples of the paths of supports and surfaces that must not pass each other, and number of
+# samples of paths that separate them
+_MIN_PASSING_SAMPLES, _SEPARATION_SAMPLES = 64, 128
+# Largest number of linear systems for a state without contact
 _MAX_CLEAR_ITERATIONS = 10
-# What the logarithm of a number of parts may be off by round-off
+# Bound of round-off in the binary logarithm of a number of substeps
 _LOG_ROUND_OFF = 1e-9
 
 
-class FiniteStepping:
-    """The increments of a `ContactProblem` of a residual; the space is of the displacements.
+class LargeStrainStepping:
+    """Solver of the increments of a `ContactProblem` of a residual.
 
-    The reduction is of the conditions, whose values change; `update` brings the history up to date.
+    Args:
+        problem: residual and unknown function.
+        conditions: Dirichlet conditions, whose values may change.
+        reduction: by the conditions.
+        pairs: contact pairs.
+        max_iterations: largest number of linear systems solved in one attempt.
+        callback: of the user.
+        solver: of the linear systems.
+        history: functions that belong to a state.
+        update: sets these functions after each substep.
+
+    Attributes:
+        space: of the displacements alone.
+        coefficients: constants and functions of the residual.
     """
 
     def __init__(
@@ -134,270 +160,322 @@ class FiniteStepping:
         update: Callable[[], None] | None = None,
     ) -> None:
         self.solver, self._conditions, self._max_iterations = solver, conditions, max_iterations
-        self._body, self._callback = problem.system, callback
+        self._residual_system, self._callback = problem.system, callback
         self.form, self.u, self._constants = problem.form, problem.u, problem.form.constants()
         reduction = full_size_reduction(reduction) if is_matrix_free(solver) else reduction
         self._reduction = scale_pressures(reduction, problem.system.tangent)
-        self._whole = problem.u.function_space
-        self.interface = build_interface(pairs, self._whole, self._reduction, large_sliding=True)
+        self._whole_space = problem.u.function_space
+        self.interface = build_interface(
+            pairs, self._whole_space, self._reduction, large_sliding=True
+        )
         remedy = "give -F, the forces of stresses less those of loads"
         check_stiffness_sign(problem.system.tangent, self.interface, remedy)
         if self.interface.mortars and is_matrix_free(solver):
             raise ValueError(
-                "Iterative() does not serve two bodies at large sliding, whose stiffness changes "
+                "Iterative() does not support two bodies at large sliding, whose stiffness changes "
                 "its pattern: use Direct()"
             )
         self.space = self.interface.field.space
         self._surfaces = RigidSurfaceMotion(self.interface, pairs)
         self._pairs = list(pairs)
-        self._guard, self._slips = CellGuard(problem.u, problem.form), SlipCheck(self.interface)
-        self.history, self._update = list(history), update
+        self._cell_guard = CellGuard(problem.u, problem.form)
+        self._slip_check = SlipCheck(self.interface)
+        self.history, self._history_update = list(history), update
         self.coefficients = ResidualCoefficients.from_form(self.form, self.u, self.history)
         self._system: ContactSystem | None = None
-        self._watch: TangentRatioMonitor | None = None
-        (weights,) = self.form.arguments()
-        standard = weights.ufl_element() == self._whole.ufl_element()
-        if not (standard or is_hybrid(self._whole)):
-            self._watch = TangentRatioMonitor(self.form, self.u)
+        self._tangent_ratio_monitor: TangentRatioMonitor | None = None
+        (test_function,) = self.form.arguments()
+        is_galerkin = test_function.ufl_element() == self._whole_space.ufl_element()
+        if not (is_galerkin or is_hybrid(self._whole_space)):
+            self._tangent_ratio_monitor = TangentRatioMonitor(self.form, self.u)
 
     def step(
-        self, state: ContactState, load: Loading | None, motions: Sequence[Motion | None]
+        self, state: ContactState, load: LoadFunction | None, motions: Sequence[Motion | None]
     ) -> ContactState:
+        """Return the state at the end of one increment; raises errors of `ContactProblem.step`."""
         start_time, interface = perf_counter(), self.interface
-        start = IncrementTarget.from_state(state, turning=True)
-        end = IncrementTarget.from_motions(None, motions, interface, turning=True)
-        if any(pair in interface.mortars for pair, _ in end.free):
+        start = IncrementTarget.from_state(state, with_angles=True)
+        end = IncrementTarget.from_motions(None, motions, interface, with_angles=True)
+        if any(pair in interface.mortars for pair, _ in end.free_motions):
             raise ValueError(
-                "the surface of a deformed body is not free to move besides its displacements: "
-                "give it a translation, or the body supports and loads"
+                "the surface of a deformed body cannot have free motions in addition to its "
+                "displacements: give it a translation, or give the body supports and loads"
             )
         with report_activity(interface.comm, f"contact increment {state.increment}"):
-            reporter = Reporter(interface.comm, state.increment, self._callback)
-            system = self._system_for(end.free)
-            before = system.n_solved, system.report
-            if self._watch is not None and not state.increment:  # others are looked at in the end
-                self._restore(state)
-                self._watch.is_beyond_limit()
-            path = self._trace_supports(state, load)
-            self._refuse_passing(state, start, end, path)
-            begin = self._place_clear(state, load, start, end, path)
-            pieces = self._count_pieces(start, end, path)
-            if pieces > 1:
-                words = f"in {pieces} parts, as slip is not seen from its ends alone"
-                log_on_root(interface.comm, logging.INFO, words, ".contact")
-
-            def part(
-                now: ContactState,
-                share: float,
-                patient: bool = False,
-                begin: PETSc.Vec | None = None,
-            ) -> ContactState:
-                self._restore(now)
-                self._apply(load, share)
-                if not state.increment and now is state:
-                    forces = self._body.assemble_residual().norm(PETSc.NormType.INFINITY)
-                    arguments.check_magnitude("the load of the undeformed body", forces)
-                try:
-                    target = interpolate(start, end, share)
-                    solution = self._solve_part(now, target, system, reporter, patient, begin)
-                except NotConverged as failed:
-                    raise NotFound(str(failed)) from failed
-                return replace(solution, history=self._updated())
-
-            parts: list[tuple[float, ContactState]] = []
-            if begin is not None:
-                log_on_root(
-                    interface.comm, logging.INFO, "without contact, as all is clear", ".contact"
+            reporter = ProgressReporter(interface.comm, state.increment, self._callback)
+            system = self._system_for(end.free_motions)
+            cost_before = system.n_solves, system.report
+            # the tangent of later states has been checked at the end of their increments
+            if self._tangent_ratio_monitor is not None and not state.increment:
+                self._restore_state(state)
+                self._tangent_ratio_monitor.is_beyond_limit()
+            support_path = self._trace_support_path(state, load)
+            self._refuse_passing_surfaces(state, start, end, support_path)
+            start_unknowns = self._find_contact_free_start(state, load, start, end, support_path)
+            n_initial_substeps = self._count_initial_substeps(start, end, support_path)
+            if n_initial_substeps > 1:
+                message = (
+                    f"starts with {n_initial_substeps} substeps, in which slip follows from the "
+                    "ends alone"
                 )
-                clear = partial(part, begin=begin)
-                parts, failure = solve_in_substeps(clear, state, (1.0, 1.0, 1.0))
-            sizes = (1 / pieces, _SMALLEST / pieces, 2.0)
-            if not parts:
-                parts, failure = solve_in_substeps(part, state, sizes)
+                log_on_root(interface.comm, logging.INFO, message, ".contact")
+
+            def solve_substep(
+                current: ContactState,
+                fraction: float,
+                keep_cycling_sets: bool = False,
+                start_unknowns: PETSc.Vec | None = None,
+            ) -> ContactState:
+                self._restore_state(current)
+                self._apply_load(load, fraction)
+                if not state.increment and current is state:
+                    largest_force = self._residual_system.assemble_residual().norm(
+                        PETSc.NormType.INFINITY
+                    )
+                    arguments.check_magnitude("the load of the undeformed body", largest_force)
+                try:
+                    target = interpolate_targets(start, end, fraction)
+                    solution = self._solve_substep(
+                        current, target, system, reporter, keep_cycling_sets, start_unknowns
+                    )
+                except NotConverged as error:
+                    raise NotFound(str(error)) from error
+                return replace(solution, history=self._update_history_functions())
+
+            substeps: list[tuple[float, ContactState]] = []
+            if start_unknowns is not None:
+                log_on_root(interface.comm, logging.INFO, "solved without contact", ".contact")
+                solve_clear_substep = partial(solve_substep, start_unknowns=start_unknowns)
+                substeps, failure = solve_in_substeps(solve_clear_substep, state, (1.0, 1.0, 1.0))
+            sizes = (1 / n_initial_substeps, _MIN_SUBSTEP / n_initial_substeps, 2.0)
+            if not substeps:
+                substeps, failure = solve_in_substeps(solve_substep, state, sizes)
             if failure is not None and isinstance(failure[1], Cycling):
-                # from the start: a state beyond a snap may be out of reach of small parts
-                again = partial(part, patient=True)
-                patient_parts, patient_failure = solve_in_substeps(again, state, sizes)
-                if patient_failure is None:
-                    parts, failure = patient_parts, None
+                # retry from the start: a state after a snap-through may need large substeps
+                solve_with_kept_sets = partial(solve_substep, keep_cycling_sets=True)
+                retried_substeps, retry_failure = solve_in_substeps(
+                    solve_with_kept_sets, state, sizes
+                )
+                if retry_failure is None:
+                    substeps, failure = retried_substeps, None
             if failure is not None:
-                done, now = parts[-1] if parts else (0.0, state)
-                self._restore(now)
-                self._apply(load, done)
-                share, failed = failure
-                where = f"from {done:.4g} to {share:.4g} of the increment"
-                words = f"{failed}; {where}, which cannot be halved further"
-                if self._watch is not None and self._watch.is_beyond_limit():
-                    words += f". The body is nearly incompressible: {HYBRID_SPACES_REMEDY}"
-                by_friction = bool(end.free) or not self._held_axes().all()
-                if by_friction and (used_up := describe_exhausted_friction(now)):
-                    words += f". {used_up}"
-                error = NotFound(words)
-                error.last_substate = (done, now) if parts else None
-                raise error from failed
-        n_solved, report = system.n_solved - before[0], system.report.since(before[1])
-        solution = replace(combine_substeps(parts), iterations=n_solved, report=report)
-        self._slips.log_differences(solution)
+                reached_fraction, current = substeps[-1] if substeps else (0.0, state)
+                self._restore_state(current)
+                self._apply_load(load, reached_fraction)
+                fraction, error = failure
+                interval = f"from {reached_fraction:.4g} to {fraction:.4g} of the increment"
+                message = f"{error}; {interval}, which cannot be halved further"
+                if (
+                    self._tangent_ratio_monitor is not None
+                    and self._tangent_ratio_monitor.is_beyond_limit()
+                ):
+                    message += f". The body is nearly incompressible: {HYBRID_SPACES_REMEDY}"
+                friction_may_fail = bool(end.free_motions) or not self._supported_axes().all()
+                if friction_may_fail and (friction_message := describe_exhausted_friction(current)):
+                    message += f". {friction_message}"
+                not_found = NotFound(message)
+                not_found.last_substate = (reached_fraction, current) if substeps else None
+                raise not_found from error
+        n_solves, report = system.n_solves - cost_before[0], system.report.since(cost_before[1])
+        solution = replace(combine_substeps(substeps), iterations=n_solves, report=report)
+        self._slip_check.log_differences(solution)
         reporter.report_increment(solution, perf_counter() - start_time)
         return solution
 
-    def _count_pieces(self, start: IncrementTarget, end: IncrementTarget, path: Array) -> int:
-        """Return a power of two: of parts in which slip can be seen from the ends."""
+    def _count_initial_substeps(
+        self, start: IncrementTarget, end: IncrementTarget, support_path: Array
+    ) -> int:
+        """Return the number of substeps, a power of two, whose slip follows from their ends."""
         angles = np.nan_to_num(end.q - start.q)[:, -1]
-        turns = float(np.abs(angles).max(initial=0.0)) / MAX_TURN
-        straight = _count_straight_pieces(path, self.interface.comm)
-        return max(_round_up_to_power_of_two(turns), straight)
+        rotations = float(np.abs(angles).max(initial=0.0)) / MAX_SUBSTEP_ROTATION
+        n_straight = _count_straight_segments(support_path, self.interface.comm)
+        return max(_round_up_to_power_of_two(rotations), n_straight)
 
-    def _trace_supports(self, state: ContactState, load: Loading | None) -> Array:
-        """Return prescribed displacements (samples + 1, nodes, dim) on the way to the end."""
+    def _trace_support_path(self, state: ContactState, load: LoadFunction | None) -> Array:
+        """Return prescribed displacements (samples + 1, nodes, dim) along the increment.
+
+        Samples are equally spaced, and enough to count straight segments.
+        """
         if load is None:
-            return self._sample_supports(state, None, 1)
-        samples = _PATH_SAMPLES
-        path = self._sample_supports(state, load, samples)
+            return self._sample_support_path(state, None, 1)
+        n_samples = _PATH_SAMPLES
+        path = self._sample_support_path(state, load, n_samples)
         while (
-            2 * _count_straight_pieces(path, self.interface.comm) > samples
-            and samples < _MAX_PATH_SAMPLES
+            2 * _count_straight_segments(path, self.interface.comm) > n_samples
+            and n_samples < _MAX_PATH_SAMPLES
         ):
-            samples *= 4
-            path = self._sample_supports(state, load, samples)
+            n_samples *= 4
+            path = self._sample_support_path(state, load, n_samples)
         return path
 
-    def _refuse_passing(
-        self, state: ContactState, start: IncrementTarget, end: IncrementTarget, path: Array
+    def _refuse_passing_surfaces(
+        self, state: ContactState, start: IncrementTarget, end: IncrementTarget, support_path: Array
     ) -> None:
-        """Raise SurfacePassed if supports and surfaces are led through each other."""
+        """Raise SurfacePassed if supports and surfaces are moved through each other."""
         interface, q = self.interface, state.placements
-        nodes = self._positions, self._held, self._piece
-        ways, path = sample_placements(start.q, end.q, path, max(len(path) - 1, _WAY_SAMPLES))
-        refuse_tools_through_supports(interface, self._surfaces, *nodes, ways, path)
+        node_data = self._node_positions, self._is_supported, self._node_component
+        surface_path, support_path = sample_placements(
+            start.q, end.q, support_path, max(len(support_path) - 1, _MIN_PASSING_SAMPLES)
+        )
+        refuse_tools_through_supports(
+            interface, self._surfaces, *node_data, surface_path, support_path
+        )
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, q, q)
-            refuse_supports_through_each_other(interface, mortars.references, *nodes[:2], path)
+            refuse_supports_through_each_other(
+                interface, mortars.references, *node_data[:2], support_path
+            )
 
-    def _place_clear(
+    def _find_contact_free_start(
         self,
         state: ContactState,
-        load: Loading | None,
+        load: LoadFunction | None,
         start: IncrementTarget,
         end: IncrementTarget,
-        path: Array,
+        support_path: Array,
     ) -> PETSc.Vec | None:
-        """Return unknowns (n,) of a body that supports carry along to where all is clear.
+        """Return unknowns (n,) of a body that its supports move rigidly to an end without contact.
 
-        None where it has not been in contact, does not end clear, or has a history on the way.
+        None if nodes are in contact at the start, the motion does not end all possible contact, or
+        the problem has a history.
         """
         interface, comm = self.interface, self.interface.comm
-        closed = interface.local(state.pairs, "status")[0] != OPEN
-        if self.history or self._update or not comm.allreduce(bool(closed.any()), MPI.LOR):
+        is_closed = interface.local(state.pairs, "status")[0] != OPEN
+        if (
+            self.history
+            or self._history_update
+            or not comm.allreduce(bool(is_closed.any()), MPI.LOR)
+        ):
             return None
-        nodes = self._positions, self._held, self._piece
-        path = path[[0, -1]]
-        for samples in (1, _LEAVING_SAMPLES):  # the ends alone tell most
-            if samples > 1:
-                path = self._sample_supports(state, load, samples)
-            ways, _ = sample_placements(start.q, end.q, path, samples)
-            pieces = SupportedPieces.fit(*nodes, path, comm)
-            if not ends_all_contact(interface, self._surfaces, pieces, ways, state.unknowns):
+        node_data = self._node_positions, self._is_supported, self._node_component
+        support_path = support_path[[0, -1]]
+        for n_samples in (1, _SEPARATION_SAMPLES):  # the ends alone exclude most cases cheaply
+            if n_samples > 1:
+                support_path = self._sample_support_path(state, load, n_samples)
+            surface_path, _ = sample_placements(start.q, end.q, support_path, n_samples)
+            pieces = SupportedPieces.fit(*node_data, support_path, comm)
+            if not ends_all_contact(
+                interface, self._surfaces, pieces, surface_path, state.unknowns
+            ):
                 return None
-        begin, owned = state.unknowns.duplicate(), interface.field.owned_unknowns
-        moved = pieces.move(self._positions, self._piece)[-1] - self._positions
-        begin.setArray(interface.field.embed(moved.ravel()))
-        begin.array[owned] = np.where(self._held, path[-1], begin.array_r[owned])
-        return begin
+        start_unknowns, owned = state.unknowns.duplicate(), interface.field.owned_unknowns
+        displacement = (
+            pieces.move(self._node_positions, self._node_component)[-1] - self._node_positions
+        )
+        start_unknowns.setArray(interface.field.embed(displacement.ravel()))
+        start_unknowns.array[owned] = np.where(
+            self._is_supported, support_path[-1], start_unknowns.array_r[owned]
+        )
+        return start_unknowns
 
-    def _sample_supports(self, state: ContactState, load: Loading | None, samples: int) -> Array:
-        """Return prescribed displacements (samples + 1, nodes, dim), zero where they are free."""
+    def _sample_support_path(
+        self, state: ContactState, load: LoadFunction | None, n_samples: int
+    ) -> Array:
+        """Return prescribed displacements (samples + 1, nodes, dim), zero at free components."""
         field, dim = self.interface.field, self.interface.position.shape[1]
-        free, _ = evaluate_conditions(self._whole, self._conditions)
-        start = state.unknowns.copy()
-        start.array[free] = 0.0
-        path = [start]
-        for k in range(1, samples + 1):
-            self._apply(load, k / samples)
+        free, _ = evaluate_conditions(self._whole_space, self._conditions)
+        start_unknowns = state.unknowns.copy()
+        start_unknowns.array[free] = 0.0
+        path = [start_unknowns]
+        for k in range(1, n_samples + 1):
+            self._apply_load(load, k / n_samples)
             path.append(self.prescribed_displacements())
-        return np.array([field.extract(values).array_r.reshape(-1, dim).copy() for values in path])
+        return np.array(
+            [field.extract(unknowns).array_r.reshape(-1, dim).copy() for unknowns in path]
+        )
 
-    def _held_axes(self) -> Mask:
-        """Along which axes (dim,) supports hold any node: friction alone may have to elsewhere."""
-        held: Mask = np.any(self._held, axis=0)
-        self.interface.comm.Allreduce(MPI.IN_PLACE, held, MPI.LOR)
-        return held
+    def _supported_axes(self) -> Mask:
+        """Return the mask (dim,) of axes along which supports hold any node."""
+        is_supported: Mask = np.any(self._is_supported, axis=0)
+        self.interface.comm.Allreduce(MPI.IN_PLACE, is_supported, MPI.LOR)
+        return is_supported
 
     @property
-    def _held(self) -> Mask:
-        """Components (owned nodes, dim) that supports prescribe."""
-        free, _ = evaluate_conditions(self._whole, self._conditions)
+    def _is_supported(self) -> Mask:
+        """Mask of components (owned nodes, dim) that supports prescribe."""
+        free, _ = evaluate_conditions(self._whole_space, self._conditions)
         return np.asarray(~free[self.interface.field.owned_unknowns])
 
     @property
-    def _positions(self) -> Array:
+    def _node_positions(self) -> Array:
         """Undeformed positions (owned nodes, dim)."""
         owned, dim = self.interface.field.owned_unknowns.shape
         return np.asarray(self.space.tabulate_dof_coordinates()[:owned, :dim])
 
     @cached_property
-    def _piece(self) -> Indices:
-        """Number (owned nodes,) of the connected piece that each node belongs to."""
+    def _node_component(self) -> Indices:
+        """Number (owned nodes,) of each node's connected component of the mesh."""
         dofmap = self.space.dofmap
         number, _ = connected_components(self.interface.comm, dofmap.index_map, dofmap.list)
-        return number[: len(self._positions)]
+        return number[: len(self._node_positions)]
 
     def release(self) -> None:
         if self._system is not None:
             self._system.tangent.release()
             self._system = None
 
-    def _solve_part(
+    def _solve_substep(
         self,
         state: ContactState,
         target: IncrementTarget,
         system: ContactSystem,
-        reporter: Reporter,
+        reporter: ProgressReporter,
         keep_cycling_sets: bool,
-        begin: PETSc.Vec | None = None,
+        start_unknowns: PETSc.Vec | None = None,
     ) -> ContactState:
-        """Return the state at a target, in one piece.
+        """Return the state at a target, solved for in one step.
 
-        From unknowns (n,) to `begin` with, where the body is clear of everything, it is a state
-        without contact.
+        Args:
+            state: at the start.
+            target: at the end.
+            system: for the free motions of the target.
+            reporter: of the increment.
+            keep_cycling_sets: whether equations are solved to convergence before a cycling active
+                set changes.
+            start_unknowns: initial iterate (n,) of a state without contact; by default the
+                iteration starts from the state.
         """
         interface = self.interface
-        unknowns = state.unknowns if begin is None else begin
+        unknowns = state.unknowns if start_unknowns is None else start_unknowns
         increment, kinematics = self._start_increment(state, target, system, unknowns)
         start = increment.start
         q = np.where(np.isnan(target.q), start.q, target.q)
-        system.start(lambda: unknowns, q)
+        system.set_initial_iterate(lambda: unknowns, q)
         max_iterations = self._max_iterations
-        if begin is None:
-            closed = interface.local(state.pairs, "status")[0] != OPEN
-            displacement = kinematics.move_closed_with_surfaces(q, start.displacement, closed)
+        if start_unknowns is None:
+            is_closed = interface.local(state.pairs, "status")[0] != OPEN
+            displacement = kinematics.move_closed_with_surfaces(q, start.displacement, is_closed)
             linearised = kinematics.linearise(q, displacement, start.force)
-            closed |= linearised.gap < 0
+            is_closed |= linearised.gap < 0
         else:
             max_iterations = min(max_iterations, _MAX_CLEAR_ITERATIONS)
             no_force = np.zeros_like(start.force)
-            linearised = kinematics.linearise(q, system.point_displacements(begin), no_force)
-            closed = np.zeros(len(interface.pair), dtype=bool)
+            linearised = kinematics.linearise(
+                q, system.point_displacements(start_unknowns), no_force
+            )
+            is_closed = np.zeros(len(interface.pair), dtype=bool)
         n_signs = len(system.tangent.solver.determinant_signs)
         end = solve_increment(
             increment,
-            make_sticking_set(closed, interface.cone, linearised.frame.shape[1] - 1),
+            make_sticking_set(is_closed, interface.cone, linearised.frame.shape[1] - 1),
             linearised,
             DeformedSetUpdate(interface, keep_cycling_sets),
             max_iterations=max_iterations,
             after_iteration=reporter.report_iteration,
         )
         reporter.violation = end.violation
-        self._check_end(increment, kinematics, end, target, starts_clear=begin is not None)
+        self._check_solution(
+            increment, kinematics, end, target, starts_clear=start_unknowns is not None
+        )
         signs = self._check_stability(system, n_signs, state)
         sizes = compute_reference_sizes(increment, end, state.scale)
         solution = make_contact_state(
             increment, end, state, sizes=sizes, iterations=0, report=system.report, smallness=None
         )
-        solution = self._verify(solution, state, target, sizes)
+        solution = self._verify_state(solution, state, target, sizes)
         return replace(solution, unique=None, determinant_signs=frozenset(signs[-1:]))
 
-    def _check_end(
+    def _check_solution(
         self,
         increment: Increment,
         kinematics: DeformedKinematics,
@@ -408,135 +486,161 @@ class FiniteStepping:
     ) -> None:
         """Raise NotFound for a solution in which nodes or surfaces have jumped.
 
-        Nodes of a body that has been put clear of everything may have, but nothing may touch it.
+        With `starts_clear` nodes may jump, but none may be in contact.
         """
-        interface, pressed = self.interface, end.nodes.trial_pressure > 0
-        kinematics.check_surface_derivatives(end.kinematics, pressed)
-        interface.check_supports_between(increment.equilibrium.offset, target.q, pressed)
-        if starts_clear and len(interface.gathered(interface.position[pressed])):
-            raise NotFound("the body is in contact where supports put it clear of everything")
-        jumped = interface.gathered(
-            interface.position[kinematics.find_jumped_points(end.kinematics, pressed)]
+        interface, is_pressed = self.interface, end.nodes.trial_pressure > 0
+        kinematics.check_surface_derivatives(end.kinematics, is_pressed)
+        interface.check_supports_between(increment.equilibrium.offset, target.q, is_pressed)
+        if starts_clear and len(interface.gathered(interface.position[is_pressed])):
+            raise NotFound("the body is in contact after supports have moved it out of contact")
+        jumped_positions = interface.gathered(
+            interface.position[kinematics.find_jumped_points(end.kinematics, is_pressed)]
         )
-        if len(jumped) and not starts_clear:
-            words = "jumped to another sheet of their surface, or slid round by a right angle"
-            raise NotFound.with_positions(f"contact nodes first at {{}} have {words}", jumped)
+        if len(jumped_positions) and not starts_clear:
+            message = "jumped to another sheet of their surface, or slid round by a right angle"
+            raise NotFound.with_positions(
+                f"contact nodes first at {{}} have {message}", jumped_positions
+            )
         for k, (reference, x) in kinematics.sides.items():
-            passed = find_passed_nodes(interface, k, reference.x, x)
-            if len(passed):
+            passed_positions = find_passed_nodes(interface, k, reference.x, x)
+            if len(passed_positions):
                 raise NotFound.with_positions(
-                    "contact nodes first at {} pass through the other side", passed
+                    "contact nodes first at {} pass through the other side", passed_positions
                 )
         angle = np.abs(end.q - increment.start.q)[:, -1]
-        if (angle[np.isnan(target.q[:, -1])] > MAX_TURN).any():
+        if (angle[np.isnan(target.q[:, -1])] > MAX_SUBSTEP_ROTATION).any():
             raise NotFound(
-                f"a surface that is free to turn has turned by {angle.max():.3g}: slip is seen up "
-                f"to {MAX_TURN:.3g}, an eighth of a turn, in one part"
+                f"a surface that is free to turn has turned by {angle.max():.3g}: slip is resolved "
+                f"up to {MAX_SUBSTEP_ROTATION:.3g}, an eighth of a turn, in one substep"
             )
 
     def _check_stability(
         self, system: ContactSystem, n_signs: int, state: ContactState
     ) -> Sequence[int]:
-        """Return the signs of the determinants of this part's tangents.
+        """Return the determinant signs of the tangents of this substep, if the solver has them.
 
         Raises:
-            NotFound: for a tangent whose determinant has another sign than the state's before.
+            NotFound: if the determinant of the last tangent has changed its sign.
         """
-        of_solver = system.tangent.solver.determinant_signs[n_signs:]
-        signs = of_solver or system.tangent.determinant_signs()
-        if self._watch is not None and self._watch.is_beyond_limit():
-            signs = ()  # they change without any instability
-        is_comparable = bool(of_solver) and state.free_motions == system.free
-        before = state.determinant_signs if is_comparable else frozenset[int]()
-        if signs and signs[-1] not in (before or signs[:1]):
-            raise NotFound("the state found is unstable: its tangent's determinant has turned sign")
-        return of_solver
+        solver_signs = system.tangent.solver.determinant_signs[n_signs:]
+        signs = solver_signs or system.tangent.determinant_signs()
+        if (
+            self._tangent_ratio_monitor is not None
+            and self._tangent_ratio_monitor.is_beyond_limit()
+        ):
+            signs = ()  # signs change without instability in nearly incompressible bodies
+        is_comparable = bool(solver_signs) and state.free_motions == system.free_motions
+        accepted_signs = state.determinant_signs if is_comparable else frozenset[int]()
+        if signs and signs[-1] not in (accepted_signs or signs[:1]):
+            raise NotFound(
+                "the solution is unstable: the determinant of its tangent has changed its sign"
+            )
+        return solver_signs
 
-    def _verify(
+    def _verify_state(
         self,
         solution: ContactState,
-        before: ContactState,
+        start_state: ContactState,
         target: IncrementTarget,
         sizes: tuple[ResidualScale, float, float],
     ) -> ContactState:
-        """Return the state with residuals that the form, surfaces and law alone give."""
+        """Return the state with residuals from the form, the surfaces and the law alone."""
         _, force, length = sizes
-        self._body.set_unknowns(solution.unknowns)
-        unbalanced = self._body.assemble_residual()
+        self._residual_system.set_unknowns(solution.unknowns)
+        unbalanced = self._residual_system.assemble_residual()
         assert self._system is not None
-        scale, comm = self._system.scale, self.interface.comm
-        largest = self.interface.field.extract(unbalanced).norm(PETSc.NormType.INFINITY)
-        stiffness = comm.allreduce(scale.max(initial=0.0), MPI.MAX)
+        law_scale, comm = self._system.law_scale, self.interface.comm
+        largest_residual = self.interface.field.extract(unbalanced).norm(PETSc.NormType.INFINITY)
+        stiffness = comm.allreduce(law_scale.max(initial=0.0), MPI.MAX)
         round_off = (
-            FORCE_TOLERANCE * largest + COORDINATE_ROUND_OFF * stiffness * self._guard.extent
+            FORCE_TOLERANCE * largest_residual + COORDINATE_ROUND_OFF * stiffness * self._cell_guard.extent
         )
         return verify_state(
             solution,
-            measure_deformed(self.interface, self._pairs, before, solution),
+            measure_deformed(self.interface, self._pairs, start_state, solution),
             unbalanced,
             self.interface,
             self._reduction,
-            ReferenceSizes(force, length, scale, round_off),
+            ReferenceSizes(force, length, law_scale, round_off),
             target.totals,
             make_torque_function(self.interface, self._pairs, solution),
         )
 
     def _start_increment(
-        self, state: ContactState, target: IncrementTarget, system: ContactSystem, at: PETSc.Vec
+        self,
+        state: ContactState,
+        target: IncrementTarget,
+        system: ContactSystem,
+        unknowns: PETSc.Vec,
     ) -> tuple[Increment, DeformedKinematics]:
-        """Return the equations from a state to a target, the body being at all unknowns (n,)."""
+        """Return equations from a state to a target with initial unknowns (n,), and kinematics."""
         interface = self.interface
         start = make_increment_start(state, interface, state.placements)
         reduction = replace(self._reduction, offset=self.prescribed_displacements())
-        of_body = self._body, system, reduction, self._guard, at
+        equilibrium_arguments = self._residual_system, system, reduction, self._cell_guard, unknowns
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, start.q, target.q)
-            equilibrium: FiniteEquilibrium = SlidingEquilibrium(*of_body, mortars=mortars)
+            equilibrium: FiniteEquilibrium = SlidingEquilibrium(
+                *equilibrium_arguments, mortars=mortars
+            )
             kinematics = DeformedKinematics(interface, self._surfaces, start, mortars)
         else:
-            equilibrium = FiniteEquilibrium(*of_body)
+            equilibrium = FiniteEquilibrium(*equilibrium_arguments)
             kinematics = DeformedKinematics(interface, self._surfaces, start, NoDeformablePairs())
         increment = Increment(
             system, equilibrium, kinematics, start, prescribed=target.q, totals=target.totals
         )
         return increment, kinematics
 
-    def identify(self) -> tuple[Indices, ResidualProbe]:
-        """Return -1 for each unknown (n,) of this process that is prescribed, and the residual."""
-        free, _ = evaluate_conditions(self._whole, self._conditions)
-        return np.where(free, 0, -1), ResidualProbe(self._body, self.coefficients)
+    def identify_residual(self) -> tuple[Indices, ResidualProbe]:
+        """Return data that identify the residual.
+
+        Returns:
+            (n,) of this process, -1 for prescribed unknowns and 0 for all others; and the residual.
+        """
+        free, _ = evaluate_conditions(self._whole_space, self._conditions)
+        return np.where(free, 0, -1), ResidualProbe(self._residual_system, self.coefficients)
 
     @property
     def stiffness(self) -> PETSc.Mat:
-        """Return the last tangent (n, n)."""
-        return self._body.tangent
+        """The last tangent (n, n)."""
+        return self._residual_system.tangent
 
     def prescribed_displacements(self) -> PETSc.Vec:
-        return evaluate_conditions(self._whole, self._conditions)[1]
+        return evaluate_conditions(self._whole_space, self._conditions)[1]
 
-    def contains(self, constant: fem.Constant) -> bool:
-        """Whether the residual or one of its Dirichlet conditions depends on a constant."""
-        values = [getattr(condition.g, "value", None) for condition in self._each_condition]
-        # DOLFINx hands on C++ objects of constants, but their values are one array
-        prescribing = any(v is not None and np.shares_memory(v, constant.value) for v in values)
-        return prescribing or any(constant is other for other in self._constants)
+    def depends_on(self, constant: fem.Constant) -> bool:
+        """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
+        values = [getattr(condition.g, "value", None) for condition in self._condition_list]
+        # DOLFINx stores C++ objects of constants, which share the array of values
+        is_prescribed = any(
+            value is not None and np.shares_memory(value, constant.value) for value in values
+        )
+        return is_prescribed or any(
+            constant is residual_constant for residual_constant in self._constants
+        )
 
     @property
-    def _each_condition(self) -> Sequence[fem.DirichletBC]:
-        single = isinstance(self._conditions, fem.DirichletBC)
-        return [self._conditions] if single else self._conditions
+    def _condition_list(self) -> Sequence[fem.DirichletBC]:
+        is_single = isinstance(self._conditions, fem.DirichletBC)
+        return [self._conditions] if is_single else self._conditions
 
     def linearise(self, part: HistoryPart) -> LinearisedEnd:
-        """Return the equations at a part's end, and leave u, constants and conditions there."""
-        self._apply(part.load, part.load_factor)
-        free = part.part_end.free_motions
-        system = self._system_for(free)
-        target = IncrementTarget.from_state(part.part_end, turning=True).with_free(free)
+        """Return the linearised equations at the end of a substep.
+
+        The function u, constants and conditions keep their values of this end.
+        """
+        self._apply_load(part.load, part.load_factor)
+        free_motions = part.part_end.free_motions
+        system = self._system_for(free_motions)
+        target = IncrementTarget.from_state(part.part_end, with_angles=True).with_free_motions(
+            free_motions
+        )
         unknowns = part.part_end.unknowns
         increment, kinematics = self._start_increment(part.part_start, target, system, unknowns)
         states, dim = (part.part_start, part.part_end), self.interface.position.shape[1]
-        turned = any(pair.rotation for state in states for pair in state.pairs)
-        if turned or any(axis == dim for _, axis in free):
+        has_rotated = any(pair.rotation for state in states for pair in state.pairs)
+        if has_rotated or any(axis == dim for _, axis in free_motions):
             raise ValueError("has a surface that has turned, of which no derivatives are given")
         end = make_increment_start(part.part_end, self.interface, part.part_end.placements)
         linearised = kinematics.linearise(end.q, end.displacement, end.force)
@@ -544,41 +648,43 @@ class FiniteStepping:
         increment.equilibrium.linearise(linearised.torque_map)
         slip_by_start = kinematics.slip_by_start_motion(linearised)
         return LinearisedEnd(
-            increment, solution, self._body.tangent, self._reduction, slip_by_start
+            increment, solution, self._residual_system.tangent, self._reduction, slip_by_start
         )
 
-    def _system_for(self, free: FreeMotions) -> ContactSystem:
-        """Return the system for these free motions; the last one is kept."""
-        if self._system is None or self._system.free != free:
+    def _system_for(self, free_motions: FreeMotions) -> ContactSystem:
+        """Return the contact system for these free motions; the last one is cached."""
+        if self._system is None or self._system.free_motions != free_motions:
             self.release()
-            no_vector = np.zeros_like(self.interface.position)
-            rest = np.zeros((self.interface.pairs, no_vector.shape[1] + 1))
+            zero_vectors = np.zeros_like(self.interface.position)
+            zero_motions = np.zeros((self.interface.pairs, zero_vectors.shape[1] + 1))
             self._system = ContactSystem(
-                self._body.tangent,
+                self._residual_system.tangent,
                 self._reduction,
                 self.interface,
-                free,
+                free_motions,
                 self.solver,
-                self._surfaces.torque_map(rest, no_vector, no_vector),
+                self._surfaces.torque_map(zero_motions, zero_vectors, zero_vectors),
             )
         return self._system
 
-    def _restore(self, state: ContactState) -> None:
-        self._body.set_unknowns(state.unknowns)
+    def _restore_state(self, state: ContactState) -> None:
+        self._residual_system.set_unknowns(state.unknowns)
         for function, values in zip(self.history, state.history, strict=False):
             function.x.array[:] = values
 
-    def _apply(self, load: Loading | None, share: float) -> None:
+    def _apply_load(self, load: LoadFunction | None, fraction: float) -> None:
         with collective_errors(self.interface.comm) as same:
             if load is not None:
                 with self.coefficients.record_changes():
-                    call_user_function(self.interface.comm, "the load", load, share)
+                    call_user_function(self.interface.comm, "the load", load, fraction)
             same["the constants and conditions"] = self._constants, self._conditions
 
-    def _updated(self) -> tuple[Array, ...]:
-        if self._update is not None:
+    def _update_history_functions(self) -> tuple[Array, ...]:
+        if self._history_update is not None:
             with collective_errors(self.interface.comm):
-                call_user_function(self.interface.comm, "the update of the history", self._update)
+                call_user_function(
+                    self.interface.comm, "the update of the history", self._history_update
+                )
                 for k, function in enumerate(self.history):
                     if not np.isfinite(function.x.array).all():
                         raise ValueError(
@@ -589,24 +695,34 @@ class FiniteStepping:
 
 
 def _round_up_to_power_of_two(number: float) -> int:
-    """Return the least power of two, 1 at least, that is no smaller but for round-off."""
+    """Return the least power of two that is at least 1 and at least `number` up to round-off."""
     return 2 ** max(0, int(np.ceil(np.log2(max(number, 1.0)) - _LOG_ROUND_OFF)))
 
 
-def _count_straight_pieces(path: Array, comm: MPI.Comm) -> int:
-    """Return a power of two: of equal pieces of a path (samples + 1, nodes, dim) that hardly bend.
+def _count_straight_segments(path: Array, comm: MPI.Comm) -> int:
+    """Return the number of equal segments, a power of two, in which a path is nearly straight.
 
-    In each the paths of nodes are longer than the distances of their ends by `_MAX_DETOUR` at most.
+    In each segment the path of a node is at most `_MAX_PATH_RATIO` times as long as its chord.
+
+    Args:
+        path: displacements (samples + 1, nodes, dim).
+        comm: communicator of the mesh.
     """
-    lengths = np.linalg.norm(np.diff(path, axis=0), axis=2)
-    longest = comm.allreduce(lengths.sum(axis=0).max(initial=0.0), MPI.MAX)
-    samples = pieces = len(lengths)
-    while pieces > 1:
-        size = 2 * samples // pieces
-        along = lengths.reshape(samples // size, size, lengths.shape[1]).sum(axis=1)
-        straight = np.linalg.norm(path[size::size] - path[:-1:size], axis=2)
-        bent = (along > _MAX_DETOUR * straight) & (along > _MIN_PATH * longest)
-        if comm.allreduce(bool(bent.any()), MPI.LOR):
+    step_lengths = np.linalg.norm(np.diff(path, axis=0), axis=2)
+    longest_path = comm.allreduce(step_lengths.sum(axis=0).max(initial=0.0), MPI.MAX)
+    n_samples = n_segments = len(step_lengths)
+    while n_segments > 1:
+        segment_size = 2 * n_samples // n_segments
+        path_lengths = step_lengths.reshape(
+            n_samples // segment_size, segment_size, step_lengths.shape[1]
+        ).sum(axis=1)
+        distances = np.linalg.norm(
+            path[segment_size::segment_size] - path[:-1:segment_size], axis=2
+        )
+        is_bent = (path_lengths > _MAX_PATH_RATIO * distances) & (
+            path_lengths > _MIN_PATH_FRACTION * longest_path
+        )
+        if comm.allreduce(bool(is_bent.any()), MPI.LOR):
             break
-        pieces //= 2
-    return pieces
+        n_segments //= 2
+    return n_segments

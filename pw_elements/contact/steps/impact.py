@@ -34,7 +34,7 @@ from pw_elements.contact.interface import Interface, build_interface, find_reduc
 from pw_elements.contact.iteration import make_pair_states
 from pw_elements.contact.model import ContactPair, ContactState, FrictionCone, Residuals, Smallness
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
-from pw_elements.contact.steps.checks import PathInTime, check_contact_arguments, check_paths
+from pw_elements.contact.steps.checks import PathInTime, check_contact_arguments, list_paths
 from pw_elements.contact.steps.smallness import (
     SmallnessCheck,
     gradient_at_vertices,
@@ -289,7 +289,7 @@ def solve_impact(
         FloatingPointError: if the motion is not finite.
     """
     contact_pairs = check_contact_arguments(K, reduction, pairs, space, 1, None)
-    surface_paths = check_paths(paths, contact_pairs, space)
+    surface_paths = list_paths(paths, contact_pairs, space)
     initial_values = {"the velocity": velocity}
     if displacement is not None:
         initial_values["the displacement"] = displacement

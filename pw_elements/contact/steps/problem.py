@@ -1,4 +1,8 @@
-"""A contact problem as the user states it, checked, and solved increment after increment."""
+"""Contact problems: public classes and functions that check arguments and solve increments.
+
+The module guarantees that the arguments of each increment have been checked once, that states are
+never changed, and that errors of one process are raised on all of them.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -35,16 +39,16 @@ from pw_elements.contact.output import (
 )
 from pw_elements.contact.steps.checks import (
     Remedies,
-    check_belongs,
     check_contact_arguments,
-    check_deformed,
-    check_each,
     check_function,
+    check_large_strain_surfaces,
     check_motions,
-    check_remedies,
+    check_state_of_problem,
+    list_of_type,
     list_per_pair,
+    list_remedy_cost_ratios,
 )
-from pw_elements.contact.steps.finite import FiniteStepping, Loading
+from pw_elements.contact.steps.finite import LargeStrainStepping, LoadFunction
 from pw_elements.contact.steps.sensitivity import (
     Derivatives,
     Output,
@@ -55,7 +59,7 @@ from pw_elements.contact.steps.sensitivity import (
     check_parameters,
     iterate_history_parts,
 )
-from pw_elements.contact.steps.stepping import REMEDIES, Stepping
+from pw_elements.contact.steps.stepping import REMEDIES, SmallStrainStepping
 from pw_elements.progress import report_activity
 from pw_elements.solvers import (
     Direct,
@@ -69,7 +73,7 @@ from pw_elements.solvers import (
 
 
 class ContactProblem:
-    """A body, its supports and contact pairs; `step` takes it from one state to the next.
+    """A body with supports and contact pairs; `step` solves for its next state.
 
         problem = ContactProblem(K, supports, [floor, punch], U)
         pressed = problem.step(problem.undeformed, load, [None, Motion((0, -0.1))])
@@ -79,20 +83,21 @@ class ContactProblem:
     States are never changed: you can continue from any of them, any number of times.
 
     Args:
-        K: stiffness (n, n), all rows and columns free; it may be unsymmetric.
-        reduction: supports (or condensation); contact nodes stay, and have no prescribed
-            displacement but tangential ones.
-        pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
-            `solve_contact` and do not count here.
+        K: stiffness (n, n) without supports; it may be unsymmetric.
+        reduction: supports (or condensation); it must not eliminate contact nodes, of which only
+            tangential displacements may be prescribed.
+        pairs: contact pairs; a node belongs to at most one of them. Their `motions` are ignored
+            here; only `solve_contact` uses them.
         space: trial space of the displacements, or of the hybrid element.
         solver: of the linear systems, as in `solve`.
-        max_iterations: the most linear systems solved in one attempt at an increment.
+        max_iterations: largest number of linear systems solved in one attempt at an increment.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; an exception that it raises ends the computation.
-        remedies: what is tried if the iteration fails: "springs" (not by `Iterative()`) hold the
-            contact points and get softer and softer; "cutback" solves the increment in parts, with
-            friction another path (see `ContactState.substates`). Each may solve three times as many
-            linear systems as the first attempt; {"springs": 3, "cutback": 10} allows more.
+        remedies: methods that are tried if the iteration fails: "springs" (not with `Iterative()`)
+            hold the contact points and are softened in stages; "cutback" solves the increment in
+            substeps, with friction along another path (see `ContactState.substates`). Each may
+            solve three times as many linear systems as the first attempt; {"springs": 3,
+            "cutback": 10} allows more.
 
     Raises:
         TypeError, ValueError: for arguments that do not make a contact problem.
@@ -100,7 +105,9 @@ class ContactProblem:
     """
 
     _has_residual = False
-    _histories: Sequence[fem.FunctionSpace] = ()  # spaces of the functions that belong to a state
+    _history_spaces: Sequence[
+        fem.FunctionSpace
+    ] = ()  # spaces of the functions that belong to a state
 
     @check_same_arguments
     def __init__(
@@ -119,24 +126,24 @@ class ContactProblem:
         )
         check_mesh(space.mesh)
         self._K, self._space, self._reduction = K, space, reduction
-        self._asked, self._supports = solver, reduction.supports
-        each = check_remedies(remedies)
-        self._by = partial(
-            Stepping,
+        self._requested_solver, self._supports = solver, reduction.supports
+        cost_ratios = list_remedy_cost_ratios(remedies)
+        self._make_small_strain_stepping = partial(
+            SmallStrainStepping,
             K,
             reduction,
             self.pairs,
             space,
             max_iterations=max_iterations,
             callback=callback,
-            remedies=each,
+            remedies=cost_ratios,
         )
-        self._seen = K.stateGet()
-        self._stepping: Stepping = self._by(
+        self._stiffness_state = K.stateGet()
+        self._small_strain_stepping: SmallStrainStepping = self._make_small_strain_stepping(
             solver=choose_solver(solver, self._supports, contact_stiffness=K)
         )
         self.undeformed: ContactState = make_undeformed_state(
-            self._stepping.interface, K.createVecRight()
+            self._small_strain_stepping.interface, K.createVecRight()
         )
 
     @classmethod
@@ -153,7 +160,7 @@ class ContactProblem:
         history: Sequence[fem.Function] = (),
         update: Callable[[], None] | None = None,
     ) -> "ContactProblem":
-        """Large strains and large sliding of a body that any residual states.
+        """Return a problem with large strains and large sliding, for any residual.
 
             F = ufl.inner(stress(u), ufl.grad(ufl.TestFunction(spaces.test))) * dx
             roller = ContactPair(top, Sphere((0, 1.0), 1.0), friction=0.3)
@@ -161,27 +168,28 @@ class ContactProblem:
             pressed = problem.step(problem.undeformed, motions=Motion((0, -0.25)))
             pushed = problem.step(pressed, motions=Motion((0.3, -0.25)))
 
-        Gap, normal and slip are those of the deformed body: gap and normal by the closest point of
-        a rigid surface, slip by the arc that it has gone there (exact on planes, circles and
-        spheres, of second order on others). Nodal contact forces are the residual's entries. An
-        increment that fails is halved, and its parts grow again (see `ContactState.substates`).
+        Gap, normal and slip are those of the deformed body. Gap and normal follow from the closest
+        point of a rigid surface, slip from the arc along which this point moves (exact on planes,
+        circles and spheres, second-order accurate on others). Nodal contact forces are entries of
+        the residual. An increment that fails is halved, and the substeps grow again after
+        successes (see `ContactState.substates`).
 
         Args:
-            residual: F, as in `PetrovGalerkinProblem`, without what surfaces exert.
+            residual: F, as in `PetrovGalerkinProblem`, without the contact forces.
             u: unknown function in the trial space, which may be hybrid; steps set it.
             conditions: Dirichlet conditions; constants and functions in them may change.
-            pairs: with rigid surfaces that know their `closest` points, `Plane`, `Sphere` or
-                `SignedDistance`, which may turn about a `pivot`; or, in the plane and in
-                axisymmetry, with a `DeformableSurface` whose `revolved` is given. Who faces whom is
-                found anew in each iteration; slip along curved sides is of second order.
-            solver: of linear systems, as in `solve`, but by default `Direct()`. Two bodies, and
-                surfaces that are free to turn, need it; it tells by determinants that a state is
-                unstable, `Iterative()` by negative eigenvalues.
-            max_iterations: the most linear systems solved in one attempt.
+            pairs: with rigid surfaces that have a method `closest` (`Plane`, `Sphere` or
+                `SignedDistance`), which may rotate about a `pivot`; or, in the plane and in
+                axisymmetry, with a `DeformableSurface` whose `revolved` is given. Facing facets
+                are determined in each iteration; slip along curved sides is second-order accurate.
+            solver: of the linear systems, as in `solve`, but by default `Direct()`. Two bodies and
+                surfaces that are free to rotate require `Direct()`. Unstable states are detected
+                by determinants with `Direct()`, by negative eigenvalues with `Iterative()`.
+            max_iterations: largest number of linear systems solved in one attempt.
             callback: as in `ContactProblem`.
-            history: functions in the residual that belong to the state, such as plastic strains: a
-                step starts from its state's values, and files hold them.
-            update: sets these functions after each solved part of an increment; u is its solution.
+            history: functions in the residual that belong to the state, such as plastic strains. A
+                step starts from the values of its state, and files contain them.
+            update: sets these functions after each solved substep, when u is its solution.
 
         Raises:
             TypeError, ValueError: for arguments that do not make a contact problem.
@@ -203,67 +211,76 @@ class ContactProblem:
     def step(
         self,
         state: ContactState,
-        load: PETSc.Vec | Loading | None = None,
+        load: PETSc.Vec | LoadFunction | None = None,
         motions: Motion | Sequence[Motion | None] | None = (),
     ) -> ContactState:
-        """The state at the end of one increment.
+        """Return the state at the end of one increment.
 
         Args:
-            state: at the start, of a problem with the same contact nodes; slip counts from there.
+            state: at the start, of a problem with the same contact nodes; slip is measured from it.
             load: total load vector (n,) at the end; by default zero. With a residual it is a
-                function of the share (0, 1] of the increment, which sets what changes in it:
-                constants and functions of loads and of conditions.
-            motions: of each pair's surface, from its initial place to the end of the increment;
-                None for one that rests there, as by default all do. A single one needs no list.
+                function of the fraction (0, 1] of the increment, which sets the constants and
+                functions of loads and conditions.
+            motions: of each pair's surface, from its initial position to the end of the increment;
+                None for a surface in its initial position, which is the default for all. A single
+                motion needs no list.
 
         Raises:
-            ValueError: for a load that is not finite, a number of motions that is not that of
-                the pairs, motions of another dimension, a state of other contact nodes, arguments
+            ValueError: for a load that is not finite, a number of motions other than that of the
+                pairs, motions of another dimension, a state of other contact nodes, arguments
                 that differ between processes, a surface that fails, or a prescribed normal
                 displacement of a node in contact.
-            FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
+            FreeBody: if nothing would hold a rigid motion even if every contact node stuck.
             NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
             NotUnique: if the tangent is singular at a solution: the friction is too large, or the
                 body is loose.
-            NotFound: if no state has been found, though there may be one; `state` came nearest.
-            SurfacePassed: if a rigid surface goes through the body, or pushes it outwards. With a
-                residual: if a surface is led through supports, or those of two bodies through each
-                other; nothing is solved then.
-            NotConverged: if an iterative solver fails, perhaps for a singular tangent; "auto" then
-                goes on with factors if there is memory for them, and stays with them. With a
-                residual smaller parts are tried instead, and NotFound is raised in the end.
+            NotFound: if no state has been found, though one may exist; the attribute `state` is the
+                closest approximation.
+            SurfacePassed: if a rigid surface passes through the body, or pushes it outwards. With a
+                residual: if a surface is moved through supports, or supports of two bodies through
+                each other; nothing is solved in this case.
+            NotConverged: if an iterative solver fails, perhaps because the tangent is singular;
+                "auto" then switches to a direct solver if there is enough memory. With a residual,
+                smaller substeps are tried instead, and finally NotFound is raised.
         """
-        check_belongs(state, self.undeformed, "the state")
+        check_state_of_problem(state, self.undeformed, "the state")
         if not state.converged:
-            raise ValueError("the state at the start is no solution: go on from the one before")
-        moved = list_per_pair("motions", () if motions is None else motions, len(self.pairs))
-        check_motions(moved, self.pairs, self._space.mesh.geometry.dim)
-        return self._step(state, load, moved)
+            raise ValueError(
+                "the state at the start has not converged: continue from the last converged state"
+            )
+        motion_list = list_per_pair("motions", () if motions is None else motions, len(self.pairs))
+        check_motions(motion_list, self.pairs, self._space.mesh.geometry.dim)
+        return self._solve_step(state, load, motion_list)
 
-    def _step(
+    def _solve_step(
         self,
         state: ContactState,
         load: Any,  # noqa: ANN401
         motions: Sequence[Motion | None],
     ) -> ContactState:
-        """Check the load, and solve."""
+        """Check the load, and solve one increment."""
         load = self._K.createVecRight() if load is None else load
         check_load("the load", load, self._K)
-        self._renew()
+        self._rebuild_if_stiffness_changed()
 
-        def step_by(solver: LinearSolver) -> ContactState:
-            if solver is not self._stepping.solver:
+        def step_with(solver: LinearSolver) -> ContactState:
+            if solver is not self._small_strain_stepping.solver:
                 self.release()
-                self._stepping = self._by(solver=solver)
-            return self._stepping.step(state, load, motions)
+                self._small_strain_stepping = self._make_small_strain_stepping(solver=solver)
+            return self._small_strain_stepping.step(state, load, motions)
 
-        return compute_with_fallback(self._stepping.solver, self._asked, self._supports, step_by)
+        return compute_with_fallback(
+            self._small_strain_stepping.solver, self._requested_solver, self._supports, step_with
+        )
 
-    def _renew(self) -> None:
-        """Rebuild all if K has changed since the last factorisation."""
-        if self._K.stateGet() != self._seen:
+    def _rebuild_if_stiffness_changed(self) -> None:
+        """Rebuild systems and factors if K has changed since the last factorisation."""
+        if self._K.stateGet() != self._stiffness_state:
             self.release()
-            self._stepping, self._seen = self._by(solver=self._stepping.solver), self._K.stateGet()
+            self._small_strain_stepping, self._stiffness_state = (
+                self._make_small_strain_stepping(solver=self._small_strain_stepping.solver),
+                self._K.stateGet(),
+            )
 
     @check_same_arguments
     def sensitivity(
@@ -271,32 +288,34 @@ class ContactProblem:
         states: Sequence[ContactState],
         outputs: Sequence[Output],
         parameters: Sequence[Parameter],
-        loads: Sequence[Loading | None] = (),
+        loads: Sequence[LoadFunction | None] = (),
         weights: npt.ArrayLike | None = None,
     ) -> Array:
-        """Derivatives of the results of a history of states with respect to parameters.
+        """Return derivatives of the results of a history of states with respect to parameters.
 
             states = [problem.undeformed]
-            for place in path:
-                states.append(problem.step(states[-1], motions=Motion(place)))
+            for translation in path:
+                states.append(problem.step(states[-1], motions=Motion(translation)))
             outputs, friction = [("force", 0, 0), ("force", 0, 1)], ("friction", 0)
-            forces_by = problem.sensitivity(states, outputs, [shear_modulus, friction])
+            derivatives = problem.sensitivity(states, outputs, [shear_modulus, friction])
 
-        They are those of the discrete solution as long as no contact node changes its status, by
-        the tangents at the ends of all increments and of their `substates`: in one pass forwards
-        for all parameters, or, if the outputs are weighted, in one backwards (adjoint).
+        The derivatives are exact for the discrete solution as long as no contact node changes its
+        status. They follow from the tangents at the ends of all increments and their `substates`:
+        in one forward pass for all parameters or, for weighted outputs, in one backward (adjoint)
+        pass.
 
         Args:
-            states: the first is fixed, each other one is the end of a step from the one before.
+            states: the first one is fixed; each following state is the end of a step from its
+                predecessor.
             outputs: of each state: a functional of u (a form); a vector (n,) of weights of all
                 unknowns; or a component of a pair's total force, ("force", pair, axis), or of its
                 translation, ("translation", pair, axis).
             parameters: each a scalar `fem.Constant` of residual, conditions or functionals, the
-                same in all steps; ("friction", pair), Coulomb's coefficient; or a quantity that
-                varies, with its derivative by the parameter in every state, the first included:
-                (constant, rates), ("motion", pair, rates (states, dim)) of translations or, where
-                these are free, forces, (vector, rates (states,)) of nodal loads. Between states
-                rates are linear in the share.
+                same in all steps; ("friction", pair), Coulomb's coefficient; or a varying quantity
+                with its derivatives by the parameter in all states, including the first:
+                (constant, rates), ("motion", pair, rates (states, dim)) of translations or, if
+                these are free, of forces, (vector, rates (states,)) of nodal loads. Rates are
+                interpolated linearly between states.
             loads: the `load` of each step, for a residual only; none by default.
             weights: (states - 1, outputs), of each output of each state but the first.
 
@@ -304,55 +323,65 @@ class ContactProblem:
             Derivatives (states - 1, outputs, parameters); of the weighted sum (parameters,).
 
         Raises:
-            TypeError, ValueError: for arguments that make no derivatives, numbers that are not
+            TypeError, ValueError: for invalid outputs or parameters, numbers that are not
                 real and finite, a constant that no form and no condition contains, loads of a
                 problem with a stiffness, a problem with `history`, two bodies at large sliding, an
                 iterative solver, states that are not ends of such steps, and contact nodes that are
                 about to change their status.
         """
-        if self._histories:
+        if self._history_spaces:
             raise ValueError(
-                "the residual has a history that `update` changes in its own way: there are no "
-                "derivatives of that"
+                "the residual has a history, and the derivatives of `update` are unknown: "
+                "sensitivities need a problem without `history`"
             )
-        states = check_each(states, ContactState, "a state")
+        states = list_of_type(states, ContactState, "a state")
         for state in states:
-            check_belongs(state, self.undeformed, "a state")
-        steps = len(states) - 1
-        if steps < 1:
+            check_state_of_problem(state, self.undeformed, "a state")
+        n_steps = len(states) - 1
+        if n_steps < 1:
             raise ValueError(
                 f"{len(states)} states: give the states at the start and at the end of each step"
             )
-        check_loads(loads, steps, self._has_residual)
-        self._renew()
-        increments, known = self._increments, (self._space, self._has_residual)
-        if is_matrix_free(increments.solver) or increments.interface.mortars:
+        check_loads(loads, n_steps, self._has_residual)
+        self._rebuild_if_stiffness_changed()
+        stepping, space_and_kind = self._current_stepping, (self._space, self._has_residual)
+        if is_matrix_free(stepping.solver) or stepping.interface.mortars:
             raise ValueError(
                 "there are no derivatives of two bodies at large sliding, nor by an iterative "
                 "solver: use Direct()"
             )
-        out = check_outputs(outputs, len(self.pairs), *known)
-        by = check_parameters(parameters, len(states), self.pairs, *known)
-        self._check_constants(by, out)
-        given = None
+        output_list = check_outputs(outputs, len(self.pairs), *space_and_kind)
+        parameter_list = check_parameters(parameters, len(states), self.pairs, *space_and_kind)
+        self._check_constants(parameter_list, output_list)
+        weight_array = None
         if weights is not None:
-            given = arguments.check_real_array("weights", weights, (steps, len(out)))
-        parts = list(iterate_history_parts(states, loads or [None] * steps))
-        made = increments.interface, increments.linearise, self._residual
-        derivatives = Derivatives(*made, parts, out, by)
-        return derivatives.compute_direct() if given is None else derivatives.compute_adjoint(given)
+            weight_array = arguments.check_real_array(
+                "weights", weights, (n_steps, len(output_list))
+            )
+        parts = list(iterate_history_parts(states, loads or [None] * n_steps))
+        derivatives = Derivatives(
+            stepping.interface,
+            stepping.linearise,
+            self._residual_stepping,
+            parts,
+            output_list,
+            parameter_list,
+        )
+        if weight_array is None:
+            return derivatives.compute_direct()
+        return derivatives.compute_adjoint(weight_array)
 
     @check_same_arguments
     def release(self) -> None:
-        """Frees what the solver holds, on all processes; the next step makes it anew."""
-        self._increments.release()
+        """Free the memory of the solver on all processes; the next step sets it up again."""
+        self._current_stepping.release()
 
     @property
-    def _increments(self) -> Stepping | FiniteStepping:
-        return self._stepping
+    def _current_stepping(self) -> SmallStrainStepping | LargeStrainStepping:
+        return self._small_strain_stepping
 
     @property
-    def _residual(self) -> FiniteStepping | None:
+    def _residual_stepping(self) -> LargeStrainStepping | None:
         return None
 
     @property
@@ -360,66 +389,81 @@ class ContactProblem:
         return self._K
 
     def _check_constants(self, parameters: Sequence[Any], outputs: Sequence[Any]) -> None:
-        """Raise ValueError for constants on which nothing depends: a residual's can be told."""
+        """Raise ValueError for constants on which no residual or functional depends.
+
+        Problems with a stiffness have no record of constants, and nothing is checked.
+        """
 
     def _identify(self) -> Fingerprint:
-        """Return what tells the problem from others, on any number of processes; collective."""
+        """Return data that identify the problem on any number of processes; collective."""
         parts = self._identify_interface(find_reduced_columns(self._reduction.right))
         return Fingerprint(parts | fingerprint_stiffness(self._K, self._space), None)
 
     def _identify_interface(self, column: Indices) -> dict[str, Any]:
-        """Return the parts that all problems have; columns (n,) are -1 where supports hold."""
-        interface, states = self._increments.interface, self.undeformed.pairs
+        """Return the identifying data that all problems have in common.
+
+        Args:
+            column: (n,) of this process, -1 for unknowns that supports prescribe.
+        """
+        interface, states = self._current_stepping.interface, self.undeformed.pairs
         return fingerprint_problem(interface, self.pairs, states, column, self._space)
 
     @check_same_arguments
     def save(self, state: ContactState, path: str | Path) -> None:
-        """Writes a state to a file, completely or not at all: a NumPy archive without pickles.
+        """Write a state to a file, completely or not at all: a NumPy archive without pickles.
 
         Args:
-            state: of this problem.
-            path: of the file, which is replaced if it exists; it holds all but `substates`.
+            state: of this problem; all but its `substates` is written.
+            path: of the file, which is replaced if it exists.
 
         Raises:
             TypeError: for anything but a state and a path.
             ValueError: for a state of other contact nodes.
             OSError: if the file cannot be written.
         """
-        check_belongs(state, self.undeformed, "the state")
-        write_state(path, state, self._space, self._histories, self._identify())
+        check_state_of_problem(state, self.undeformed, "the state")
+        write_state(path, state, self._space, self._history_spaces, self._identify())
 
     @check_same_arguments
     def load(
         self, path: str | Path, changed: Sequence[str | fem.Constant | fem.Function] = ()
     ) -> ContactState:
-        """Reads a state that `save` wrote for the same problem, on any number of processes.
+        """Read a state that `save` wrote for the same problem, on any number of processes.
 
-        The problem is the same if it has the mesh, the supported unknowns, the contact nodes, and
-        the surfaces, laws of friction and stiffness or residual that give the same numbers at fixed
-        places. Loads, prescribed values and motions may be others. Constants and functions of a
-        residual have to have the values that they had, unless a load of a step has changed them.
+        The problem is the same if mesh, supported unknowns and contact nodes are the same, and
+        surfaces, friction laws and stiffness or residual give the same numbers at fixed points.
+        Loads, prescribed values and motions may differ. Constants and functions of a residual must
+        have the same values, unless the load of a step has changed them.
 
         Args:
             path: of the file.
-            changed: what is another one on purpose: "supports", "surface", "friction", "pivot",
+            changed: parts that differ on purpose: "supports", "surface", "friction", "pivot",
                 "interference", "stiffness", "residual", "constants" (all constants and functions of
-                a residual), or single ones of these.
+                a residual), or single constants and functions.
 
         Raises:
-            TypeError: for anything but a path, and a list of what has changed.
-            ValueError: if the file holds no state, one that has been changed since, one whose
-                values cannot be those of a state, or one of another problem: the error says in
-                which part, and by how much.
+            TypeError: for anything but a path and a list of changed parts.
+            ValueError: if the file contains no state, a state that has been modified or has
+                invalid values, or a state of another problem: the message names the part that
+                differs, and by how much.
             OSError: if the file cannot be read.
         """
         check_changed_parts(changed)
-        histories, identity = self._histories, self._identify()
-        known = self.undeformed, self.pairs, self._stiffness
-        return read_state(path, self._space, histories, identity, *known, changed)
+        histories, identity = self._history_spaces, self._identify()
+        return read_state(
+            path,
+            self._space,
+            histories,
+            identity,
+            self.undeformed,
+            self.pairs,
+            self._stiffness,
+            changed,
+        )
 
 
 class _ResidualProblem(ContactProblem):
-    """A `ContactProblem` of a residual: what `ContactProblem.of_residual` makes."""
+    """A `ContactProblem` of a residual, as `ContactProblem.of_residual` returns it."""
 
     _has_residual = True
 
@@ -441,69 +485,72 @@ class _ResidualProblem(ContactProblem):
         check_function("update", update, "it has to be a function")
         with collective_errors(space.mesh.comm) as same:
             same["the history"] = [
-                getattr(one, "function_space", None) for one in arguments.as_list(history)
+                getattr(function, "function_space", None) for function in arguments.as_list(history)
             ]
-            functions = check_each(history, fem.Function, "a function of the history")
-            if not all(np.isfinite(one.x.array).all() for one in functions):
+            functions = list_of_type(history, fem.Function, "a function of the history")
+            if not all(np.isfinite(function.x.array).all() for function in functions):
                 raise ValueError("a function of the history has values that are not finite")
         reduction = Reduction.dirichlet(space, conditions)
-        taken = choose_solver(Direct() if solver is None else solver, reduction.supports)
-        problem.system.blocked = is_matrix_free(taken)
+        chosen_solver = choose_solver(Direct() if solver is None else solver, reduction.supports)
+        problem.system.blocked = is_matrix_free(chosen_solver)
         u.x.array[:] = 0.0
         problem.system.assemble_tangent()
         K = problem.system.tangent
         self.pairs = check_contact_arguments(
             K, reduction, pairs, space, max_iterations, solver, callback
         )
-        check_deformed(self.pairs, space)
+        check_large_strain_surfaces(self.pairs, space)
         check_mesh(space.mesh)
         self._space = space
-        self._histories = [function.function_space for function in functions]
-        self._finite = FiniteStepping(
+        self._history_spaces = [function.function_space for function in functions]
+        self._large_strain_stepping = LargeStrainStepping(
             problem,
             conditions,
             reduction,
             self.pairs,
             max_iterations,
             callback,
-            taken,
+            chosen_solver,
             functions,
             update,
         )
-        start = make_undeformed_state(self._finite.interface, K.createVecRight())
+        start = make_undeformed_state(self._large_strain_stepping.interface, K.createVecRight())
         values = tuple(function.x.array.copy() for function in functions)
         self.undeformed = replace(start, history=values, smallness=None)
 
-    def _step(
+    def _solve_step(
         self,
         state: ContactState,
         load: Any,  # noqa: ANN401
         motions: Sequence[Motion | None],
     ) -> ContactState:
-        remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
+        remedy = (
+            "give a function of the fraction (0, 1] of the increment, which sets the constants and "
+            "functions that change"
+        )
         check_function("the load of a residual", load, remedy)
-        return self._finite.step(state, load, motions)
+        return self._large_strain_stepping.step(state, load, motions)
 
-    def _renew(self) -> None:
-        """Do nothing: the tangent is new in each iteration."""
-
-    @property
-    def _increments(self) -> Stepping | FiniteStepping:
-        return self._finite
+    def _rebuild_if_stiffness_changed(self) -> None:
+        """Do nothing: the tangent is assembled in each iteration."""
 
     @property
-    def _residual(self) -> FiniteStepping | None:
-        return self._finite
+    def _current_stepping(self) -> SmallStrainStepping | LargeStrainStepping:
+        return self._large_strain_stepping
+
+    @property
+    def _residual_stepping(self) -> LargeStrainStepping | None:
+        return self._large_strain_stepping
 
     @property
     def _stiffness(self) -> PETSc.Mat:
-        return self._finite.stiffness
+        return self._large_strain_stepping.stiffness
 
     def _check_constants(self, parameters: Sequence[Any], outputs: Sequence[Any]) -> None:
-        check_constants(parameters, outputs, self._finite)
+        check_constants(parameters, outputs, self._large_strain_stepping)
 
     def _identify(self) -> Fingerprint:
-        column, residual = self._finite.identify()
+        column, residual = self._large_strain_stepping.identify_residual()
         return Fingerprint(self._identify_interface(column), residual)
 
 
@@ -519,16 +566,16 @@ def solve_contact(
     callback: Callback | None = None,
     remedies: Remedies = REMEDIES,
 ) -> list[ContactState]:
-    """Solves contact at small displacements: a `ContactState` at the end of each increment.
+    """Solve contact at small displacements; return the state at the end of each increment.
 
     Args:
-        K: stiffness (n, n), all rows and columns free; it may be unsymmetric.
+        K: stiffness (n, n) without supports; it may be unsymmetric.
         loads: total load vector (n,) at the end of each increment; a single one needs no list.
-        reduction: supports (or condensation); contact nodes stay, and have no prescribed
-            displacement but tangential ones.
-        pairs: contact pairs; a node belongs to one of them.
+        reduction: supports (or condensation); it must not eliminate contact nodes, of which only
+            tangential displacements may be prescribed.
+        pairs: contact pairs; a node belongs to at most one of them.
         space: trial space of the displacements, or of the hybrid element.
-        max_iterations: the most linear systems solved in one attempt at an increment.
+        max_iterations: largest number of linear systems solved in one attempt at an increment.
         solver: of the linear systems, as in `solve`.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; an exception that it raises ends the computation.
@@ -538,38 +585,42 @@ def solve_contact(
         TypeError, ValueError: for arguments that do not make a contact problem; loads that are not
             finite, motions that are not one per increment, or no iterations.
         DegenerateMesh: for cells that are flat or inverted.
-        FreeBody, NoEquilibrium, NotUnique, NotFound, SurfacePassed: as `ContactProblem.step` says.
-            They name the increment, counted from 0, and have the states before it as `states`.
+        FreeBody, NoEquilibrium, NotUnique, NotFound, SurfacePassed: as in `ContactProblem.step`.
+            They name the increment, counted from 0, and their `states` are the states before it.
     """
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
-    given = check_each([loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load")
-    if not given:
+    load_list = list_of_type(
+        [loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load"
+    )
+    if not load_list:
         raise ValueError("there is no load increment")
-    for k, load in enumerate(given):
+    for k, load in enumerate(load_list):
         check_load(f"the load of increment {k}", load, K)
-    motions = [
-        check_each(pair.motions, Motion, "a motion") or [None] * len(given)
+    motions_by_pair = [
+        list_of_type(pair.motions, Motion, "a motion") or [None] * len(load_list)
         for pair in problem.pairs
     ]
-    for k, of_pair in enumerate(motions):
-        if len(of_pair) != len(given):
+    for k, pair_motions in enumerate(motions_by_pair):
+        if len(pair_motions) != len(load_list):
             raise ValueError(
-                f"contact pair {k} has {len(of_pair)} motions for {len(given)} increments"
+                f"contact pair {k} has {len(pair_motions)} motions for {len(load_list)} increments"
             )
-    moves = list(map(list, zip(*motions, strict=True)))
-    for moved in moves:
-        check_motions(moved, problem.pairs, space.mesh.geometry.dim)
+    motions_by_increment = list(map(list, zip(*motions_by_pair, strict=True)))
+    for increment_motions in motions_by_increment:
+        check_motions(increment_motions, problem.pairs, space.mesh.geometry.dim)
     states = [problem.undeformed]
-    for k, (load, moved) in enumerate(zip(given, moves, strict=True)):
+    for k, (load, increment_motions) in enumerate(
+        zip(load_list, motions_by_increment, strict=True)
+    ):
         try:
-            with report_activity(space.mesh.comm, f"{k} of {len(given)} increments done"):
-                states.append(problem.step(states[-1], load, moved))
+            with report_activity(space.mesh.comm, f"{k} of {len(load_list)} increments done"):
+                states.append(problem.step(states[-1], load, increment_motions))
         except ContactFailed as error:
             error.args = (f"increment {k}: {error}",)
             error.states = states[1:]
             raise
-    found = states[1:]
-    problem.release()  # another problem needs the memory
+    solved_states = states[1:]
+    problem.release()  # for the memory of the next problem
     del problem, states
     collect_garbage(K)
-    return found
+    return solved_states

@@ -166,10 +166,10 @@ class LinearisedEnd:
         self._system, self._K, self._reduction = increment.system, K, reduction
         self._check_margin(end)
         active, kinematics = end.nodes.active_set, end.kinematics
-        self._law = kinematics.linearise_law(active, self._system.scale)
+        self._law = kinematics.linearise_law(active, self._system.law_scale)
         self._torque_map = kinematics.torque_map
         to_global = np.swapaxes(kinematics.frame, 1, 2)
-        slip_equations = assemble_node_equations(active, self._system.scale)[1][:, :, 1:]
+        slip_equations = assemble_node_equations(active, self._system.law_scale)[1][:, :, 1:]
         self._by_start = to_global @ slip_equations @ by_start
         friction = end.nodes.force[:, :1] * active.direction
         self._by_friction = np.einsum("nat,nt->na", to_global[:, :, 1:], friction)
@@ -220,13 +220,13 @@ class LinearisedEnd:
         )
         law = replace(law, c=law.c - np.einsum("nab,nb->na", self._by_start, start_motion))
         solution = system.solve(load, law, totals, torque_map=self._torque_map)
-        for pair_and_axis, value in zip(system.free, solution.free_motions, strict=True):
+        for pair_and_axis, value in zip(system.free_motions, solution.free_motions, strict=True):
             translations[pair_and_axis] = value
         unknowns, residual = offset.duplicate(), load.duplicate()
-        self._reduction.right.multAdd(solution.reduced, offset, unknowns)
-        system.stiffness.mult(solution.reduced, residual)
+        self._reduction.right.multAdd(solution.reduced_unknowns, offset, unknowns)
+        system.stiffness.mult(solution.reduced_unknowns, residual)
         residual.axpy(-1.0, load)
-        return StateChange(unknowns, translations, system.forces(residual)[0])
+        return StateChange(unknowns, translations, system.split_residual(residual)[0])
 
     def propagate_weights(
         self, weights: StateChange, rates_of_parameters: Sequence[DataRates]
@@ -241,11 +241,14 @@ class LinearisedEnd:
             (parameters,), and the weights of the start.
         """
         system, motion = self._system, self._system.interface.motion
-        force, right = system.weigh_forces(weights.force), self._reduction.right.createVecRight()
+        force, right = (
+            system.make_equation_weights(weights.force),
+            self._reduction.right.createVecRight(),
+        )
         self._reduction.right.multTranspose(weights.unknowns, right)
         system.stiffness.multTransposeAdd(force, right, right)
         free_weights = np.array(
-            [weights.translations[pair_and_axis] for pair_and_axis in system.free]
+            [weights.translations[pair_and_axis] for pair_and_axis in system.free_motions]
         )
         assert isinstance(system.tangent, AssembledTangent)
         adjoint = system.tangent.solve_transposed(right.array_r, free_weights, self._law)
@@ -253,14 +256,14 @@ class LinearisedEnd:
         for number, rates in enumerate(rates_of_parameters):
             load, law, totals, motion_rates, offset = self._right_hand_side(rates)
             right_hand_sides = np.append(
-                *system.right_hand_sides(load, law, totals, self._torque_map)
+                *system.assemble_right_hand_sides(load, law, totals, self._torque_map)
             )[: len(adjoint)]
             derivatives[number] = adjoint @ right_hand_sides - force.array_r @ load.array_r
             derivatives[number] += weights.unknowns.array_r @ offset.array_r
             derivatives[number] += np.sum(weights.translations * motion_rates) * (
                 system.comm.rank == 0
             )
-        start_weights = -np.einsum("nab,na->nb", self._by_start, system.at_points(adjoint))
+        start_weights = -np.einsum("nab,na->nb", self._by_start, system.extract_at_points(adjoint))
         node_weights, unknowns = motion.createVecLeft(), motion.createVecRight()
         node_weights.setArray(start_weights)
         motion.multTranspose(node_weights, unknowns)
@@ -275,8 +278,8 @@ class LinearisedEnd:
     ) -> tuple[PETSc.Vec, LinearisedLaw, Array, Array, PETSc.Vec]:
         """Return reduced load, law, totals, translations and displacements of data rates."""
         system, translations = self._system, rates.motions.copy()
-        totals = np.array([translations[pair_and_axis] for pair_and_axis in system.free])
-        for pair_and_axis in system.free:
+        totals = np.array([translations[pair_and_axis] for pair_and_axis in system.free_motions])
+        for pair_and_axis in system.free_motions:
             translations[pair_and_axis] = 0.0
         reduction = replace(self._reduction, offset=rates.offset).for_load(self._K, rates.load)
         pair = system.interface.pair
@@ -294,7 +297,7 @@ class ParametricResidual(Protocol):
     form: ufl.Form
     u: fem.Function
 
-    def contains(self, constant: fem.Constant) -> bool:
+    def depends_on(self, constant: fem.Constant) -> bool:
         """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
 
     def prescribed_displacements(self) -> PETSc.Vec:
@@ -546,7 +549,7 @@ def check_constants(
     ]
     for parameter, _ in parameters:
         constant = _parameter_object(parameter)
-        if not isinstance(constant, fem.Constant) or residual.contains(constant):
+        if not isinstance(constant, fem.Constant) or residual.depends_on(constant):
             continue
         if not any(constant is output_constant for output_constant in in_outputs):
             raise ValueError(

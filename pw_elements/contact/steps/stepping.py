@@ -1,11 +1,14 @@
-"""Increments of load and motion: `ContactProblem.step`; `solve_contact` is a loop over it.
+"""Increments at small strains, as `ContactProblem.step` solves them.
 
-Gap and normal belong to the undeformed body and the surface at its present place, as the guide's
-page on theory says ("Contact"). Other loops over time join here: `step` changes no state.
+Gap and normal are evaluated between the undeformed body and the surface in its current position
+(docs/theory.md, "Contact").
 
-An increment may be made in parts, on the straight way from a state to what is asked for. History is
-true on that way: slip and friction follow each part. So a step that is cut may end in
-another state than the whole one would, had it been found, and says so by `ContactState.substates`.
+An increment that fails is solved in substeps on the straight path from the state to its target.
+Slip and friction follow the substeps, so that the final state may differ from that of a single
+step; `ContactState.substates` contains the intermediate states.
+
+The module guarantees that states are never changed, and that each returned state has been
+verified. It assumes arguments that `steps.checks` has checked.
 """
 
 import logging
@@ -56,7 +59,7 @@ from pw_elements.contact.nodes import (
     UndeformedKinematics,
     make_increment_start,
 )
-from pw_elements.contact.output import Callback, Reporter
+from pw_elements.contact.output import Callback, ProgressReporter
 from pw_elements.contact.rescue import (
     RigidMotions,
     combine_substeps,
@@ -86,33 +89,33 @@ from pw_elements.solvers import (
 )
 from pw_elements.spaces import AssemblyRecord
 
-# Smallest part of an increment
+# Smallest substep, as a fraction of the increment
 _MIN_SUBSTEP = 1 / 16
 
-# What is tried if the iteration fails: springs at the points, and smaller increments. Either may
-# solve MAX_COST_RATIO times as many linear systems as the first attempt, which counts as at least
-# _MIN_ATTEMPT_SOLVES of them up to _SMALL_PROBLEM_DOFS unknowns, and less beyond
+# Remedies for an iteration that fails: springs at the contact points, and smaller increments. Each
+# may solve MAX_COST_RATIO times as many linear systems as the first attempt. The attempt counts as
+# at least _MIN_ATTEMPT_SOLVES systems for up to _SMALL_PROBLEM_DOFS unknowns, fewer for more
 Remedy: TypeAlias = Literal["springs", "cutback"]
 REMEDIES: tuple[Remedy, ...] = ("springs", "cutback")
 MAX_COST_RATIO = 3.0
 _MIN_ATTEMPT_SOLVES, _SMALL_PROBLEM_DOFS = 50, 2000
-# Iterations, more than most increments take, after which a proof of infeasibility is tried
+# Iterations after which a proof of no equilibrium is attempted; most increments take fewer
 _ITERATIONS_BEFORE_PROOF = 12
 
-# Number of linear systems, and the report of their solver
+# Number of linear systems solved, and the report of their solver
 Cost: TypeAlias = tuple[int, SolverReport]
 
 
 @dataclass(frozen=True)
 class IncrementTarget:
-    """Loads and motions at the end of an increment, or of a part of one.
+    """Loads and motions at the end of an increment or of a substep.
 
     Args:
-        load: f (n,), in all; None of a residual, which holds it.
-        q: motions of the surfaces (pairs, k), NaN where they are free; with the angle last where
-            they may turn.
-        forces: (pairs, k), total forces of the surfaces, of the motions that are free.
-        load_factor: share of prescribed displacements and of interference that is applied.
+        load: f (n,), the total load; None if a residual includes it.
+        q: motions of the surfaces (pairs, k), NaN where they are free; the angle is last if
+            surfaces may rotate.
+        forces: (pairs, k), total forces and torques of the surfaces, used where q is free.
+        load_factor: fraction of the prescribed displacements and of the interference.
     """
 
     load: PETSc.Vec | None
@@ -126,10 +129,10 @@ class IncrementTarget:
         load: PETSc.Vec | None,
         motions: Sequence[Motion | None],
         interface: Interface,
-        turning: bool = False,
+        with_angles: bool = False,
     ) -> "IncrementTarget":
-        """Build from the user's motions; None means zero translation; with angles if `turning`."""
-        n_motions = interface.position.shape[1] + turning
+        """Build from the user's motions; None means zero translation."""
+        n_motions = interface.position.shape[1] + with_angles
         q, forces = np.zeros((2, interface.pairs, n_motions))
         for k, motion in enumerate(motions):
             if motion is not None:
@@ -141,44 +144,46 @@ class IncrementTarget:
 
     @classmethod
     def from_state(
-        cls, state: ContactState, load: PETSc.Vec | None = None, turning: bool = False
+        cls, state: ContactState, load: PETSc.Vec | None = None, with_angles: bool = False
     ) -> "IncrementTarget":
         """Return the target that a state already satisfies, with no free motion."""
-        q = state.placements if turning else state.translations
+        q = state.placements if with_angles else state.translations
         forces = np.array([[*pair.force, pair.torque] for pair in state.pairs])
         load_factor = 1.0 if state.increment else 0.0
         return cls(load, q, forces[:, : q.shape[1]], load_factor)
 
-    def with_free(self, free: FreeMotions) -> "IncrementTarget":
-        """Return a copy with the given motions free (NaN): they follow from the forces."""
+    def with_free_motions(self, free_motions: FreeMotions) -> "IncrementTarget":
+        """Return a copy with free motions (NaN), which follow from the forces."""
         q = self.q.copy()
-        for index in free:
+        for index in free_motions:
             q[index] = np.nan
         return replace(self, q=q)
 
     @cached_property
-    def free(self) -> FreeMotions:
-        """(pair, component) of each free motion."""
-        return tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(self.q)))
+    def free_motions(self) -> FreeMotions:
+        """Pair and component of each free motion."""
+        return tuple(
+            (int(pair), int(component)) for pair, component in np.argwhere(np.isnan(self.q))
+        )
 
     @property
     def unloaded_free_surfaces(self) -> Mask:
-        """Whether each pair's surface (pairs,) is free and pushed by nothing: it just touches."""
-        free = np.isnan(self.q)
-        return free.any(axis=1) & ~(free & (self.forces != 0)).any(axis=1)
+        """Mask (pairs,) of free surfaces without a force, which only touch the body."""
+        is_free = np.isnan(self.q)
+        return is_free.any(axis=1) & ~(is_free & (self.forces != 0)).any(axis=1)
 
     @property
     def totals(self) -> Array:
-        """Forces (free,) on the free motions."""
-        return np.array([self.forces[index] for index in self.free])
+        """Forces and torques (free,) on the free motions."""
+        return np.array([self.forces[index] for index in self.free_motions])
 
 
 def make_balanced_target(
     state: ContactState, K: PETSc.Mat, interface: Interface
 ) -> IncrementTarget:
-    """Return the target of a state with the load f = K a - H r that balances it.
+    """Return the target that a state satisfies, with the load f = K a - H r.
 
-    Forces of supports count as load; they do no work.
+    The load includes reactions of supports, which do no work.
     """
     points = interface.force.createVecRight()
     (force,) = interface.local(state.pairs, "force_vector")
@@ -189,36 +194,38 @@ def make_balanced_target(
     return IncrementTarget.from_state(state, load)
 
 
-def interpolate(start: IncrementTarget, end: IncrementTarget, share: float) -> IncrementTarget:
-    """Return the target at a share of the way from start to end."""
-    if share == 1:
+def interpolate_targets(
+    start: IncrementTarget, end: IncrementTarget, fraction: float
+) -> IncrementTarget:
+    """Return the target at a fraction of the straight path from start to end."""
+    if fraction == 1:
         return end
     load = None
     if start.load is not None:
         load = start.load.copy()
-        load.scale(1 - share)
-        load.axpy(share, end.load)
+        load.scale(1 - fraction)
+        load.axpy(fraction, end.load)
     return IncrementTarget(
         load,
-        (1 - share) * start.q + share * end.q,
-        (1 - share) * start.forces + share * end.forces,
-        (1 - share) * start.load_factor + share * end.load_factor,
+        (1 - fraction) * start.q + fraction * end.q,
+        (1 - fraction) * start.forces + fraction * end.forces,
+        (1 - fraction) * start.load_factor + fraction * end.load_factor,
     )
 
 
-class Stepping:
-    """The increments of a `ContactProblem` at small strains by one linear solver.
+class SmallStrainStepping:
+    """Solver of the increments of a `ContactProblem` at small strains, with one linear solver.
 
     Args:
         K: stiffness (n, n).
         reduction: by the supports.
         pairs: contact pairs.
         space: trial space.
-        max_iterations: the most linear systems solved in one attempt.
+        max_iterations: largest number of linear systems solved in one attempt.
         callback: of the user.
-        remedies: what is tried where the iteration fails, as far as the solver lets it, and the
-            cost that each may have over the first attempt.
-        solver: of linear systems.
+        remedies: methods that are tried if the iteration fails, and the largest cost of each
+            relative to the first attempt. Matrix-free solvers do not support "springs".
+        solver: of the linear systems.
     """
 
     def __init__(
@@ -234,97 +241,114 @@ class Stepping:
         solver: LinearSolver,
     ) -> None:
         self.solver = solver
-        iterative = is_matrix_free(solver)
+        uses_krylov = is_matrix_free(solver)
         self._K = K
         self._reduction = scale_pressures(
-            full_size_reduction(reduction) if iterative else reduction, K
+            full_size_reduction(reduction) if uses_krylov else reduction, K
         )
         self._max_iterations, self._callback = max_iterations, callback
-        # springs are in an assembled matrix
-        self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not iterative}
-        self._n_first_attempt = 0  # linear systems of an increment's first attempt
+        # springs need an assembled matrix
+        self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not uses_krylov}
+        self._n_first_attempt_solves = 0  # linear systems of the increment's first attempt
         self.interface = build_interface(pairs, space, self._reduction, AssemblyRecord.read(K))
         check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
-        self._smallness, self._slips = (
-            SmallnessCheck(self.interface, self.space),
-            SlipCheck(self.interface),
-        )
+        self._smallness_check = SmallnessCheck(self.interface, self.space)
+        self._slip_check = SlipCheck(self.interface)
         self._system: tuple[ContactSystem, RigidMotions] | None = None
         self._system_with_springs: ContactSystem | None = None
 
     def step(
         self, state: ContactState, load: PETSc.Vec, motions: Sequence[Motion | None]
     ) -> ContactState:
-        """Return the state at the end of one increment; errors as of `ContactProblem.step`."""
+        """Return the state at the end of one increment; raises errors of `ContactProblem.step`."""
         start_time = perf_counter()
         end = IncrementTarget.from_motions(load, motions, self.interface)
-        comm, what = self.interface.comm, f"contact increment {state.increment}"
-        with report_activity(comm, what):
-            reporter = Reporter(comm, state.increment, self._callback)
-            before = self._cost(end.free)
+        comm = self.interface.comm
+        with report_activity(comm, f"contact increment {state.increment}"):
+            reporter = ProgressReporter(comm, state.increment, self._callback)
+            cost_before = self._cost(end.free_motions)
             try:
-                solution = self._solve_part(state, end, reporter, before)
+                solution = self._solve_substep(state, end, reporter, cost_before)
             except NotFound as failure:
-                parts = self._cut_back(state, end, reporter)
-                if not parts:
+                substeps = self._solve_in_substeps(state, end, reporter)
+                if not substeps:
                     raise
-                iterations, report = self._cost(end.free, before)
-                solution = replace(combine_substeps(parts), iterations=iterations, report=report)
-                reached, _ = parts[-1]
-                if reached < 1:
-                    failure.last_substate = reached, solution
-                    failure.args = (f"{failure}. In parts {reached:.3g} of it was reached",)
+                iterations, report = self._cost(end.free_motions, cost_before)
+                solution = replace(combine_substeps(substeps), iterations=iterations, report=report)
+                reached_fraction, _ = substeps[-1]
+                if reached_fraction < 1:
+                    failure.last_substate = reached_fraction, solution
+                    failure.args = (
+                        f"{failure}. Substeps reached {reached_fraction:.3g} of the increment",
+                    )
                     raise
-        self._slips.log_differences(solution)
+        self._slip_check.log_differences(solution)
         reporter.report_increment(solution, perf_counter() - start_time)
         return solution
 
-    def _cut_back(
-        self, state: ContactState, end: IncrementTarget, reporter: Reporter
+    def _solve_in_substeps(
+        self, state: ContactState, end: IncrementTarget, reporter: ProgressReporter
     ) -> list[tuple[float, ContactState]]:
-        """Return ends (share, state) of the parts that are found on the way to a target."""
+        """Solve an increment in substeps; return the fraction and the state at each substep's end.
+
+        The list ends early if a substep fails at the smallest size or the budget is exhausted.
+        """
         if "cutback" not in self._remedies:
             return []
         start = make_balanced_target(state, self._K, self.interface)
-        left = self._budget("cutback", end.free)
+        remaining_solves = self._make_budget("cutback", end.free_motions)
         comm = self.interface.comm
-        words = f"in parts, at the cost of at most {left():.0f} linear systems"
-        log_on_root(comm, logging.INFO, words, ".contact")
+        message = f"in parts, at the cost of at most {remaining_solves():.0f} linear systems"
+        log_on_root(comm, logging.INFO, message, ".contact")
 
-        def solve_part(current: ContactState, share: float) -> ContactState:
-            target = interpolate(start, end, share)
-            return self._solve_part(current, target, reporter, self._cost(target.free), left)
+        def solve_substep(current: ContactState, fraction: float) -> ContactState:
+            target = interpolate_targets(start, end, fraction)
+            return self._solve_substep(
+                current, target, reporter, self._cost(target.free_motions), remaining_solves
+            )
 
         sizes = (0.5, _MIN_SUBSTEP, 1.0)
-        parts, _ = solve_in_substeps(solve_part, state, sizes, lambda: left() > 0)
-        reached = parts[-1][0] if parts else 0.0
-        words = f"{reached:.4g} of the increment has been solved in {len(parts)} parts"
-        log_on_root(comm, logging.INFO, words, ".contact")
-        return parts
+        substeps, _ = solve_in_substeps(solve_substep, state, sizes, lambda: remaining_solves() > 0)
+        reached_fraction = substeps[-1][0] if substeps else 0.0
+        message = (
+            f"{reached_fraction:.4g} of the increment has been solved in {len(substeps)} substeps"
+        )
+        log_on_root(comm, logging.INFO, message, ".contact")
+        return substeps
 
-    def _budget(self, remedy: Remedy, free: FreeMotions) -> Callable[[], float]:
-        """Return a function that says how many linear systems a remedy may still solve."""
-        usual = _MIN_ATTEMPT_SOLVES * min(1.0, _SMALL_PROBLEM_DOFS / self._K.getSize()[0]) ** 1.5
+    def _make_budget(self, remedy: Remedy, free_motions: FreeMotions) -> Callable[[], float]:
+        """Return a function that returns the number of linear systems a remedy may still solve."""
+        min_solves = (
+            _MIN_ATTEMPT_SOLVES * min(1.0, _SMALL_PROBLEM_DOFS / self._K.getSize()[0]) ** 1.5
+        )
         ratio = self._remedies.get(remedy, 0.0)
-        end = self._cost(free)[0] + ratio * max(self._n_first_attempt, usual)
-        return lambda: end - self._cost(free)[0]
+        solve_limit = self._cost(free_motions)[0] + ratio * max(
+            self._n_first_attempt_solves, min_solves
+        )
+        return lambda: solve_limit - self._cost(free_motions)[0]
 
-    def _solve_part(
+    def _solve_substep(
         self,
         state: ContactState,
         target: IncrementTarget,
-        reporter: Reporter,
-        before: Cost,
-        left: Callable[[], float] | None = None,
+        reporter: ProgressReporter,
+        cost_before: Cost,
+        remaining_solves: Callable[[], float] | None = None,
     ) -> ContactState:
-        """Return the state at a target, in one piece, after a cost `before`.
+        """Return the state at a target, solved for in one step.
 
-        A part of an increment may take as many linear systems as are `left`.
+        Args:
+            state: at the start.
+            target: at the end.
+            reporter: of the increment.
+            cost_before: cost at the start of the increment or substep.
+            remaining_solves: number of linear systems that the cutback may still solve; None for
+                the whole increment.
         """
         increment, kinematics = self._start_increment(state, target)
         linearised = self._linearise_start(increment, kinematics, state, target)
-        rigid = self._system_for(target.free)[1]
+        rigid = self._system_for(target.free_motions)[1]
         active = choose_first_set(
             self.interface,
             linearised,
@@ -333,18 +357,18 @@ class Stepping:
             target.unloaded_free_surfaces,
         )
         max_iterations = self._max_iterations
-        if left is not None:
-            max_iterations = int(max(1, min(max_iterations, left())))
+        if remaining_solves is not None:
+            max_iterations = int(max(1, min(max_iterations, remaining_solves())))
 
         @cache
-        def prove() -> NoEquilibrium | None:
-            load = self._equilibrium(target).load
+        def find_proof() -> NoEquilibrium | None:
+            load = self._make_equilibrium(target).load
             return prove_no_equilibrium(increment, load, linearised, rigid)
 
         def after_iteration(iteration: int, active: ActiveSet, violation: float) -> None:
             reporter.report_iteration(iteration, active, violation)
             is_late = violation > 1 and iteration == _ITERATIONS_BEFORE_PROOF
-            if is_late and (proof := prove()):
+            if is_late and (proof := find_proof()):
                 raise proof
 
         def iterate(accuracy: Accuracy) -> NewtonState:
@@ -352,43 +376,43 @@ class Stepping:
                 increment,
                 active,
                 linearised,
-                self._make_update(rigid, accuracy),
+                self._make_set_update(rigid, accuracy),
                 max_iterations=max_iterations,
                 after_iteration=after_iteration,
             )
 
         try:
-            end = self._iterate_with_final_accuracy_if_needed(increment, iterate)
+            end = self._iterate_with_accuracy_fallback(increment, iterate)
         except (ContactFailed, NotConverged) as failure:
-            if left is None:
-                self._n_first_attempt = self._cost(target.free, before)[0]
-                left = self._budget("springs", target.free)
+            if remaining_solves is None:
+                self._n_first_attempt_solves = self._cost(target.free_motions, cost_before)[0]
+                remaining_solves = self._make_budget("springs", target.free_motions)
             springs = partial(
                 solve_with_springs,
                 increment,
-                partial(self._increment_with_springs, target, increment.start),
+                partial(self._make_increment_with_springs, target, increment.start),
                 kinematics,
                 start=(active, linearised, state.unknowns),
-                make_update=partial(self._make_update, rigid, "rough"),
+                make_update=partial(self._make_set_update, rigid, "rough"),
                 max_iterations=self._max_iterations,
-                remaining_systems=left,
+                remaining_systems=remaining_solves,
             )
             end = rescue_increment(
                 failure,
                 increment,
-                prove,
+                find_proof,
                 springs if "springs" in self._remedies else None,
                 state,
-                lambda: self._cost(target.free, before),
+                lambda: self._cost(target.free_motions, cost_before),
             )
         reporter.violation = end.violation
-        return self._finish(increment, end, state, target, before)
+        return self._check_and_make_state(increment, end, state, target, cost_before)
 
     @staticmethod
-    def _iterate_with_final_accuracy_if_needed(
+    def _iterate_with_accuracy_fallback(
         increment: LinearIncrement, iterate: Callable[[Accuracy], NewtonState]
     ) -> NewtonState:
-        """Iterate with rough solutions on the way; if that fails, with exact ones."""
+        """Iterate with rough linear solutions; if this fails, with accurate ones."""
         try:
             return iterate("rough")
         except ContactFailed as failure:
@@ -396,23 +420,25 @@ class Stepping:
                 raise
             return iterate("final")
 
-    def _finish(
+    def _check_and_make_state(
         self,
         increment: LinearIncrement,
         end: NewtonState,
         state: ContactState,
         target: IncrementTarget,
-        before: Cost,
+        cost_before: Cost,
     ) -> ContactState:
-        """Check the last iterate of an increment, and return its state."""
+        """Check the last iterate of an increment, and return its verified state."""
         frame, gap = end.kinematics.frame, end.kinematics.gap
         self.interface.check_supports(frame[:, 0], gap)
-        offset, pressed = increment.equilibrium.offset, end.nodes.trial_pressure > 0
-        self.interface.check_supports_between(offset, target.q, pressed)
-        rigid = self._system_for(target.free)[1]
-        refuse_loose_body(increment, end, rigid, state, lambda: self._cost(target.free, before))
-        smallness = self._smallness.check_solution(increment, end, state)
-        iterations, report = self._cost(target.free, before)
+        offset, is_pressed = increment.equilibrium.offset, end.nodes.trial_pressure > 0
+        self.interface.check_supports_between(offset, target.q, is_pressed)
+        rigid = self._system_for(target.free_motions)[1]
+        refuse_loose_body(
+            increment, end, rigid, state, lambda: self._cost(target.free_motions, cost_before)
+        )
+        smallness = self._smallness_check.check_solution(increment, end, state)
+        iterations, report = self._cost(target.free_motions, cost_before)
         sizes = compute_reference_sizes(increment, end, state.scale)
         solution = make_contact_state(
             increment,
@@ -424,16 +450,16 @@ class Stepping:
             smallness=smallness,
             slides=rigid.is_friction_exhausted(end.nodes, end.allowance),
         )
-        return self._verify(solution, state, target, sizes)
+        return self._verify_state(solution, state, target, sizes)
 
-    def _verify(
+    def _verify_state(
         self,
         solution: ContactState,
-        before: ContactState,
+        start_state: ContactState,
         target: IncrementTarget,
         sizes: tuple[ResidualScale, float, float],
     ) -> ContactState:
-        """Return the state with residuals that K, the load, surfaces and law alone give."""
+        """Return the state with residuals from K, the load, the surfaces and the law alone."""
         _, force, length = sizes
         unbalanced = self._K.createVecLeft()
         self._K.mult(solution.unknowns, unbalanced)
@@ -441,10 +467,10 @@ class Stepping:
         unbalanced.axpy(-1.0, target.load)
         largest = PETSc.NormType.INFINITY
         round_off = DISPLACEMENT_ROUND_OFF * self._K.norm(largest) * solution.unknowns.norm(largest)
-        stiffness = self._system_for(target.free)[0].scale
+        stiffness = self._system_for(target.free_motions)[0].law_scale
         return verify_state(
             solution,
-            measure_undeformed(self.interface, before, solution, 1 - target.load_factor),
+            measure_undeformed(self.interface, start_state, solution, 1 - target.load_factor),
             unbalanced,
             self.interface,
             self._reduction,
@@ -454,36 +480,46 @@ class Stepping:
             target.totals,
         )
 
-    def _increment_with_springs(
+    def _make_increment_with_springs(
         self,
         target: IncrementTarget,
         start: IncrementStart,
-        share: float,
+        stiffness_share: float,
         unknowns: PETSc.Vec,
         q: Array,
     ) -> LinearIncrement:
-        """Return the increment with springs of a share of the points' stiffness.
+        """Return the increment with springs at the contact points and the free surfaces.
 
-        They end where all unknowns (n,) and the surfaces' translations q (pairs, dim) are given.
+        Args:
+            target: at the end.
+            start: state at the start of the increment.
+            stiffness_share: stiffness of the springs over c of the contact points.
+            unknowns: (n,), at which the springs of the points are unstressed.
+            q: translations (pairs, dim) at which the springs of the surfaces are unstressed.
         """
-        interface, free, field = self.interface, target.free, self.interface.field
-        stated, stiffness = interface.equation >= 0, share * self._system_for(free)[0].scale
+        interface, free_motions, field = self.interface, target.free_motions, self.interface.field
+        has_equation, stiffness = (
+            interface.equation >= 0,
+            stiffness_share * self._system_for(free_motions)[0].law_scale,
+        )
         node = interface.node - field.space.dofmap.index_map.local_range[0]
         diagonal, load = self._K.createVecs()
-        diagonal.array[field.owned_unknowns[node][stated]] = np.repeat(
-            stiffness, stated.sum(axis=1)
+        diagonal.array[field.owned_unknowns[node][has_equation]] = np.repeat(
+            stiffness, has_equation.sum(axis=1)
         )
-        of_pair = np.bincount(interface.pair, stiffness, interface.pairs).astype(float)
-        interface.comm.Allreduce(MPI.IN_PLACE, of_pair, MPI.SUM)
+        pair_stiffness = np.bincount(interface.pair, stiffness, interface.pairs).astype(float)
+        interface.comm.Allreduce(MPI.IN_PLACE, pair_stiffness, MPI.SUM)
         springs = PETSc.Mat().createAIJ(self._K.getSizes(), nnz=1, comm=self._K.comm)
         springs.setDiagonal(diagonal)
         springs.assemble()
         K = to_aij(self._K).copy()
         add_scaled(K, 1.0, springs)
         if self._system_with_springs is None:
-            self._system_with_springs = self._make_system(K, free)
+            self._system_with_springs = self._make_system(K, free_motions)
         system = self._system_with_springs
-        system.renew_with_springs(K, np.array([of_pair[pair] for pair, _ in free]))
+        system.update_stiffness_and_springs(
+            K, np.array([pair_stiffness[pair] for pair, _ in free_motions])
+        )
         load.pointwiseMult(diagonal, unknowns)
         load.axpy(1.0, target.load)
         return LinearIncrement(
@@ -492,13 +528,15 @@ class Stepping:
             UndeformedKinematics(interface, start, target.q, target.load_factor),
             start,
             prescribed=target.q,
-            totals=target.totals + system.springs * system.select_free(q),
+            totals=target.totals + system.springs * system.select_free_motions(q),
         )
 
     def linearise(self, part: HistoryPart) -> LinearisedEnd:
-        """Return the equations at the end of a part of an increment."""
+        """Return the linearised equations at the end of a substep."""
         state, interface = part.part_end, self.interface
-        target = make_balanced_target(state, self._K, interface).with_free(state.free_motions)
+        target = make_balanced_target(state, self._K, interface).with_free_motions(
+            state.free_motions
+        )
         load_factor = 1.0 if part.increment_start.increment else part.load_factor
         target = replace(target, load_factor=load_factor)
         increment, kinematics = self._start_increment(part.part_start, target)
@@ -513,12 +551,12 @@ class Stepping:
     def _start_increment(
         self, state: ContactState, target: IncrementTarget
     ) -> tuple[LinearIncrement, UndeformedKinematics]:
-        """Return the equations from a state to a target, and the kinematics in them."""
+        """Return the equations from a state to a target, and their kinematics."""
         start = make_increment_start(state, self.interface, state.translations)
         kinematics = UndeformedKinematics(self.interface, start, target.q, target.load_factor)
         increment = LinearIncrement(
-            self._system_for(target.free)[0],
-            self._equilibrium(target),
+            self._system_for(target.free_motions)[0],
+            self._make_equilibrium(target),
             kinematics,
             start,
             prescribed=target.q,
@@ -533,30 +571,30 @@ class Stepping:
         state: ContactState,
         target: IncrementTarget,
     ) -> LinearisedKinematics:
-        """Return the kinematics where the iteration begins, and check motions up to there."""
+        """Linearise the kinematics at the initial iterate, after checks of the motions up to it."""
         unloaded = target.unloaded_free_surfaces[:, None]
         q = np.where(unloaded, 0.0, increment.start.q)
         q = np.where(np.isnan(target.q), q, target.q)
-        increment.system.start(lambda: state.unknowns, q)
+        increment.system.set_initial_iterate(lambda: state.unknowns, q)
         self.interface.check_supports(self.interface.normals(q), self.interface.gaps(q))
-        self._smallness.refuse_prescribed_passing(increment)
+        self._smallness_check.refuse_prescribed_passing(increment)
         return kinematics.linearise(q, increment.start.displacement, increment.start.force)
 
-    def _equilibrium(self, target: IncrementTarget) -> LinearEquilibrium:
-        system = self._system_for(target.free)[0]
+    def _make_equilibrium(self, target: IncrementTarget) -> LinearEquilibrium:
+        system = self._system_for(target.free_motions)[0]
         return LinearEquilibrium.from_stiffness(system, self._K, target.load, target.load_factor)
 
-    def _make_update(self, rigid: RigidMotions, accuracy: Accuracy) -> ActiveSetUpdate:
+    def _make_set_update(self, rigid: RigidMotions, accuracy: Accuracy) -> ActiveSetUpdate:
         return ActiveSetUpdate(rigid.describe_free_motions, self.interface, accuracy)
 
-    def _cost(self, free: FreeMotions, before: Cost = (0, NO_SOLVER_REPORT)) -> Cost:
-        """Return the linear systems since before, with springs and without, and their report."""
-        system, _ = self._system_for(free)
-        n_solved, report = system.n_solved, system.report
+    def _cost(self, free_motions: FreeMotions, cost_before: Cost = (0, NO_SOLVER_REPORT)) -> Cost:
+        """Return the cost since `cost_before`, with and without springs."""
+        system, _ = self._system_for(free_motions)
+        n_solved, report = system.n_solves, system.report
         if self._system_with_springs is not None:
-            n_solved += self._system_with_springs.n_solved
+            n_solved += self._system_with_springs.n_solves
             report = self._system_with_springs.report.plus(report)
-        return n_solved - before[0], report.since(before[1])
+        return n_solved - cost_before[0], report.since(cost_before[1])
 
     def release(self) -> None:
         """Free the memory of the solver."""
@@ -564,15 +602,15 @@ class Stepping:
             self._system[0].tangent.release()
             self._system = self._system_with_springs = None
 
-    def _system_for(self, free: FreeMotions) -> tuple[ContactSystem, RigidMotions]:
-        """Return system and rigid motions for these free motions; the last ones are kept."""
-        if self._system is None or self._system[0].free != free:
+    def _system_for(self, free_motions: FreeMotions) -> tuple[ContactSystem, RigidMotions]:
+        """Return the contact system and rigid motions for these free motions; cache the last."""
+        if self._system is None or self._system[0].free_motions != free_motions:
             self.release()
-            system = self._make_system(self._K, free)
+            system = self._make_system(self._K, free_motions)
             self._system = system, RigidMotions(system, self._K, self.space)
         return self._system
 
-    def _make_system(self, K: PETSc.Mat, free: FreeMotions) -> ContactSystem:
+    def _make_system(self, K: PETSc.Mat, free_motions: FreeMotions) -> ContactSystem:
         interface = self.interface
         torque_map = TorqueMap.without_rotation(*interface.position.shape)
-        return ContactSystem(K, self._reduction, interface, free, self.solver, torque_map)
+        return ContactSystem(K, self._reduction, interface, free_motions, self.solver, torque_map)

@@ -1,5 +1,9 @@
 """The linear system of an active set: assembled with factors, or matrix-free by Krylov methods."""
 
-from pw_elements.contact.system.assembled import AssembledTangent, border_columns, local_rows
+from pw_elements.contact.system.assembled import (
+    AssembledTangent,
+    extract_local_rows,
+    make_border_columns,
+)
 from pw_elements.contact.system.solution import Accuracy, Solution
 from pw_elements.contact.system.system import ContactSystem

@@ -1,8 +1,8 @@
-"""The linear system of an active set as an assembled matrix, solved by factors.
+"""The linear system of an active set as an assembled matrix, solved by factorisation.
 
-A few rows that differ from those of the last factorisation are corrected without a new one. The
-module guarantees one nonzero pattern for all active sets, and assumes that each equation holds the
-force of one component of one point.
+If a few rows differ from those of the last factorisation, the solution is corrected without a new
+one. The module guarantees one sparsity pattern for all active sets, and assumes that each equation
+contains the force of one component of one contact point.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,187 +20,244 @@ from pw_elements.contact.nodes import LinearisedLaw
 from pw_elements.contact.system.solution import Accuracy, TangentSolution
 from pw_elements.solvers import LinearSolver
 
-# Pointers, columns and values of this process' rows, for PETSc
+# Row pointers, columns and values of this process' rows, as PETSc takes them
 CsrArrays: TypeAlias = tuple[npt.NDArray, npt.NDArray, Array]
 # Relative tolerance below which a matrix row counts as unchanged
 _ROW_CHANGE_TOLERANCE = 1e-12
 
 
-class PointRows:
+class ContactRows:
     """Rows E L K + C G - D of the contact points, whose entries are linear in E, C and D.
 
     The sparsity pattern is fixed: each row of a point has all columns of its equations and motions.
-    L K is (m dim, n), G (m p, n) with p motions a point; `borders` (m k, n) are ones where a free
-    translation, one of k of each surface, moves a point; `own` (m, dim) are local numbers of the
-    rows in the matrix, -1 where there is none.
+
+    Args:
+        forces: L K, (m dim, n), force components of the points.
+        motion: G, (m p, n), with p motions per point.
+        borders: (m k, n), ones where one of the k motions of a surface is free and moves a point.
+        equations: (m, dim), local numbers of the points' rows in the matrix, -1 where there is
+            none.
     """
 
     def __init__(
-        self, forces: sp.csr_matrix, motion: sp.csr_matrix, borders: sp.csr_matrix, own: Indices
+        self,
+        forces: sp.csr_matrix,
+        motion: sp.csr_matrix,
+        borders: sp.csr_matrix,
+        equations: Indices,
     ) -> None:
-        self.own, (m, dim), n = own, own.shape, np.int64(forces.shape[1])
-        parts = [part.tocoo() for part in (forces, motion, -borders)]
+        self.equations, (m, dim), n = equations, equations.shape, np.int64(forces.shape[1])
+        operators = [matrix.tocoo() for matrix in (forces, motion, -borders)]
         widths = [dim, motion.shape[0] // max(m, 1), borders.shape[0] // max(m, 1)]
-        before, width = np.cumsum([0, *widths[:2]]), sum(widths)
-        point, across = (
-            np.concatenate(each)
-            for each in zip(
-                *(np.divmod(p.row, w) for p, w in zip(parts, widths, strict=True)), strict=True
+        offsets, width = np.cumsum([0, *widths[:2]]), sum(widths)
+        point, coefficient_column = (
+            np.concatenate(indices)
+            for indices in zip(
+                *(np.divmod(p.row, w) for p, w in zip(operators, widths, strict=True)), strict=True
             )
         )
-        across = across + np.repeat(before, [part.nnz for part in parts])
-        column = np.concatenate([part.col for part in parts])
-        value = np.concatenate([part.data for part in parts])
-        # entries of points, in order, and which of them each number of the parts belongs to
+        coefficient_column = coefficient_column + np.repeat(offsets, [p.nnz for p in operators])
+        column = np.concatenate([p.col for p in operators])
+        value = np.concatenate([p.data for p in operators])
+        # sorted (point, column) keys of the entries, and the entry of each operator value
         entries, entry = np.unique(point * n + column, return_inverse=True)
-        count, first = _runs(entries // n, m)
-        flat = np.flatnonzero(own.ravel() >= 0)
-        flat = flat[np.argsort(own.ravel()[flat])]
-        self.row, (at, axis) = own.ravel()[flat], np.divmod(flat, dim)
-        self.pointers = np.concatenate([[0], np.cumsum(count[at])])
-        self.column = (entries % n)[_spans(first[at], count[at])]
-        # and what each of them takes of E, C and D
+        n_entries, first_entry = _group_sizes_and_starts(entries // n, m)
+        flat = np.flatnonzero(equations.ravel() >= 0)
+        flat = flat[np.argsort(equations.ravel()[flat])]
+        self.rows, (row_point, axis) = equations.ravel()[flat], np.divmod(flat, dim)
+        self.pointers = np.concatenate([[0], np.cumsum(n_entries[row_point])])
+        self.columns = (entries % n)[
+            _concatenate_ranges(first_entry[row_point], n_entries[row_point])
+        ]
+        # linear map from E, C and D of all points to the values of the entries
         order = np.argsort(point, kind="stable")
-        given, begin = _runs(point, m)
-        taken, times = order[_spans(begin[at], given[at])], given[at]
-        row = np.repeat(self.pointers[:-1] - first[at], times) + entry[taken]
-        place = width * (np.repeat(axis, times) + dim * point[taken]) + across[taken]
-        shape = (len(self.column), m * dim * width)
-        self._of_law = sp.csr_matrix((value[taken], (row, place)), shape)
+        n_values, first_value = _group_sizes_and_starts(point, m)
+        repeats = n_values[row_point]
+        selected = order[_concatenate_ranges(first_value[row_point], repeats)]
+        shift = self.pointers[:-1] - first_entry[row_point]
+        row = np.repeat(shift, repeats) + entry[selected]
+        coefficient = (
+            width * (np.repeat(axis, repeats) + dim * point[selected])
+            + coefficient_column[selected]
+        )
+        shape = (len(self.columns), m * dim * width)
+        self._entries_by_law = sp.csr_matrix((value[selected], (row, coefficient)), shape)
 
-    def values(self, combinations: Array) -> Array:
-        """Values of all entries for E, C and D of each point, side by side: (m, dim, ...)."""
-        return np.asarray(self._of_law @ combinations.ravel())
+    def evaluate(self, coefficients: Array) -> Array:
+        """Return the values of all entries for E, C and D, side by side, (m, dim, ...)."""
+        return np.asarray(self._entries_by_law @ coefficients.ravel())
 
-    def place(self, first: int) -> list[npt.NDArray]:
-        """Pointers, columns and rows for PETSc, in a matrix whose first row here has a number."""
-        parts = self.pointers, self.column, first + self.row
-        return [part.astype(PETSc.IntType) for part in parts]
+    def petsc_pattern(self, first_row: int) -> list[npt.NDArray]:
+        """Return pointers, columns and rows as PETSc takes them.
+
+        `first_row` is the global number of this process' first row.
+        """
+        indices = self.pointers, self.columns, first_row + self.rows
+        return [index.astype(PETSc.IntType) for index in indices]
 
 
-def _runs(of: Indices, most: int) -> tuple[Indices, Indices]:
-    """Number of times that 0 to `most` - 1 occur, and where each begins if they are in order."""
-    count = np.bincount(of, minlength=most)
+def _group_sizes_and_starts(labels: Indices, n_groups: int) -> tuple[Indices, Indices]:
+    """Return the size of each group 0 to `n_groups` - 1, and its start in the sorted labels."""
+    count = np.bincount(labels, minlength=n_groups)
     return count, np.cumsum(count) - count
 
 
-def _spans(first: Indices, count: Indices) -> Indices:
-    """Whole numbers from each first on, as many as are counted, one span after the other."""
-    shift = first - (np.cumsum(count) - count)
-    return np.repeat(shift, count) + np.arange(count.sum())
+def _concatenate_ranges(starts: Indices, lengths: Indices) -> Indices:
+    """Return the concatenated ranges [start, start + length)."""
+    shifts = starts - (np.cumsum(lengths) - lengths)
+    return np.repeat(shifts, lengths) + np.arange(lengths.sum())
 
 
-def local_rows(matrix: PETSc.Mat, more: int) -> sp.csr_matrix:
-    """Rows of this process, with more columns, which are empty, for free translations."""
+def extract_local_rows(matrix: PETSc.Mat, n_extra_columns: int) -> sp.csr_matrix:
+    """Return this process' rows of a matrix with additional empty columns for free motions."""
     indptr, indices, data = matrix.getValuesCSR()
-    rows = sp.csr_matrix((data, indices, indptr), (len(indptr) - 1, matrix.getSize()[1] + more))
+    rows = sp.csr_matrix(
+        (data, indices, indptr), (len(indptr) - 1, matrix.getSize()[1] + n_extra_columns)
+    )
     rows.sort_indices()
     return rows
 
 
-def with_points(rows: sp.csr_matrix, points: PointRows, border: sp.csr_matrix) -> CsrArrays:
-    """CSR of this process' `rows`, those of the points being replaced by zeros, a border below."""
+def insert_contact_rows(
+    rows: sp.csr_matrix, contact_rows: ContactRows, border: sp.csr_matrix
+) -> CsrArrays:
+    """Return `rows` with the pattern of the contact rows inserted and the border appended.
+
+    The inserted entries are zero until the law is known.
+    """
     replaced = np.zeros(rows.shape[0], dtype=bool)
-    replaced[points.row] = True
-    number = np.diff(rows.indptr)
-    kept = np.repeat(~replaced, number)
-    number[replaced] = np.diff(points.pointers)
-    number = np.concatenate([number, np.diff(border.indptr)])
-    fixed = np.repeat(np.append(~replaced, np.ones(border.shape[0], dtype=bool)), number)
-    indptr = np.concatenate([[0], np.cumsum(number)]).astype(PETSc.IntType)
+    replaced[contact_rows.rows] = True
+    row_sizes = np.diff(rows.indptr)
+    is_kept = np.repeat(~replaced, row_sizes)
+    row_sizes[replaced] = np.diff(contact_rows.pointers)
+    row_sizes = np.concatenate([row_sizes, np.diff(border.indptr)])
+    is_unchanged = np.repeat(np.append(~replaced, np.ones(border.shape[0], dtype=bool)), row_sizes)
+    indptr = np.concatenate([[0], np.cumsum(row_sizes)]).astype(PETSc.IntType)
     indices, data = np.empty(indptr[-1], dtype=PETSc.IntType), np.zeros(indptr[-1])
-    indices[fixed] = np.concatenate([rows.indices[kept], border.indices])
-    indices[~fixed] = points.column
-    data[fixed] = np.concatenate([rows.data[kept], border.data])
+    indices[is_unchanged] = np.concatenate([rows.indices[is_kept], border.indices])
+    indices[~is_unchanged] = contact_rows.columns
+    data[is_unchanged] = np.concatenate([rows.data[is_kept], border.data])
     return indptr, indices, data
 
 
-def border_columns(free: Sequence[tuple[int, int]], pair: LocalIndices, each: int) -> sp.csr_matrix:
-    """(m each, free translations): ones where one, among each surface's, moves a point."""
-    row = [np.flatnonzero(pair == number) * each + axis for number, axis in free]
-    rows = np.concatenate([np.empty(0, dtype=np.int64), *row])
-    column = np.repeat(np.arange(len(free)), [len(r) for r in row])
-    return sp.csr_matrix((np.ones(len(rows)), (rows, column)), (len(pair) * each, len(free)))
+def make_border_columns(
+    free_motions: Sequence[tuple[int, int]], pair: LocalIndices, n_motions: int
+) -> sp.csr_matrix:
+    """Return a matrix (m n_motions, free motions) with ones where a free motion moves a point."""
+    rows_by_motion = [
+        np.flatnonzero(pair == number) * n_motions + axis for number, axis in free_motions
+    ]
+    rows = np.concatenate([np.empty(0, dtype=np.int64), *rows_by_motion])
+    column = np.repeat(np.arange(len(free_motions)), [len(r) for r in rows_by_motion])
+    return sp.csr_matrix(
+        (np.ones(len(rows)), (rows, column)), (len(pair) * n_motions, len(free_motions))
+    )
 
 
-def balance_rows(sums: sp.coo_matrix, springs: Array, comm: MPI.Comm) -> sp.csr_matrix:
-    """Equations of free translations, on the last process; `sums` are this process' own part.
+def gather_balance_rows(sums: sp.coo_matrix, springs: Array, comm: MPI.Comm) -> sp.csr_matrix:
+    """Return the force-balance rows of the free motions on the last process, no rows elsewhere.
 
-    Each translation has a spring besides.
+    Args:
+        sums: (free, n), contributions of this process' contact points.
+        springs: (free,), stiffness of the spring of each free motion.
+        comm: communicator of the matrix.
     """
     parts = comm.gather((sums.row, sums.col, sums.data), root=comm.size - 1)
     if parts is None:
         return sp.csr_matrix((0, sums.shape[1]))
-    own = np.arange(sums.shape[0])
-    parts.append((own, sums.shape[1] - len(own) + own, springs))
-    # zeros stay: sums have one pattern
-    row, column, data = (np.concatenate(each) for each in zip(*parts, strict=True))
+    motion_number = np.arange(sums.shape[0])
+    parts.append((motion_number, sums.shape[1] - len(motion_number) + motion_number, springs))
+    # explicit zeros stay, so that the pattern does not depend on values
+    row, column, data = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     balance = sp.csr_matrix((data, (row, column)), sums.shape)
     balance.sort_indices()
     return balance
 
 
-def read_and_spread(force: PETSc.Mat, equation: Indices) -> tuple[Array, PETSc.Mat | None]:
-    """Inverse of H at the points' own equations (m, dim), and -H^T elsewhere, if there is."""
+def split_force_operator(force: PETSc.Mat, equation: Indices) -> tuple[Array, PETSc.Mat | None]:
+    """Split H into its entries at the points' own equations and all others.
+
+    Args:
+        force: H^T, (m dim, n).
+        equation: (m, dim), global number of each component's own equation, -1 without one.
+
+    Returns:
+        Inverses (m, dim) of the entries at the own equations; -H^T (m dim, n) of the others, or
+        None if these are zero on all processes.
+    """
     indptr, column, value = force.getValuesCSR()
     value = value.copy()
-    of_entry = np.repeat(equation.ravel(), np.diff(indptr))
-    own = column == of_entry
+    equation_of_entry = np.repeat(equation.ravel(), np.diff(indptr))
+    is_own_equation = column == equation_of_entry
     diagonal = np.ones(len(indptr) - 1)
-    diagonal[np.repeat(np.arange(len(diagonal)), np.diff(indptr))[own]] = value[own]
-    value[own | (of_entry < 0)] = 0.0
-    flexible = 1 / diagonal.reshape(equation.shape)
+    diagonal[np.repeat(np.arange(len(diagonal)), np.diff(indptr))[is_own_equation]] = value[
+        is_own_equation
+    ]
+    value[is_own_equation | (equation_of_entry < 0)] = 0.0
+    force_factor = 1 / diagonal.reshape(equation.shape)
     if not force.comm.tompi4py().allreduce(int(np.any(value != 0)), MPI.MAX):
-        return flexible, None
+        return force_factor, None
     csr = (indptr, column, -value)
-    return flexible, PETSc.Mat().createAIJ(force.getSizes(), csr=csr, comm=force.comm)
+    return force_factor, PETSc.Mat().createAIJ(force.getSizes(), csr=csr, comm=force.comm)
 
 
-def own_entries(matrix: sp.csr_matrix, equation: Indices) -> Array:
-    """Entries (m, dim) of a matrix (m dim, n) at each point's own unknowns; 1 where it has none."""
-    own = equation.ravel()
-    rows = np.flatnonzero(own >= 0)
-    values = np.ones(len(own))
-    values[rows] = np.asarray(matrix[rows, own[rows]]).ravel()
+def extract_point_diagonal(matrix: sp.csr_matrix, equation: Indices) -> Array:
+    """Return the entries (m, dim) of a matrix (m dim, n) at the points' own unknowns; 1 without."""
+    point_equations = equation.ravel()
+    rows = np.flatnonzero(point_equations >= 0)
+    values = np.ones(len(point_equations))
+    values[rows] = np.asarray(matrix[rows, point_equations[rows]]).ravel()
     return values.reshape(equation.shape)
 
 
 class AssembledTangent:
-    """A `ContactTangent` with an assembled matrix and its factors."""
+    """A `ContactTangent` with an assembled matrix and its factors.
+
+    Args:
+        matrix: contact system, with the pattern of all active sets.
+        contact_rows: rows of the contact points.
+        first_row: global number of this process' first row.
+        n_borders: number of rows of free motions on this process.
+        solver: of the linear systems.
+        has_enclosed_pressure: returns whether a constant pressure in an incompressible body acts
+            on the contact points alone.
+    """
 
     solves_exactly = True
 
     def __init__(
         self,
         matrix: PETSc.Mat,
-        points: PointRows,
-        first: int,
-        borders: int,
+        contact_rows: ContactRows,
+        first_row: int,
+        n_borders: int,
         solver: LinearSolver,
-        enclosed: Callable[[], bool],
+        has_enclosed_pressure: Callable[[], bool],
     ) -> None:
         self._comm: MPI.Comm = matrix.comm.tompi4py()
-        self.matrix, self._points, self._borders = matrix, points, borders
-        self._first, self._place = first, points.place(first)
+        self.matrix, self._points, self._n_borders = matrix, contact_rows, n_borders
+        self._first_row, self._row_pattern = first_row, contact_rows.petsc_pattern(first_row)
         self._solver, self.solver = solver, solver.prepare(matrix)
-        self.encloses = enclosed
+        self.has_enclosed_pressure = has_enclosed_pressure
         self._factorised: Array | None = None
-        self._springs: Array | None = None  # of the free motions, besides those of the matrix
+        self._springs: Array | None = None  # of free motions, added to those of the matrix
 
-    def start(self, unknowns: Callable[[], Array], free_motions: Array) -> None:
+    def set_initial_iterate(self, unknowns: Callable[[], Array], free_motions: Array) -> None:
         """Ignore the initial iterate, which direct solvers do not need."""
 
     def set_springs(self, springs: Array) -> None:
         if self._springs is None and not springs.any():
-            return  # the matrix has zeros
-        before = np.zeros_like(springs) if self._springs is None else self._springs
-        if np.array_equal(before, springs):
+            return  # the matrix has no springs yet
+        previous = np.zeros_like(springs) if self._springs is None else self._springs
+        if np.array_equal(previous, springs):
             return
-        self.matrix.assemble()  # rows were inserted, springs are added
-        first = self.matrix.getSize()[0] - len(springs)
-        for k in range(len(springs) if self._borders else 0):
-            value = springs[k] - before[k]
-            self.matrix.setValue(first + k, first + k, value, PETSc.InsertMode.ADD_VALUES)
+        self.matrix.assemble()  # PETSc cannot mix inserted and added values
+        first_spring_row = self.matrix.getSize()[0] - len(springs)
+        for k in range(len(springs) if self._n_borders else 0):
+            change = springs[k] - previous[k]
+            self.matrix.setValue(
+                first_spring_row + k, first_spring_row + k, change, PETSc.InsertMode.ADD_VALUES
+            )
         self.matrix.assemble()
         self._springs, self._factorised = springs.copy(), None
 
@@ -208,65 +265,67 @@ class AssembledTangent:
         return ()
 
     def release(self) -> None:
-        """Do nothing: factors go with the last reference."""
+        """Do nothing: the factors are freed with the last reference."""
 
-    def renew(self, rows: Callable[[], tuple[PointRows, CsrArrays]], pattern_changed: bool) -> None:
-        (self._points, csr), self._factorised = rows(), None
+    def update_stiffness(
+        self, assemble_rows: Callable[[], tuple[ContactRows, CsrArrays]], pattern_changed: bool
+    ) -> None:
+        (self._points, csr), self._factorised = assemble_rows(), None
         self._springs = None
         if not pattern_changed:
             self.matrix.setValuesCSR(*csr)
             return
-        self._place = self._points.place(self._first)
+        self._row_pattern = self._points.petsc_pattern(self._first_row)
         self.matrix = PETSc.Mat().createAIJ(self.matrix.getSizes(), csr=csr, comm=self._comm)
-        take = getattr(self.solver, "set_matrix", None)
-        if take is None:
+        set_matrix = getattr(self.solver, "set_matrix", None)
+        if set_matrix is None:
             raise ValueError(
-                "two bodies at large sliding need a solver whose factors follow another pattern, "
-                "such as Direct()"
+                "two bodies at large sliding change the sparsity pattern of the matrix, which this "
+                "solver does not support: use Direct()"
             )
-        take(self.matrix)
+        set_matrix(self.matrix)
 
     def solve(
-        self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy
+        self, rhs: Array, balance_rhs: Array, law: LinearisedLaw, accuracy: Accuracy
     ) -> TangentSolution:
-        coefficients, known = self._assemble_law(law), self._assemble_right(right, balance)
+        coefficients, combined_rhs = self._assemble_law(law), self._assemble_rhs(rhs, balance_rhs)
         if accuracy == "tightened":
             self._factorised = None
-        solution = self._solve_by_correction(known, coefficients)
+        solution = self._solve_by_correction(combined_rhs, coefficients)
         if solution is not None:
             return TangentSolution(np.asarray(solution.array_r), is_exact=False, is_final=True)
-        solution = self.solver.solve(known)
+        solution = self.solver.solve(combined_rhs)
         self._factorised = coefficients
         return TangentSolution(np.asarray(solution.array_r), is_exact=True, is_final=True)
 
-    def solve_transposed(self, right: Array, balance: Array, law: LinearisedLaw) -> Array:
-        """Solve with the transposed matrix and return all weights of this process' equations."""
-        self.set_springs(np.zeros_like(balance))
+    def solve_transposed(self, rhs: Array, balance_rhs: Array, law: LinearisedLaw) -> Array:
+        """Solve the transposed system and return the weights of this process' equations."""
+        self.set_springs(np.zeros_like(balance_rhs))
         self._assemble_law(law)
         solver = self._solver.prepare(self.matrix.transpose(PETSc.Mat()))
-        weights = np.array(solver.solve(self._assemble_right(right, balance)).array_r)
+        weights = np.array(solver.solve(self._assemble_rhs(rhs, balance_rhs)).array_r)
         solver.release()
         return weights
 
     def _assemble_law(self, law: LinearisedLaw) -> Array:
-        """Write the law into the matrix; return E, C and D side by side, (m, dim, ...)."""
+        """Write the contact rows into the matrix; return E, C and D side by side, (m, dim, ...)."""
         coefficients = np.concatenate([law.E, law.C, law.D], axis=2)
-        pointers, columns, rows = self._place
-        values = self._points.values(coefficients)
+        pointers, columns, rows = self._row_pattern
+        values = self._points.evaluate(coefficients)
         self.matrix.setValuesIJV(pointers, columns, values, rowmap=rows)
         self.matrix.assemble()
         return coefficients
 
-    def _assemble_right(self, right: Array, balance: Array) -> PETSc.Vec:
-        known = self.matrix.createVecRight()
-        known.setArray(np.append(right, balance[: self._borders]))
-        return known
+    def _assemble_rhs(self, rhs: Array, balance_rhs: Array) -> PETSc.Vec:
+        combined_rhs = self.matrix.createVecRight()
+        combined_rhs.setArray(np.append(rhs, balance_rhs[: self._n_borders]))
+        return combined_rhs
 
-    def _solve_by_correction(self, right: PETSc.Vec, coefficients: Array) -> PETSc.Vec | None:
-        """Return the solution by the last factors with a few rows corrected, None if too many."""
-        if self._factorised is None:  # no process differs in this
+    def _solve_by_correction(self, rhs: PETSc.Vec, coefficients: Array) -> PETSc.Vec | None:
+        """Return the solution by the last factors with changed rows corrected; None if too many."""
+        if self._factorised is None:  # the same on all processes
             return None
-        size = np.abs(self._factorised).max(axis=(0, 1), keepdims=True, initial=0.0)
-        change = np.abs(coefficients - self._factorised) > _ROW_CHANGE_TOLERANCE * size
-        rows = self._points.own[change.any(axis=2)]
-        return self.solver.solve_with_changed_rows(right, self._first + rows[rows >= 0])
+        scale = np.abs(self._factorised).max(axis=(0, 1), keepdims=True, initial=0.0)
+        has_changed = np.abs(coefficients - self._factorised) > _ROW_CHANGE_TOLERANCE * scale
+        rows = self._points.equations[has_changed.any(axis=2)]
+        return self.solver.solve_with_changed_rows(rhs, self._first_row + rows[rows >= 0])

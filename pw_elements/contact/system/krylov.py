@@ -1,11 +1,13 @@
-"""The linear system of one active set as E K + C, never assembled, solved as well as it pays.
+"""The linear system of one active set as a matrix-free operator, solved by a Krylov method.
 
-With y = K a, the rows of the contact points become E r + C G a - D U with r read from y; all
-others stay, but those of opposite nodes, which r acts on, too. The preconditioner is multigrid for
-K in which directions are held, see the guide's page on theory ("Large systems") and `Sprung`. Free
-translations U, of which there are few, are eliminated by the Schur complement of the
-preconditioner. In hybrid bodies held are displacements alone, the first block of the triangle, see
+The operator is the `MatrixFreeOperator`. The preconditioner is multigrid for K with the directions
+held that the active set fixes; between two bodies it is the `SpringPreconditioner` (docs/theory.md,
+"Large systems"). The few free translations U are eliminated by the Schur complement of the
+preconditioner. In hybrid bodies only displacements are held: they are the first block of the
 `BlockTriangularPreconditioner`.
+
+The module guarantees residuals relative to the contact forces, as tight as the requested accuracy
+demands or round-off permits. It assumes that surfaces do not rotate freely.
 """
 
 from collections.abc import Callable
@@ -20,7 +22,11 @@ from dolfinx import fem
 from pw_elements.arrays import Array
 from pw_elements.contact.nodes import FORCE_TOLERANCE, LinearisedLaw
 from pw_elements.contact.system.solution import Accuracy, TangentSolution
-from pw_elements.contact.system.unassembled import NodePoints, Unassembled, stated_mean
+from pw_elements.contact.system.unassembled import (
+    ContactPointData,
+    MatrixFreeOperator,
+    masked_row_mean,
+)
 from pw_elements.solvers import (
     MatrixFreeSolver,
     PreparedSolver,
@@ -37,182 +43,245 @@ from pw_elements.solvers import (
     solve_with_ksp,
 )
 
-# Sticking nodes of a piece that hold it well enough
-_ENOUGH = 6
+# Fewest sticking nodes that hold a connected component without additional anchors
+_MIN_STICKING_NODES = 6
 
-# Residual on the way, over the one before: of a tangent that stays, for which less would save no
-# step of Newton's; and of one that is renewed, where rougher steps lead to other branches
-_FORCING = 0.1
-_FORCING_RENEWED = 0.02
-# The least of `Sprung.shares` is about one over this for equally stiff bodies; smaller if one is
-# softer: its forces then say less of the gaps, and the residual has to be smaller
-_SOFTER = 5.0
-# Residual at the end over the largest nodal contact force: the solver's tolerance, up to _LOOSEST;
-# _EXACT_TANGENT if tangents are renewed (large strains); "tightened" takes a share _TIGHTENED of it
-_LOOSEST = FORCE_TOLERANCE / 10
-_EXACT_TANGENT = 1e-13
-_TIGHTENED = 0.1
-# Residual at which eigenvalues are looked at
-_EXAMINED = 1e-4
-# Forces over the residual from which on they say anything of the solution
-_KNOWN = 1e-3
-# A true residual over the one asked for that shows round-off at work, as does one that stays
-_STALLED = 2.0
-# What old levels may cost in one solution, over the operations of making new ones, which are done
-# slower than those of products by about as much
-_LEVELS_WORTH = 3.0
-# Singular values of E (0: held, 1: free): no equation of forces, and held for the preconditioner
-_NO_FORCE = 1e-9
-_HELD = 0.5
+# Residual of an intermediate solution over the previous one: for a constant tangent, where a
+# smaller one would save no Newton step; and for a changing tangent, where a larger one may lead to
+# another branch of solutions
+_FORCING_TERM = 0.1
+_FORCING_TERM_NONLINEAR = 0.02
+# Inverse of the smallest `SpringPreconditioner.law_to_force_factors` of equally stiff bodies. The
+# factors are smaller if one body is softer: forces then depend less on gaps, and the residual has
+# to be smaller
+_SPRING_FORCING_FACTOR = 5.0
+# Final residual over the largest nodal contact force: the solver's tolerance, but at most
+# _MAX_FINAL_TOLERANCE, or _NONLINEAR_FINAL_TOLERANCE for a changing tangent (large strains).
+# Accuracy "tightened" multiplies it by _TIGHTENING_FACTOR
+_MAX_FINAL_TOLERANCE = FORCE_TOLERANCE / 10
+_NONLINEAR_FINAL_TOLERANCE = 1e-13
+_TIGHTENING_FACTOR = 0.1
+# Relative residual at which eigenvalues are computed
+_EIGENVALUE_RESIDUAL = 1e-4
+# Smallest ratio of contact forces to the residual at which the forces are meaningful
+_MIN_FORCE_TO_RESIDUAL = 1e-3
+# Ratio of the true residual to its target above which round-off is limiting, and the reduction of
+# the residual in one solution below which the method has stalled
+_STALL_RATIO = 2.0
+_MIN_REDUCTION = 0.1
+# Largest cost of one solution with old levels over the operations of making new levels. The factor
+# covers the slower rate at which operations of the set-up are done
+_LEVEL_COST_FACTOR = 3.0
+# Largest singular values of E (0: motion held, 1: free) of a direction without forces in its
+# equation, and of one that is held in the preconditioner
+_ZERO_SINGULAR_VALUE = 1e-9
+_HELD_SINGULAR_VALUE = 0.5
 
 
-class Sprung:
-    """Preconditioner of E K + C from one of bodies with springs, for a `PETSc.PC` in Python.
+class SpringPreconditioner:
+    """Preconditioner of E K + C from that of bodies held by springs, for a `PETSc.PC` in Python.
 
-    The guide's page on theory has the springs k, directions Q and W = G D^-1 H ("Large systems").
+    The springs k, directions Q and the compliance W = G D^-1 H, with the diagonal D of K, are
+    defined in docs/theory.md ("Large systems").
+
+    Args:
+        inner: preconditioner of the displacements.
+        points: contact points; their unknowns are displacements alone.
+        K: stiffness of the displacements (n, n).
     """
 
-    def __init__(self, inner: PETSc.PC, points: NodePoints, K: PETSc.Mat) -> None:
+    def __init__(self, inner: PETSc.PC, points: ContactPointData, K: PETSc.Mat) -> None:
         self._inner, self._points = inner, points
-        flexible = points.force.copy()
-        flexible.diagonalScale(R=1 / K.getDiagonal())
-        self._flexible = points.motion.matMult(flexible.transpose())
-        self._stated = stated = points.own >= 0
-        compliance = self._flexible.getDiagonal().array_r.reshape(stated.shape)
-        self._springs = 1 / stated_mean(compliance, stated)[:, None, None]
-        self._law, self._force = self._flexible.createVecs()
-        self._moved, self._rest = self._law.duplicate(), points.motion.createVecRight()
+        inverse_diagonal_force = points.force.copy()
+        inverse_diagonal_force.diagonalScale(R=1 / K.getDiagonal())
+        self._compliance = points.motion.matMult(inverse_diagonal_force.transpose())
+        self._has_equation = has_equation = points.equations >= 0
+        point_compliance = self._compliance.getDiagonal().array_r.reshape(has_equation.shape)
+        self._spring_stiffness = 1 / masked_row_mean(point_compliance, has_equation)[:, None, None]
+        self._law_values, self._force = self._compliance.createVecs()
+        self._motion, self._remaining = self._law_values.duplicate(), points.motion.createVecRight()
         self._ksp = PETSc.KSP().create(K.comm)
         self._ksp.setType("preonly")
         self._ksp.getPC().setType("lu")
         self._ksp.getPC().setFactorSolverType("mumps")
 
-    def shares(self, law: LinearisedLaw) -> Array:
-        """Factors (m, dim) that make gaps of the law forces of the springs."""
-        size = np.linalg.norm(law.E, axis=2) + np.linalg.norm(law.C, axis=2) / self._springs[:, 0]
-        return np.asarray(1 / np.where(size > 0, size, 1.0))
-
-    def hold(self, law: LinearisedLaw, held: Array, anchored: Array) -> PETSc.Mat:
-        """H k Q G (n, n) of what holds the bodies; an active set alone lets less be held."""
-        points, one = self._points, np.eye(held.shape[1])
-        both = self._stated[:, :, None] & self._stated[:, None, :]
-        self._held: Array = self._springs * held * both
-        E, C = np.where(both, law.E, one), np.where(both, law.C, 0.0)
-        T = self._times(C, self._flexible)
-        add_scaled(
-            T, 1.0, block_diagonal_matrix(E, points.motion.getSizes()[0], points.motion.comm)
+    def law_to_force_factors(self, law: LinearisedLaw) -> Array:
+        """Return factors (m, dim) that scale rows of the law from lengths to spring forces."""
+        law_size = (
+            np.linalg.norm(law.E, axis=2)
+            + np.linalg.norm(law.C, axis=2) / self._spring_stiffness[:, 0]
         )
-        self._ksp.setOperators(T)
-        half = self._times(self._springs * anchored * both, points.motion)
-        return points.force.transposeMatMult(half)
+        return np.asarray(1 / np.where(law_size > 0, law_size, 1.0))
+
+    def assemble_springs(
+        self, law: LinearisedLaw, held_projectors: Array, anchored_projectors: Array
+    ) -> PETSc.Mat:
+        """Factorise E + C W, and return the springs H k Q G (n, n) that hold the bodies.
+
+        Args:
+            law: linearised law of the active set.
+            held_projectors: (m, dim, dim), onto directions that the active set holds.
+            anchored_projectors: (m, dim, dim), Q, onto these directions and all of anchor nodes.
+        """
+        points, identity = self._points, np.eye(held_projectors.shape[1])
+        has_both_equations = self._has_equation[:, :, None] & self._has_equation[:, None, :]
+        self._held_stiffness: Array = self._spring_stiffness * held_projectors * has_both_equations
+        E, C = (
+            np.where(has_both_equations, law.E, identity),
+            np.where(has_both_equations, law.C, 0.0),
+        )
+        force_law = self._multiply_blocks(C, self._compliance)
+        add_scaled(
+            force_law,
+            1.0,
+            block_diagonal_matrix(E, points.motion.getSizes()[0], points.motion.comm),
+        )
+        self._ksp.setOperators(force_law)
+        point_springs = self._multiply_blocks(
+            self._spring_stiffness * anchored_projectors * has_both_equations, points.motion
+        )
+        return points.force.transposeMatMult(point_springs)
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        points, stated = self._points, self._stated
-        self._law.array[:] = np.where(stated, x.array_r[points.own], 0.0).ravel()
-        self._ksp.solve(self._law, self._force)
-        self._flexible.mult(self._force, self._moved)
-        moved = self._moved.array_r.reshape(stated.shape)
-        self._force.array[:] += np.einsum("nab,nb->na", self._held, moved).ravel()
-        x.copy(self._rest)
-        self._rest.array[points.own[stated]] = 0.0
-        points.force.multTransposeAdd(self._force, self._rest, self._rest)
-        self._inner.apply(self._rest, y)
+        points, has_equation = self._points, self._has_equation
+        self._law_values.array[:] = np.where(has_equation, x.array_r[points.equations], 0.0).ravel()
+        self._ksp.solve(self._law_values, self._force)
+        self._compliance.mult(self._force, self._motion)
+        motion = self._motion.array_r.reshape(has_equation.shape)
+        self._force.array[:] += np.einsum("nab,nb->na", self._held_stiffness, motion).ravel()
+        x.copy(self._remaining)
+        self._remaining.array[points.equations[has_equation]] = 0.0
+        points.force.multTransposeAdd(self._force, self._remaining, self._remaining)
+        self._inner.apply(self._remaining, y)
 
     def release(self) -> None:
         destroy_objects(self._ksp)
 
-    def _times(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
+    def _multiply_blocks(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
         return block_diagonal_matrix(
             blocks, self._points.motion.getSizes()[0], matrix.comm
         ).matMult(matrix)
 
 
-class Bordered:
-    """Preconditioner of the bordered system from one without border, for a `PETSc.PC` in Python."""
+class BorderedPreconditioner:
+    """Preconditioner of the bordered system from one without border, for a `PETSc.PC` in Python.
 
-    def __init__(self, inner: PETSc.PC, sums: list[Array], comm: MPI.Comm, like: PETSc.Vec) -> None:
-        self._inner, self._sums, self._comm = inner, sums, comm
-        self._x, self._y = like.duplicate(), like.duplicate()
-        self._images: list[Array] = []
-        self._schur = np.eye(len(sums))
+    Args:
+        inner: preconditioner of the system without border.
+        balance_rows: row (n,) of each free translation's force balance, of this process.
+        comm: communicator of the system.
+        vector_like: vector without border, for its layout.
+    """
+
+    def __init__(
+        self, inner: PETSc.PC, balance_rows: list[Array], comm: MPI.Comm, vector_like: PETSc.Vec
+    ) -> None:
+        self._inner, self._balance_rows, self._comm = inner, balance_rows, comm
+        self._inner_input, self._inner_output = vector_like.duplicate(), vector_like.duplicate()
+        self._inner_columns: list[Array] = []
+        self._schur = np.eye(len(balance_rows))
 
     def update(self, columns: list[Array], springs: Array) -> None:
-        self._images = [self._solved(column) for column in columns]
-        self._schur = np.diag(springs) - np.array([self._summed(im) for im in self._images]).T
+        """Compute the Schur complement for border columns (n,) and springs (translations,)."""
+        self._inner_columns = [self._apply_inner(column) for column in columns]
+        self._schur = (
+            np.diag(springs)
+            - np.array([self._sum_rows(column) for column in self._inner_columns]).T
+        )
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        given, n = x.array_r, self._x.getLocalSize()
-        balance = self._comm.bcast(given[n:].copy(), self._comm.size - 1)
-        result = self._solved(given[:n])
-        U = np.linalg.lstsq(self._schur, balance - self._summed(result))[0]
-        for moved, image in zip(U, self._images, strict=True):
-            result -= moved * image
+        values, n = x.array_r, self._inner_input.getLocalSize()
+        balance = self._comm.bcast(values[n:].copy(), self._comm.size - 1)
+        result = self._apply_inner(values[:n])
+        U = np.linalg.lstsq(self._schur, balance - self._sum_rows(result))[0]
+        for translation, column in zip(U, self._inner_columns, strict=True):
+            result -= translation * column
         y.array[:n] = result
-        y.array[n:] = U[: len(given) - n]
+        y.array[n:] = U[: len(values) - n]
 
-    def _solved(self, right: Array) -> Array:
-        self._x.array[:] = right
-        self._inner.apply(self._x, self._y)
-        return np.array(self._y.array_r)
+    def _apply_inner(self, values: Array) -> Array:
+        self._inner_input.array[:] = values
+        self._inner.apply(self._inner_input, self._inner_output)
+        return np.array(self._inner_output.array_r)
 
-    def _summed(self, values: Array) -> Array:
-        totals = np.array([total @ values for total in self._sums])
+    def _sum_rows(self, values: Array) -> Array:
+        totals = np.array([row @ values for row in self._balance_rows])
         self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
         return totals
 
 
-class RigidHolds:
-    """As many nodes of each connected piece as there are dimensions, far from each other.
+class AnchorNodes:
+    """Distant contact nodes, `dim` of each connected component, that hold it in the preconditioner.
 
-    They are picked among those of the local contact nodes (m,) that face anything.
+    The nodes are picked among the contact points that can hold their body.
     """
 
-    def __init__(self, space: fem.FunctionSpace, points: NodePoints) -> None:
+    def __init__(self, space: fem.FunctionSpace, points: ContactPointData) -> None:
         nodes = points.node
         self._comm: MPI.Comm = space.mesh.comm
-        pieces = RigidComponents.from_space(space)
-        self._piece, self._pieces = pieces.component_of_node[nodes], len(pieces.centre)
+        components = RigidComponents.from_space(space)
+        self._component, self._n_components = (
+            components.component_of_node[nodes],
+            len(components.centre),
+        )
         x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
-        among = np.where(points.facing, self._piece, -1)
-        every, where = (np.concatenate(self._comm.allgather(part)) for part in (x, among))
-        chosen = np.zeros(len(every), dtype=bool)
-        for k in range(self._pieces):
-            mine = np.flatnonzero(where == k)
-            chosen[mine[_apart(every[mine])]] = True
-        first = sum(self._comm.allgather(len(nodes))[: self._comm.rank])
-        self._chosen = chosen[first : first + len(nodes)]
+        component = np.where(points.can_hold_body, self._component, -1)
+        all_x, all_components = (
+            np.concatenate(self._comm.allgather(part)) for part in (x, component)
+        )
+        chosen = np.zeros(len(all_x), dtype=bool)
+        for k in range(self._n_components):
+            candidates = np.flatnonzero(all_components == k)
+            chosen[candidates[_pick_distant_points(all_x[candidates])]] = True
+        first_point = sum(self._comm.allgather(len(nodes))[: self._comm.rank])
+        self._is_anchor = chosen[first_point : first_point + len(nodes)]
 
-    def held(self, projectors: Array) -> Array:
-        """Projectors (m, dim, dim) onto what is held, with the anchors where few nodes stick."""
+    def add_anchors(self, projectors: Array) -> Array:
+        """Return projectors (m, dim, dim) onto held directions, with all directions of anchors.
+
+        Anchors count only in components with few sticking nodes.
+        """
         dim = projectors.shape[1]
         sticks = np.einsum("naa->n", projectors) > dim - 0.5
-        count = np.bincount(self._piece[sticks], minlength=self._pieces)
+        count = np.bincount(self._component[sticks], minlength=self._n_components)
         self._comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
-        loose = self._chosen & (count < _ENOUGH)[self._piece]
-        return np.where(loose[:, None, None], np.eye(dim), projectors)
+        needs_anchor = self._is_anchor & (count < _MIN_STICKING_NODES)[self._component]
+        return np.where(needs_anchor[:, None, None], np.eye(dim), projectors)
 
 
-def _apart(x: Array) -> list[int]:
-    """Points of x (n, dim), the first far from their mean, each next one from those before."""
+def _pick_distant_points(x: Array) -> list[int]:
+    """Return numbers of up to `dim` points of x (n, dim) that are far from each other.
+
+    The first is farthest from the mean, each next one from the affine hull of its predecessors.
+    """
     if not len(x):
         return []
     chosen = [int(np.argmax(np.linalg.norm(x - x.mean(axis=0), axis=1)))]
-    rest = x - x[chosen[0]]
+    remainder = x - x[chosen[0]]
     for _ in range(x.shape[1] - 1):
-        far = int(np.argmax(np.linalg.norm(rest, axis=1)))
-        size = np.linalg.norm(rest[far])
-        if size == 0:
+        farthest = int(np.argmax(np.linalg.norm(remainder, axis=1)))
+        distance = np.linalg.norm(remainder[farthest])
+        if distance == 0:
             break
-        chosen.append(far)
-        rest = rest - np.outer(rest @ rest[far], rest[far]) / size**2
+        chosen.append(farthest)
+        remainder = (
+            remainder - np.outer(remainder @ remainder[farthest], remainder[farthest]) / distance**2
+        )
     return chosen
 
 
 class KrylovTangent:
-    """What `Tangent` is with factors, by an iteration that assembles nothing; `supported` goes too.
+    """A `ContactTangent` solved by a Krylov method with a matrix-free operator.
 
-    Unknowns are numbered as the nodes are, prescribed ones being zero; the free translations come
-    last, on the last process.
+    Unknowns are numbered as in K, with zeros at prescribed ones. The free translations come last,
+    on the last process.
+
+    Args:
+        K: stiffness (n, n).
+        supports: of the unknowns.
+        points: contact points.
+        matrix_free_solver: of the linear systems.
+        supported_stiffness: K with the supports; `release` destroys it.
     """
 
     solves_exactly = False
@@ -221,279 +290,411 @@ class KrylovTangent:
         self,
         K: PETSc.Mat,
         supports: Supports,
-        points: NodePoints,
-        how: MatrixFreeSolver,
-        supported: PETSc.Mat,
+        points: ContactPointData,
+        matrix_free_solver: MatrixFreeSolver,
+        supported_stiffness: PETSc.Mat,
     ) -> None:
-        self._supported = supported
+        self._supported_stiffness = supported_stiffness
         self._points = points
         self._comm: MPI.Comm = K.comm.tompi4py()
-        self.solver: PreparedSolver = how.prepare(K, supports=supports)
+        self.solver: PreparedSolver = matrix_free_solver.prepare(K, supports=supports)
         self._krylov = krylov = as_krylov_solver(self.solver, K, supports)
-        saddle = self._saddle = krylov.block_preconditioner
+        block_preconditioner = self._block_preconditioner = krylov.block_preconditioner
         self._multigrid = krylov.multigrid
-        stiffness = saddle.scaled_matrix if saddle else self._multigrid.block_matrix
-        self._context = Unassembled(stiffness, supports.free, points)
-        local, whole = K.getSizes()[0]
-        self._unknowns = local
-        last = self._comm.rank == self._comm.size - 1
-        sizes = (local + points.translations * last, whole + points.translations)
-        self._operator = python_matrix((sizes, sizes), self._context, K.comm)
+        stiffness = (
+            block_preconditioner.scaled_matrix
+            if block_preconditioner
+            else self._multigrid.block_matrix
+        )
+        self._matrix_free_operator = MatrixFreeOperator(stiffness, supports.free, points)
+        n_local, n_global = K.getSizes()[0]
+        self._n_unknowns = n_local
+        is_last_rank = self._comm.rank == self._comm.size - 1
+        sizes = (n_local + points.n_translations * is_last_rank, n_global + points.n_translations)
+        self._operator = python_matrix((sizes, sizes), self._matrix_free_operator, K.comm)
         inner = krylov.ksp.getPC()
-        self._sprung: Sprung | None = None
-        self._border: Bordered | None = None
-        if points.spread is not None:
-            alone = points.of_displacements(saddle.displacements) if saddle else points
-            self._sprung = Sprung(
-                saddle.displacement_pc if saddle else inner, alone, krylov.displacement_block[0]
+        self._spring_preconditioner: SpringPreconditioner | None = None
+        self._bordered_preconditioner: BorderedPreconditioner | None = None
+        if points.opposite_force is not None:
+            displacement_points, displacement_pc = points, inner
+            if block_preconditioner:
+                displacement_points = points.restrict_to_displacements(
+                    block_preconditioner.displacements
+                )
+                displacement_pc = block_preconditioner.displacement_pc
+            self._spring_preconditioner = SpringPreconditioner(
+                displacement_pc, displacement_points, krylov.displacement_block[0]
             )
-            sprung = PETSc.PC().createPython(self._sprung, comm=K.comm)
-            sprung.setOperators(self._multigrid.operator)
-            if saddle:
-                saddle.displacement_pc = sprung
+            spring_pc = PETSc.PC().createPython(self._spring_preconditioner, comm=K.comm)
+            spring_pc.setOperators(self._multigrid.operator)
+            if block_preconditioner:
+                block_preconditioner.displacement_pc = spring_pc
             else:
-                inner = sprung
-        if points.translations:
-            sums = [self._sum(stiffness, supports, j) for j in range(points.translations)]
-            self._border = Bordered(inner, sums, self._comm, K.createVecRight())
-        outer = self._border or (None if saddle else self._sprung)
+                inner = spring_pc
+        if points.n_translations:
+            balance_rows = [
+                self._make_balance_row(stiffness, supports, j) for j in range(points.n_translations)
+            ]
+            self._bordered_preconditioner = BorderedPreconditioner(
+                inner, balance_rows, self._comm, K.createVecRight()
+            )
+        outer = self._bordered_preconditioner or (
+            None if block_preconditioner else self._spring_preconditioner
+        )
         self._ksp = krylov.create_flexible_ksp(self._operator, outer)
-        # supports that hold all pieces need no help of contact
-        elastic, held = krylov.displacement_block
-        loose = has_free_rigid_motion(elastic, held)
-        self._rigid_holds = RigidHolds(held.space, points) if loose else None
+        # no anchors are needed if supports hold all components
+        displacement_stiffness, displacement_supports = krylov.displacement_block
+        has_free_motion = has_free_rigid_motion(displacement_stiffness, displacement_supports)
+        self._anchor_nodes = (
+            AnchorNodes(displacement_supports.space, points) if has_free_motion else None
+        )
         self._solution = self._operator.createVecRight()
-        self._final = self._enclosed = False
-        self._exact = self._accuracy = min(krylov.tolerance, _LOOSEST)
-        self._renewed = False
-        self._size = self._left_before = 0.0
-        # operations: of making levels, what they have lost since, and a digit's at first
-        self._set_up = self._wasted = 0.0
-        self._pace: float | None = None
-        self._each = 1.0  # an iteration's then
-        self._most: int = self._ksp.getTolerances()[3]
+        self._is_final = self._has_enclosed_pressure = False
+        self._final_tolerance = self._tolerance = min(krylov.tolerance, _MAX_FINAL_TOLERANCE)
+        self._stiffness_changed = False
+        self._solution_size = self._previous_residual = 0.0
+        # floating-point operations of making levels, and those wasted since because levels are old
+        self._setup_operations = self._wasted_operations = 0.0
+        # operations of new levels, per decimal digit of the residual and per iteration
+        self._operations_per_digit: float | None = None
+        self._operations_per_iteration = 1.0
+        self._max_iterations: int = self._ksp.getTolerances()[3]
 
-    def start(self, unknowns: Callable[[], Array], free_motions: Array) -> None:
-        begin, local = unknowns(), self._solution.array
-        local[: len(begin)] = begin
-        local[len(begin) :] = free_motions[: len(local) - len(begin)]
-        self._size, self._left_before = self._solution.norm(), 0.0
+    def set_initial_iterate(self, unknowns: Callable[[], Array], free_motions: Array) -> None:
+        initial_unknowns, local_solution = unknowns(), self._solution.array
+        local_solution[: len(initial_unknowns)] = initial_unknowns
+        local_solution[len(initial_unknowns) :] = free_motions[
+            : len(local_solution) - len(initial_unknowns)
+        ]
+        self._solution_size, self._previous_residual = self._solution.norm(), 0.0
 
     def set_springs(self, springs: Array) -> None:
-        self._context.springs = springs
+        self._matrix_free_operator.springs = springs
 
-    def renew(self, *_: object, **__: object) -> None:
-        """Makes new levels, when old ones have cost as much as these would; K is the same."""
-        self._renewed = True
-        if self._wasted >= self._set_up:
+    def update_stiffness(self, *_: object, **__: object) -> None:
+        """Make new multigrid levels if old ones have wasted as much as new ones cost.
+
+        K is changed in place, so the arguments are ignored.
+        """
+        self._stiffness_changed = True
+        if self._wasted_operations >= self._setup_operations:
             self._krylov.preconditioner.refresh()
-            self._pace = None
+            self._operations_per_digit = None
 
     def determinant_signs(self) -> tuple[int, ...]:
-        """Signs of the levels, and of the tangent that has been solved last.
+        """Return the sign 1 of the preconditioner, and the sign of the last tangent relative to it.
 
-        Over the levels its eigenvalues are near one, and each that changes its sign leaves them: an
-        outlier, which Arnoldi's method from an arbitrary vector finds first. This is no proof.
+        Empty if eigenvalues are not available. The eigenvalues of the preconditioned tangent are
+        near one; one that has changed its sign is an outlier, which Arnoldi's method finds first,
+        from an arbitrary vector. The result is not a proof.
         """
         if self._krylov.uses_external_method:
             return ()
-        arbitrary, image = self._operator.createVecs()
-        first, last = arbitrary.getOwnershipRange()
-        arbitrary.setArray(np.cos(np.arange(first, last, dtype=float)))
+        start_vector, image = self._operator.createVecs()
+        first_row, end_row = start_vector.getOwnershipRange()
+        start_vector.setArray(np.cos(np.arange(first_row, end_row, dtype=float)))
         sign = -1
-        for again in (False, True):
-            if again:  # a smoother beyond its bounds changes signs, too
+        for re_estimate in (False, True):
+            if re_estimate:  # a smoother with wrong eigenvalue bounds also changes signs
                 self._multigrid.re_estimate_eigenvalues()
-            self._ksp.setTolerances(rtol=_EXAMINED, atol=0.0, max_it=self._most)
-            self._ksp.solve(arbitrary, image)
+            self._ksp.setTolerances(
+                rtol=_EIGENVALUE_RESIDUAL, atol=0.0, max_it=self._max_iterations
+            )
+            self._ksp.solve(start_vector, image)
             values = self._ksp.computeEigenvalues()
-            if not len(values):  # of another method than GMRES
+            if not len(values):  # only GMRES provides eigenvalues
                 return ()
             sign = (-1) ** int(np.sum((values.imag == 0) & (values.real < 0)))
             if sign > 0:
                 break
         return 1, sign
 
-    def encloses(self) -> bool:
-        return self._enclosed
+    def has_enclosed_pressure(self) -> bool:
+        return self._has_enclosed_pressure
 
     def solve(
-        self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy
+        self, rhs: Array, balance_rhs: Array, law: LinearisedLaw, accuracy: Accuracy
     ) -> TangentSolution:
-        law = replace(law, D=law.D[:, :, : law.E.shape[1]])  # the border has translations alone
-        more = accuracy == "tightened" and self._final
-        exact = min(self._exact, _EXACT_TANGENT) if self._renewed else self._exact
-        self._accuracy = self._accuracy * _TIGHTENED if more else exact
-        law, forcing = self._in_forces(law, right)
-        self._context.state(law)
-        known, x = self._operator.createVecLeft(), self._solution
-        known.setArray(np.append(right, balance[: known.getLocalSize() - len(right)]))
-        fixed = self._make_ready(law)
-        if self._sprung is None:
-            self._land(known, x, fixed)
-        # needed again only where levels may be old
-        start, rest = x.copy() if self._renewed else x, known.duplicate()
-        left = self._left(known, rest)
-        if self._left_before:
-            forcing = min(forcing, 0.9 * (left / self._left_before) ** 2)
-        self._left_before = left
-        reduced = forcing * left if accuracy == "rough" else 0.0
-        found = self._reduced(known, rest, left, reduced, forcing)
-        if found is None:  # old levels are too wrong
-            self._wasted = np.inf
-            self.renew()
-            self._make_ready(law)
-            start.copy(x)
-            found = self._reduced(known, rest, self._left(known, rest), reduced, forcing)
-            assert found is not None, "these levels are new"
-        left, stalled = found
-        self._final = bool(left <= self._exact * self._largest() or stalled)
-        self._forget_vectors()
-        collect_garbage(known)
-        return TangentSolution(np.array(x.array_r), is_exact=stalled, is_final=self._final)
-
-    def _in_forces(self, law: LinearisedLaw, right: Array) -> tuple[LinearisedLaw, float]:
-        """The law, whose gaps are read as forces of springs if there are any; and the forcing."""
-        forcing = _FORCING_RENEWED if self._renewed else _FORCING
-        if self._sprung is None:
-            return law, forcing
-        share, stated = self._sprung.shares(law), self._points.own >= 0
-        right[self._points.own[stated]] *= share[stated]
-        E, C, D = (share[:, :, None] * each for each in (law.E, law.C, law.D))
-        least = self._comm.allreduce(share.min(initial=1.0), MPI.MIN)
-        return replace(law, E=E, C=C, D=D, c=share * law.c), forcing * min(1.0, _SOFTER * least)
-
-    def _make_ready(self, law: LinearisedLaw) -> Array:
-        """Makes the preconditioner for a law; projectors (m, dim, dim) onto what it fixes."""
-        begun = self._operations()
-        fixed = self._hold(law)
-        if self._saddle and self._saddle.has_free_constant_pressure(self._operator):
-            self._enclosed = True
-            raise SingularSystem("the pressure is known up to a constant")
-        self._krylov.ksp.getPC().setUp()
-        if self._border is not None:
-            columns = [self._column(j, law.D) for j in range(self._points.translations)]
-            self._border.update(columns, self._context.springs)
-        if self._pace is None:
-            self._set_up, self._wasted = self._operations() - begun, 0.0
-        return fixed
-
-    def _reduced(
-        self, known: PETSc.Vec, rest: PETSc.Vec, left: float, reduced: float, forcing: float
-    ) -> tuple[float, bool] | None:
-        """Residual of the solution, and whether round-off lets it be no smaller; `rest` is left.
-
-        None if levels are old and cost more than new ones. Raises NotConverged if these fail.
-        """
-        x, step, begun = self._solution, rest.duplicate(), self._operations()
-        pace = self._pace if self._renewed else None
-        first, stalled, lost, done = left, False, 0.0, 0
-        while not stalled and not left <= (target := self._target(left, reduced, forcing)):
-            most = self._most
-            if pace is not None:
-                worth = _LEVELS_WORTH * self._set_up + pace * np.log10(first / target)
-                most = min(most, 1 + int(worth / self._each))
-            self._ksp.setTolerances(rtol=0.0, atol=target, max_it=most)
-            if (
-                self._size and not self._krylov.uses_external_method
-            ):  # its options have been looked at
-                self._ksp.solve(rest, step)
-            else:
-                solve_with_ksp(self._ksp, rest, step, self._krylov.options)
-            done += self._ksp.getIterationNumber()
-            x.axpy(1.0, step)
-            before, left = left, self._left(known, rest)
-            self._size = max(self._size, x.norm())
-            lost = self._krylov.round_off(self._size) + self._points.round_off + target
-            # so it is where a factorisation has given no numbers
-            stalled = not left < (
-                min(before, _STALLED * target) if left <= lost else _TIGHTENED * before
+        law = replace(law, D=law.D[:, :, : law.E.shape[1]])  # the border has no rotations
+        tighten = accuracy == "tightened" and self._is_final
+        final_tolerance = (
+            min(self._final_tolerance, _NONLINEAR_FINAL_TOLERANCE)
+            if self._stiffness_changed
+            else self._final_tolerance
+        )
+        self._tolerance = self._tolerance * _TIGHTENING_FACTOR if tighten else final_tolerance
+        law, forcing_term = self._scale_law_to_forces(law, rhs)
+        self._matrix_free_operator.set_law(law)
+        combined_rhs, x = self._operator.createVecLeft(), self._solution
+        combined_rhs.setArray(np.append(rhs, balance_rhs[: combined_rhs.getLocalSize() - len(rhs)]))
+        fixed_projectors = self._prepare_preconditioner(law)
+        if self._spring_preconditioner is None:
+            self._move_to_held_positions(combined_rhs, x, fixed_projectors)
+        # the initial iterate is needed again only if levels may be old
+        initial = x.copy() if self._stiffness_changed else x
+        remaining_rhs = combined_rhs.duplicate()
+        residual = self._update_residual(combined_rhs, remaining_rhs)
+        if self._previous_residual:
+            forcing_term = min(forcing_term, 0.9 * (residual / self._previous_residual) ** 2)
+        self._previous_residual = residual
+        intermediate_residual = forcing_term * residual if accuracy == "rough" else 0.0
+        outcome = self._reduce_residual(
+            combined_rhs, remaining_rhs, residual, intermediate_residual, forcing_term
+        )
+        if outcome is None:  # the old levels are too inaccurate
+            self._wasted_operations = np.inf
+            self.update_stiffness()
+            self._prepare_preconditioner(law)
+            initial.copy(x)
+            residual = self._update_residual(combined_rhs, remaining_rhs)
+            outcome = self._reduce_residual(
+                combined_rhs, remaining_rhs, residual, intermediate_residual, forcing_term
             )
-            if pace is not None and not left <= lost and (stalled or done >= most):
-                return None
-        if stalled and not left <= lost:
-            raise self._krylov.not_converged(left / max(known.norm(), self._largest()))
-        digits, spent = np.log10(first / max(left, 1e-300)), self._operations() - begun
-        if self._pace is None:
-            self._pace, self._each = spent / max(digits, 1), spent / max(done, 1) or 1.0
-        else:
-            self._wasted = max(0.0, self._wasted + spent - self._pace * digits)
-        return left, stalled
+            assert outcome is not None, "new levels always give an outcome"
+        residual, is_stalled = outcome
+        self._is_final = bool(
+            residual <= self._final_tolerance * self._largest_contact_force() or is_stalled
+        )
+        self._free_krylov_vectors()
+        collect_garbage(combined_rhs)
+        return TangentSolution(np.array(x.array_r), is_exact=is_stalled, is_final=self._is_final)
 
-    def _forget_vectors(self) -> None:
-        preconditioner, none = self._ksp.getPC(), PETSc.PC().create(self._operator.comm)
-        self._ksp.setPC(none)  # levels would be reset with the method
+    def _scale_law_to_forces(self, law: LinearisedLaw, rhs: Array) -> tuple[LinearisedLaw, float]:
+        """Return the law and the forcing term, scaled to spring forces between two bodies.
+
+        The right-hand side (n,) of this process is scaled in place.
+        """
+        forcing_term = _FORCING_TERM_NONLINEAR if self._stiffness_changed else _FORCING_TERM
+        if self._spring_preconditioner is None:
+            return law, forcing_term
+        factors = self._spring_preconditioner.law_to_force_factors(law)
+        has_equation = self._points.equations >= 0
+        rhs[self._points.equations[has_equation]] *= factors[has_equation]
+        E, C, D = (factors[:, :, None] * matrix for matrix in (law.E, law.C, law.D))
+        smallest_factor = self._comm.allreduce(factors.min(initial=1.0), MPI.MIN)
+        forcing_term *= min(1.0, _SPRING_FORCING_FACTOR * smallest_factor)
+        return replace(law, E=E, C=C, D=D, c=factors * law.c), forcing_term
+
+    def _prepare_preconditioner(self, law: LinearisedLaw) -> Array:
+        """Set up the preconditioner for a law.
+
+        Returns:
+            Projectors (m, dim, dim) onto the directions whose motion the law fixes.
+
+        Raises:
+            SingularSystem: if a constant pressure in an incompressible body is free.
+        """
+        operations_before = self._count_operations()
+        fixed_projectors = self._set_held_directions(law)
+        if self._block_preconditioner and self._block_preconditioner.has_free_constant_pressure(
+            self._operator
+        ):
+            self._has_enclosed_pressure = True
+            raise SingularSystem("the pressure is determined only up to a constant")
+        self._krylov.ksp.getPC().setUp()
+        if self._bordered_preconditioner is not None:
+            border_columns = [
+                self._make_border_column(j, law.D) for j in range(self._points.n_translations)
+            ]
+            self._bordered_preconditioner.update(border_columns, self._matrix_free_operator.springs)
+        if self._operations_per_digit is None:
+            self._setup_operations = self._count_operations() - operations_before
+            self._wasted_operations = 0.0
+        return fixed_projectors
+
+    def _reduce_residual(
+        self,
+        combined_rhs: PETSc.Vec,
+        remaining_rhs: PETSc.Vec,
+        residual: float,
+        intermediate_residual: float,
+        forcing_term: float,
+    ) -> tuple[float, bool] | None:
+        """Iterate until the residual reaches its target or stalls.
+
+        Args:
+            combined_rhs: right-hand side of all equations.
+            remaining_rhs: `combined_rhs` less the product with the iterate; updated in place.
+            residual: norm of `remaining_rhs`.
+            intermediate_residual: target of an intermediate solution, 0 for a final one.
+            forcing_term: residual of an intermediate solution over the previous one.
+
+        Returns:
+            The residual, and whether it has stalled at round-off; None if levels are old and cost
+            more than new ones.
+
+        Raises:
+            NotConverged: if the method fails with new levels.
+        """
+        x, correction = self._solution, remaining_rhs.duplicate()
+        operations_before = self._count_operations()
+        operations_per_digit = self._operations_per_digit if self._stiffness_changed else None
+        initial_residual, is_stalled, round_off, n_iterations = residual, False, 0.0, 0
+        while not is_stalled and not residual <= (
+            target := self._target_residual(residual, intermediate_residual, forcing_term)
+        ):
+            max_iterations = self._max_iterations
+            if operations_per_digit is not None:
+                n_digits = np.log10(initial_residual / target)
+                affordable_operations = (
+                    _LEVEL_COST_FACTOR * self._setup_operations + operations_per_digit * n_digits
+                )
+                max_iterations = min(
+                    max_iterations, 1 + int(affordable_operations / self._operations_per_iteration)
+                )
+            self._ksp.setTolerances(rtol=0.0, atol=target, max_it=max_iterations)
+            # options are checked in the first solution, and by external methods in each one
+            if self._solution_size and not self._krylov.uses_external_method:
+                self._ksp.solve(remaining_rhs, correction)
+            else:
+                solve_with_ksp(self._ksp, remaining_rhs, correction, self._krylov.options)
+            n_iterations += self._ksp.getIterationNumber()
+            x.axpy(1.0, correction)
+            previous_residual, residual = (
+                residual,
+                self._update_residual(combined_rhs, remaining_rhs),
+            )
+            self._solution_size = max(self._solution_size, x.norm())
+            round_off = (
+                self._krylov.round_off(self._solution_size) + self._points.force_round_off + target
+            )
+            # a residual of NaN, by a failed factorisation, counts as stalled
+            is_stalled = not residual < (
+                min(previous_residual, _STALL_RATIO * target)
+                if residual <= round_off
+                else _MIN_REDUCTION * previous_residual
+            )
+            if (
+                operations_per_digit is not None
+                and not residual <= round_off
+                and (is_stalled or n_iterations >= max_iterations)
+            ):
+                return None
+        if is_stalled and not residual <= round_off:
+            raise self._krylov.not_converged(
+                residual / max(combined_rhs.norm(), self._largest_contact_force())
+            )
+        digits = np.log10(initial_residual / max(residual, 1e-300))
+        operations = self._count_operations() - operations_before
+        if self._operations_per_digit is None:
+            self._operations_per_digit, self._operations_per_iteration = (
+                operations / max(digits, 1),
+                operations / max(n_iterations, 1) or 1.0,
+            )
+        else:
+            self._wasted_operations = max(
+                0.0, self._wasted_operations + operations - self._operations_per_digit * digits
+            )
+        return residual, is_stalled
+
+    def _free_krylov_vectors(self) -> None:
+        preconditioner, empty_preconditioner = (
+            self._ksp.getPC(),
+            PETSc.PC().create(self._operator.comm),
+        )
+        self._ksp.setPC(empty_preconditioner)  # the reset would also reset the levels
         self._ksp.reset()
         self._ksp.setPC(preconditioner)
-        destroy_objects(none)
+        destroy_objects(empty_preconditioner)
 
     def release(self) -> None:
-        if self._sprung is not None:
-            self._sprung.release()
-        destroy_objects(self._ksp, self._operator, self._supported)
+        if self._spring_preconditioner is not None:
+            self._spring_preconditioner.release()
+        destroy_objects(self._ksp, self._operator, self._supported_stiffness)
         self._krylov.release()
         if self.solver is not self._krylov:
             self.solver.release()
 
-    def _target(self, left: float, reduced: float, forcing: float) -> float:
-        """The residual to be reached; on the way `reduced`, if that is small beside the forces.
+    def _target_residual(
+        self, residual: float, intermediate_residual: float, forcing_term: float
+    ) -> float:
+        """Return the target of the residual, at least the tolerance times the contact forces.
 
-        It may be large, where an active set moves nodes of a body that does not follow yet.
+        An intermediate target is also limited relative to the contact forces, since the residual
+        is large while an active set moves nodes of a body that has not followed yet.
         """
-        square = self._comm.allreduce(float(np.sum(self._context.force**2)), MPI.SUM)
-        if square > (_KNOWN * left) ** 2:
-            reduced = min(reduced, forcing * square**0.5)
-        largest = self._largest()
-        # where the next step would be the last, this one is
-        reduced = reduced if reduced > FORCE_TOLERANCE * largest else 0.0
-        return max(reduced, self._accuracy * largest)
+        squared_force = self._comm.allreduce(
+            float(np.sum(self._matrix_free_operator.force**2)), MPI.SUM
+        )
+        if squared_force > (_MIN_FORCE_TO_RESIDUAL * residual) ** 2:
+            intermediate_residual = min(intermediate_residual, forcing_term * squared_force**0.5)
+        largest = self._largest_contact_force()
+        # a step that would make the next one the last is solved to the final tolerance
+        intermediate_residual = (
+            intermediate_residual if intermediate_residual > FORCE_TOLERANCE * largest else 0.0
+        )
+        return max(intermediate_residual, self._tolerance * largest)
 
-    def _left(self, known: PETSc.Vec, rest: PETSc.Vec) -> float:
-        """The residual's norm; `rest` becomes what remains of a right-hand side."""
-        self._operator.mult(self._solution, rest)
-        rest.aypx(-1.0, known)
-        return float(rest.norm())
+    def _update_residual(self, combined_rhs: PETSc.Vec, remaining_rhs: PETSc.Vec) -> float:
+        """Set `remaining_rhs` to the residual vector of the solution, and return its norm."""
+        self._operator.mult(self._solution, remaining_rhs)
+        remaining_rhs.aypx(-1.0, combined_rhs)
+        return float(remaining_rhs.norm())
 
-    def _operations(self) -> float:
+    def _count_operations(self) -> float:
         return float(self._comm.allreduce(PETSc.Log.getFlops(), MPI.SUM))
 
-    def _largest(self) -> float:
-        force = float(np.abs(self._context.force).max(initial=0.0))
+    def _largest_contact_force(self) -> float:
+        force = float(np.abs(self._matrix_free_operator.force).max(initial=0.0))
         return float(self._comm.allreduce(force, MPI.MAX))
 
-    def _hold(self, law: LinearisedLaw) -> Array:
-        """Tells multigrid what an active set holds; projectors (m, dim, dim) onto what it fixes."""
-        left, size, _ = np.linalg.svd(law.E)
-        held, fixed = (
-            np.einsum("nak,nk,nbk->nab", left, (size < bound).astype(float), left)
-            for bound in (_HELD, _NO_FORCE)
+    def _set_held_directions(self, law: LinearisedLaw) -> Array:
+        """Hold the directions of an active set in multigrid.
+
+        Returns:
+            Projectors (m, dim, dim) onto the directions whose motion the law fixes.
+        """
+        left_vectors, singular_values, _ = np.linalg.svd(law.E)
+        held_projectors, fixed_projectors = (
+            np.einsum(
+                "nak,nk,nbk->nab",
+                left_vectors,
+                (singular_values < bound).astype(float),
+                left_vectors,
+            )
+            for bound in (_HELD_SINGULAR_VALUE, _ZERO_SINGULAR_VALUE)
         )
-        anchored, points = held, self._points
-        if self._rigid_holds is not None:
-            anchored = self._rigid_holds.held(held)
-        springs = self._sprung.hold(law, held, anchored) if self._sprung else None
-        self._multigrid.constrain(points.node, anchored, points.scale, springs)
-        return fixed
+        anchored_projectors, points = held_projectors, self._points
+        if self._anchor_nodes is not None:
+            anchored_projectors = self._anchor_nodes.add_anchors(held_projectors)
+        springs = (
+            self._spring_preconditioner.assemble_springs(law, held_projectors, anchored_projectors)
+            if self._spring_preconditioner
+            else None
+        )
+        self._multigrid.constrain(points.node, anchored_projectors, points.law_scale, springs)
+        return fixed_projectors
 
-    def _land(self, known: PETSc.Vec, x: PETSc.Vec, fixed: Array) -> None:
-        """Moves nodes to where they are held: the iteration then stays there."""
-        points, stated = self._points, self._points.own >= 0
-        wrong = np.where(stated, known.array_r[points.own] - self._context.of_motion(x), 0.0)
-        step = np.einsum("nab,nb->na", fixed, wrong) / points.scale[:, None]
-        x.array[points.own[stated]] += step[stated]
+    def _move_to_held_positions(
+        self, combined_rhs: PETSc.Vec, x: PETSc.Vec, fixed_projectors: Array
+    ) -> None:
+        """Move nodes in x along the fixed directions until the law holds there.
 
-    def _sum(self, K: PETSc.Mat, supports: Supports, translation: int) -> Array:
+        The iteration does not leave these positions.
+        """
+        points, has_equation = self._points, self._points.equations >= 0
+        violation = np.where(
+            has_equation,
+            combined_rhs.array_r[points.equations] - self._matrix_free_operator.apply_motion_law(x),
+            0.0,
+        )
+        step = np.einsum("nab,nb->na", fixed_projectors, violation) / points.law_scale[:, None]
+        x.array[points.equations[has_equation]] += step[has_equation]
+
+    def _make_balance_row(self, K: PETSc.Mat, supports: Supports, translation: int) -> Array:
         points = self._points
-        ones, row = K.createVecs()
-        some = (points.moved == translation) & (points.own >= 0)
-        ones.array[points.own[some]] = points.flexible[some]
-        K.multTranspose(ones, row)
+        point_factors, row = K.createVecs()
+        is_moved = (points.free_translation == translation) & (points.equations >= 0)
+        point_factors.array[points.equations[is_moved]] = points.force_factor[is_moved]
+        K.multTranspose(point_factors, row)
         return np.asarray(row.array_r * supports.free)
 
-    def _column(self, translation: int, D: Array) -> Array:
+    def _make_border_column(self, translation: int, D: Array) -> Array:
         points = self._points
-        law = -np.einsum("nab,nb->na", D, (points.moved == translation).astype(float))
-        column = np.zeros(self._unknowns)
-        stated = points.own >= 0
-        column[points.own[stated]] = law[stated]
+        law_values = -np.einsum(
+            "nab,nb->na", D, (points.free_translation == translation).astype(float)
+        )
+        column = np.zeros(self._n_unknowns)
+        has_equation = points.equations >= 0
+        column[points.equations[has_equation]] = law_values[has_equation]
         return column

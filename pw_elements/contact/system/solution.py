@@ -1,4 +1,4 @@
-"""What a solver of the linear system of an active set takes and gives."""
+"""Accuracies and results of the linear solution for one active set."""
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -7,19 +7,19 @@ from petsc4py import PETSc
 
 from pw_elements.arrays import Array
 
-# Of a solution: "rough" on the way, "final" for one that may be the last of an increment, and
-# "tightened" for the same system once more, as exactly as it can be solved
+# "rough" for an intermediate iterate, "final" for one that may be the last of an increment, and
+# "tightened" for a repeated solution of the same system with a smaller residual
 Accuracy: TypeAlias = Literal["rough", "final", "tightened"]
 
 
 @dataclass(frozen=True)
 class TangentSolution:
-    """Unknowns of this process, those of free motions being at the end of the last process'.
+    """Solution of one contact system on this process.
 
     Args:
-        unknowns: (n,).
-        is_exact: whether the same system, solved again, would give nothing better.
-        is_final: whether it is exact enough to be the last of an increment.
+        unknowns: (n,) of this process; on the last process the free motions follow.
+        is_exact: whether round-off alone limits the accuracy.
+        is_final: whether the solution is accurate enough to end an increment.
     """
 
     unknowns: Array
@@ -29,9 +29,16 @@ class TangentSolution:
 
 @dataclass(frozen=True)
 class Solution:
-    """Reduced displacements, and the free motions on every process; flags as `TangentSolution`."""
+    """Solution of one contact system.
 
-    reduced: PETSc.Vec
+    Args:
+        reduced_unknowns: reduced displacements.
+        free_motions: (free,), on every process.
+        is_exact: whether round-off alone limits the accuracy.
+        is_final: whether the solution is accurate enough to end an increment.
+    """
+
+    reduced_unknowns: PETSc.Vec
     free_motions: Array
     is_exact: bool
     is_final: bool

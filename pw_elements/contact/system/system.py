@@ -1,8 +1,11 @@
-"""The linear system of one active set: the law in place of one equation per component of force.
+"""The linear system of one active set, in which rows of the law replace those of contact nodes.
 
-The guide's page on theory has its rows ("The linear system"). Where surfaces turn, their motions
-have angles, too, and sums are those of a `TorqueMap`. The nonzero pattern is that of all active
-sets: its rows are built once, before the iteration. `KrylovTangent` assembles nothing instead.
+The rows are derived in docs/theory.md ("The linear system"). If surfaces rotate, their motions
+include angles, and a `TorqueMap` sums forces and torques.
+
+The module guarantees that the assembled matrix has one sparsity pattern for all active sets, built
+once before the iteration; `KrylovTangent` assembles no matrix. It assumes that each equation
+contains the force of one component of one contact point.
 """
 
 from collections.abc import Callable
@@ -28,18 +31,18 @@ from pw_elements.contact.model import FreeMotions
 from pw_elements.contact.nodes import LinearisedLaw, TorqueMap
 from pw_elements.contact.system.assembled import (
     AssembledTangent,
+    ContactRows,
     CsrArrays,
-    PointRows,
-    balance_rows,
-    border_columns,
-    local_rows,
-    own_entries,
-    read_and_spread,
-    with_points,
+    extract_local_rows,
+    extract_point_diagonal,
+    gather_balance_rows,
+    insert_contact_rows,
+    make_border_columns,
+    split_force_operator,
 )
 from pw_elements.contact.system.krylov import KrylovTangent
 from pw_elements.contact.system.solution import Accuracy, Solution, TangentSolution
-from pw_elements.contact.system.unassembled import NodePoints, stated_mean
+from pw_elements.contact.system.unassembled import ContactPointData, masked_row_mean
 from pw_elements.solvers import (
     LinearSolver,
     PreparedSolver,
@@ -50,29 +53,37 @@ from pw_elements.solvers import (
 
 
 class ContactTangent(Protocol):
-    """The linear system of any active set, and how it is solved.
+    """The matrix of the contact system and its solver.
 
     Attributes:
-        solves_exactly: whether all solutions are as exact as they can be.
+        solves_exactly: whether the accuracy of all solutions is limited by round-off alone.
         solver: of the linear systems.
     """
 
     solves_exactly: bool
     solver: PreparedSolver
 
-    def start(self, unknowns: Callable[[], Array], free_motions: Array) -> None:
-        """Supply the iterate (n,) of this process at which an increment starts."""
+    def set_initial_iterate(self, unknowns: Callable[[], Array], free_motions: Array) -> None:
+        """Supply the unknowns (n,) of this process and the free motions (free,) to start from."""
 
     def set_springs(self, springs: Array) -> None:
-        """Set the stiffness (free,) by which friction on supports holds each free motion."""
+        """Set the stiffness (free,) that friction on supports adds to each free motion."""
 
-    def renew(self, rows: Callable[[], tuple[PointRows, CsrArrays]], pattern_changed: bool) -> None:
-        """Rebuild for a K that has changed; `rows` assembles the matrix."""
+    def update_stiffness(
+        self, assemble_rows: Callable[[], tuple[ContactRows, CsrArrays]], pattern_changed: bool
+    ) -> None:
+        """Update the matrix after K has changed; `assemble_rows` returns its rows."""
 
     def solve(
-        self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy
+        self, rhs: Array, balance_rhs: Array, law: LinearisedLaw, accuracy: Accuracy
     ) -> TangentSolution:
-        """Solve for an active set, with right-hand sides of this process and of free motions.
+        """Solve for the law of an active set.
+
+        Args:
+            rhs: right-hand side (n,) of this process; it may be scaled in place.
+            balance_rhs: right-hand side (free,) of the force balance of free motions.
+            law: linearised law.
+            accuracy: of the solution, if the solver is iterative.
 
         Raises:
             SingularSystem: if there is no unique solution.
@@ -80,21 +91,39 @@ class ContactTangent(Protocol):
         """
 
     def determinant_signs(self) -> tuple[int, ...]:
-        """Return signs besides those that the solver tells by its determinants."""
+        """Return determinant signs that a solver without determinants estimates, oldest first."""
 
-    def encloses(self) -> bool:
-        """Return whether a constant pressure in an incompressible body acts on the points alone."""
+    def has_enclosed_pressure(self) -> bool:
+        """Return whether a constant pressure in an incompressible body acts on contact points only.
+
+        Displacements then do not determine the pressure.
+        """
 
     def release(self) -> None:
         """Free the memory of the solver."""
 
 
 class ContactSystem:
-    """Equations of the reduced displacements and of the free translations of surfaces.
+    """Equations of the reduced displacements and of the free motions of surfaces.
 
-    The free translations, angles among them, come last, on the last process; their equations are
-    balances of force and torque. Of the law, c is `scale` (m,): the mean stiffness of a point's
-    components, or 1 without any.
+    The free motions (translations and angles) come last, on the last process; their equations are
+    balances of force and torque.
+
+    Args:
+        K: stiffness (n, n).
+        reduction: by the supports.
+        interface: the contact points.
+        free_motions: (pair, component) of each free motion.
+        solver: of the linear systems.
+        torque_map: of the surfaces.
+
+    Attributes:
+        law_scale: c of the law (m,), the mean stiffness of a point's components, 1 without any.
+        springs: (free,), stiffness of springs of the free motions, see `solve_with_springs`.
+        stiffness: reduced K.
+        force_operator: H (n, m dim).
+        n_solves: number of linear systems solved.
+        tangent: matrix and solver.
     """
 
     def __init__(
@@ -102,137 +131,173 @@ class ContactSystem:
         K: PETSc.Mat,
         reduction: Reduction,
         interface: Interface,
-        free: FreeMotions,
+        free_motions: FreeMotions,
         solver: LinearSolver,
         torque_map: TorqueMap,
     ) -> None:
-        self.reduction, self.interface, self.free = reduction, interface, free
-        self.springs: Array = np.zeros(len(free))  # of free translations, see `solve_with_springs`
+        self.reduction, self.interface, self.free_motions = reduction, interface, free_motions
+        self.springs: Array = np.zeros(len(free_motions))
         self._torque_map = torque_map
         self.comm: MPI.Comm = interface.comm
-        self.n_solved = 0
+        self.n_solves = 0
         self.stiffness = (
             constrained_operator(reduction, K) if is_matrix_free(solver) else reduction.matrix(K)
         )
         self._motion_sizes = interface.motion.copy()
-        rows = interface.motion.getValuesCSR()
-        self._motion_sizes.setValuesCSR(*rows[:2], np.abs(rows[2]))
+        motion_csr = interface.motion.getValuesCSR()
+        self._motion_sizes.setValuesCSR(*motion_csr[:2], np.abs(motion_csr[2]))
         self._motion_sizes.assemble()
-        (first, last), stated = self.stiffness.getOwnershipRange(), interface.equation >= 0
-        self._equations = np.where(stated, interface.equation - first, -1)
+        first_row, end_row = self.stiffness.getOwnershipRange()
+        has_equation = interface.equation >= 0
+        self._equations = np.where(has_equation, interface.equation - first_row, -1)
         self.set_force_operator(interface.force)
         self.tangent: ContactTangent
         self._motion = interface.motion
-        moved = local_rows(interface.motion.matMult(reduction.right), len(free))
-        unit = own_entries(moved, interface.equation)
+        reduced_motion = extract_local_rows(
+            interface.motion.matMult(reduction.right), len(free_motions)
+        )
+        motion_diagonal = extract_point_diagonal(reduced_motion, interface.equation)
         if is_matrix_free(solver):
-            if any(axis == interface.position.shape[1] for _, axis in free):
-                raise ValueError("surfaces that are free to turn need a solver such as Direct()")
-            assert reduction.supports is not None, "other reductions are refused before"
-            stiffness = K.getDiagonal().array_r[self._equations] * self._flexible
-            self.scale = stated_mean(stiffness / unit, stated)
-            of_points = self._equations, self._flexible, self.scale, free
-            points = NodePoints.of(interface, self._force, self._spread, *of_points)
+            if any(axis == interface.position.shape[1] for _, axis in free_motions):
+                raise ValueError(
+                    "Iterative() does not support surfaces that are free to turn: use Direct()"
+                )
+            assert reduction.supports is not None, "checks of arguments reject other reductions"
+            stiffness = K.getDiagonal().array_r[self._equations] * self._force_factor
+            self.law_scale = masked_row_mean(stiffness / motion_diagonal, has_equation)
+            points = ContactPointData.from_interface(
+                interface,
+                self._reduced_force,
+                self._opposite_force,
+                self._equations,
+                self._force_factor,
+                self.law_scale,
+                free_motions,
+            )
             self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
             return
-        self._moved = moved
-        borders = border_columns(free, interface.pair, torque_map.V.shape[2])
-        before = sp.csr_matrix((borders.shape[0], moved.shape[1] - len(free)))
-        self._borders = sp.hstack([before, borders], "csr")
-        read, rows, csr = self._assemble_rows()
-        self.scale = stated_mean(own_entries(read, interface.equation) / unit, stated)
-        sizes = len(csr[0]) - 1, read.shape[1]
-        matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=self.comm)
-        enclosed = partial(
-            has_free_constant_pressure, self.stiffness, reduction, self._equations[stated]
+        self._reduced_motion = reduced_motion
+        borders = make_border_columns(free_motions, interface.pair, torque_map.V.shape[2])
+        empty_columns = sp.csr_matrix(
+            (borders.shape[0], reduced_motion.shape[1] - len(free_motions))
         )
-        borders = len(csr[0]) - 1 - (last - first)
-        self.tangent = AssembledTangent(matrix, rows, first, borders, solver, enclosed)
+        self._borders = sp.hstack([empty_columns, borders], "csr")
+        local_forces, contact_rows, csr = self._assemble_rows()
+        self.law_scale = masked_row_mean(
+            extract_point_diagonal(local_forces, interface.equation) / motion_diagonal, has_equation
+        )
+        sizes = len(csr[0]) - 1, local_forces.shape[1]
+        matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=self.comm)
+        has_enclosed_pressure = partial(
+            has_free_constant_pressure, self.stiffness, reduction, self._equations[has_equation]
+        )
+        n_borders = len(csr[0]) - 1 - (end_row - first_row)
+        self.tangent = AssembledTangent(
+            matrix, contact_rows, first_row, n_borders, solver, has_enclosed_pressure
+        )
 
-    def _assemble_rows(self) -> tuple[sp.csr_matrix, PointRows, CsrArrays]:
-        """Return L K, the points' rows, and the matrix that contains them."""
-        K, equation, sizes = self.stiffness, self.interface.equation.ravel(), self._force.getSizes()
-        L = single_entry_matrix(equation, sizes, self.comm, self._flexible.ravel())
+    def _assemble_rows(self) -> tuple[sp.csr_matrix, ContactRows, CsrArrays]:
+        """Return L K, the rows of the contact points, and the arrays of the whole matrix."""
+        K, equation = self.stiffness, self.interface.equation.ravel()
+        sizes = self._reduced_force.getSizes()
+        L = single_entry_matrix(equation, sizes, self.comm, self._force_factor.ravel())
         forces = L.matMult(K)
-        if self._spread is not None:
-            fixed = self._spread.transposeMatMult(forces)
-            add_scaled(fixed, 1.0, K, destroy_term=False)
-            K = fixed
-        fixed, read = (local_rows(part, len(self.free)) for part in (K, forces))
-        rows = PointRows(read, self._moved, self._borders, self._equations)
-        border = balance_rows(self._balances(read), self.springs, self.comm)
-        return read, rows, with_points(fixed, rows, border)
+        if self._opposite_force is not None:
+            eliminated = self._opposite_force.transposeMatMult(forces)
+            add_scaled(eliminated, 1.0, K, destroy_term=False)
+            K = eliminated
+        eliminated, local_forces = (
+            extract_local_rows(matrix, len(self.free_motions)) for matrix in (K, forces)
+        )
+        rows = ContactRows(local_forces, self._reduced_motion, self._borders, self._equations)
+        border = gather_balance_rows(self._assemble_balances(local_forces), self.springs, self.comm)
+        return local_forces, rows, insert_contact_rows(eliminated, rows, border)
 
-    def _balances(self, read: sp.csr_matrix) -> sp.coo_matrix:
-        """Return the resultants (free, n) of this process' points on free motions; zeros stay."""
+    def _assemble_balances(self, local_forces: sp.csr_matrix) -> sp.coo_matrix:
+        """Return contributions (free, n) of this process' points to the balances of free motions.
+
+        Explicit zeros stay, so that the pattern does not depend on values.
+        """
         (m, dim), torque_map = self._equations.shape, self._torque_map
         row, column, value = ([np.empty(0, dtype)] for dtype in (np.int64, np.int64, float))
-        for number, (pair, axis) in enumerate(self.free):
-            mine = np.flatnonzero(self.interface.pair == pair)
-            parts: list[tuple[sp.csr_matrix, int, Array]] = [(read, axis, np.ones((m, 1)))]
+        for motion_number, (pair, axis) in enumerate(self.free_motions):
+            pair_points = np.flatnonzero(self.interface.pair == pair)
+            operators: list[tuple[sp.csr_matrix, int, Array]] = [
+                (local_forces, axis, np.ones((m, 1)))
+            ]
             if axis == dim:
                 factors = torque_map.V[:, :, axis], -torque_map.w, torque_map.w
-                sources = read, self._moved, self._borders
-                parts = [(rows, 0, factor) for rows, factor in zip(sources, factors, strict=True)]
-            for rows, first, point_factors in parts:
-                rows_per_point, factor = rows.shape[0] // max(m, 1), point_factors[mine]
-                row_number = first + mine[:, None] * rows_per_point + np.arange(factor.shape[1])
+                sources = local_forces, self._reduced_motion, self._borders
+                operators = [
+                    (rows, 0, factor) for rows, factor in zip(sources, factors, strict=True)
+                ]
+            for rows, first_axis, point_factors in operators:
+                rows_per_point, factor = rows.shape[0] // max(m, 1), point_factors[pair_points]
+                row_number = (
+                    first_axis + pair_points[:, None] * rows_per_point + np.arange(factor.shape[1])
+                )
                 entries = rows[row_number.ravel()].tocoo()
-                row.append(np.full(entries.nnz, number))
+                row.append(np.full(entries.nnz, motion_number))
                 column.append(entries.col)
                 value.append(factor.ravel()[entries.row] * entries.data)
         indices = np.concatenate(row), np.concatenate(column)
-        shape = len(self.free), read.shape[1]
+        shape = len(self.free_motions), local_forces.shape[1]
         return sp.coo_matrix((np.concatenate(value), indices), shape)
 
     def set_force_operator(self, force: PETSc.Mat) -> None:
         """Set H, (n, m dim)."""
         self.force_operator = force
-        self._force = force.transposeMatMult(self.reduction.left)  # (points dim, equations)
-        self._flexible, self._spread = read_and_spread(self._force, self.interface.equation)
+        self._reduced_force = force.transposeMatMult(self.reduction.left)  # (m dim, equations)
+        self._force_factor, self._opposite_force = split_force_operator(
+            self._reduced_force, self.interface.equation
+        )
 
-    def renew(self, K: PETSc.Mat, torque_map: TorqueMap) -> None:
-        """Rebuild for another K (n, n) and torques; pattern and scale of the law stay."""
+    def update_stiffness(self, K: PETSc.Mat, torque_map: TorqueMap) -> None:
+        """Update the matrix for a changed K (n, n) and torque map; pattern and `law_scale` stay."""
         self._torque_map = torque_map
 
-        def assemble() -> tuple[PointRows, CsrArrays]:
+        def assemble() -> tuple[ContactRows, CsrArrays]:
             self.stiffness = reduce_matrix(self.reduction, K)
             return self._assemble_rows()[1:]
 
-        self.tangent.renew(assemble, pattern_changed=False)
+        self.tangent.update_stiffness(assemble, pattern_changed=False)
 
-    def renew_with_motion(self, K: PETSc.Mat, torque_map: TorqueMap, motion: PETSc.Mat) -> None:
-        """Rebuild for another K (n, n), torques and G (m p, n) of another pattern."""
+    def update_stiffness_and_motion(
+        self, K: PETSc.Mat, torque_map: TorqueMap, motion: PETSc.Mat
+    ) -> None:
+        """Update the matrix for a changed K (n, n), torque map, and G (m p, n) of any pattern."""
         self._torque_map = torque_map
 
-        def assemble() -> tuple[PointRows, CsrArrays]:
+        def assemble() -> tuple[ContactRows, CsrArrays]:
             self.stiffness = reduce_matrix(self.reduction, K)
             self._motion = motion
-            self._moved = local_rows(motion.matMult(self.reduction.right), len(self.free))
+            self._reduced_motion = extract_local_rows(
+                motion.matMult(self.reduction.right), len(self.free_motions)
+            )
             return self._assemble_rows()[1:]
 
-        self.tangent.renew(assemble, pattern_changed=True)
+        self.tangent.update_stiffness(assemble, pattern_changed=True)
 
-    def renew_with_springs(self, K: PETSc.Mat, springs: Array) -> None:
-        """Rebuild for another K (n, n) and springs (free,) of the free translations."""
+    def update_stiffness_and_springs(self, K: PETSc.Mat, springs: Array) -> None:
+        """Update the matrix for a changed K (n, n) and springs (free,) of the free motions."""
         self.springs = springs
-        self.renew(K, self._torque_map)
+        self.update_stiffness(K, self._torque_map)
 
-    def start(self, unknowns: Callable[[], PETSc.Vec], q: Array) -> None:
-        """Supply the iterate, unknowns (n,) and motions q (pairs, k), of an iterative solver."""
+    def set_initial_iterate(self, unknowns: Callable[[], PETSc.Vec], q: Array) -> None:
+        """Supply unknowns (n,) and motions q (pairs, k) from which an iterative solver starts."""
 
         def scaled_unknowns() -> Array:
             scale = self.reduction.right.getDiagonal().array_r
             return np.divide(unknowns().array_r, scale, out=0 * scale, where=scale != 0)
 
-        self.tangent.start(scaled_unknowns, self.select_free(q))
+        self.tangent.set_initial_iterate(scaled_unknowns, self.select_free_motions(q))
 
-    def select_free(self, q: Array) -> Array:
-        """Return the free ones (free,) of the surfaces' motions q (pairs, k)."""
-        return np.array([q[index] for index in self.free])
+    def select_free_motions(self, q: Array) -> Array:
+        """Return the free components (free,) of the surfaces' motions q (pairs, k)."""
+        return np.array([q[index] for index in self.free_motions])
 
-    def with_free(self, q: Array, free_motions: Array) -> Array:
-        """Return motions q (pairs, k), NaN where they are free, with the free ones filled in."""
+    def fill_free_motions(self, q: Array, free_motions: Array) -> Array:
+        """Return a copy of motions q (pairs, k) with NaN replaced by the free motions (free,)."""
         q = q.copy()
         q[np.isnan(q)] = free_motions
         return q
@@ -255,113 +320,134 @@ class ContactSystem:
 
         Args:
             load: f, reduced.
-            law: linearised, of what is free.
+            law: linearised law; its D is by the free motions.
             totals: (free,), forces and torques on the free motions.
-            torque_map: of what is free.
-            accuracy: of the solution, as far as the solver is iterative.
-            friction_springs: (free,), stiffness by which friction on supports holds free motions.
+            torque_map: of the free motions.
+            accuracy: of the solution, if the solver is iterative.
+            friction_springs: (free,), stiffness that friction on supports adds to free motions.
         """
-        self.n_solved += 1
-        if self.free:
-            self.tangent.set_springs(np.broadcast_to(friction_springs, len(self.free)))
-        right, balance = self.right_hand_sides(load, law, totals, torque_map)
-        solution = self.tangent.solve(right, balance, law, accuracy)
-        reduced = load.duplicate()
-        reduced.setArray(solution.unknowns[: len(right)])
-        free = self.comm.bcast(solution.unknowns[len(right) :], self.comm.size - 1)
-        return Solution(reduced, np.array(free), solution.is_exact, solution.is_final)
+        self.n_solves += 1
+        if self.free_motions:
+            self.tangent.set_springs(np.broadcast_to(friction_springs, len(self.free_motions)))
+        rhs, balance_rhs = self.assemble_right_hand_sides(load, law, totals, torque_map)
+        solution = self.tangent.solve(rhs, balance_rhs, law, accuracy)
+        reduced_unknowns = load.duplicate()
+        reduced_unknowns.setArray(solution.unknowns[: len(rhs)])
+        motions = self.comm.bcast(solution.unknowns[len(rhs) :], self.comm.size - 1)
+        return Solution(reduced_unknowns, np.array(motions), solution.is_exact, solution.is_final)
 
-    def right_hand_sides(
+    def assemble_right_hand_sides(
         self, load: PETSc.Vec, law: LinearisedLaw, totals: Array, torque_map: TorqueMap
     ) -> tuple[Array, Array]:
-        """Return right-hand sides of this process' equations, and of free motions."""
-        point_load, right = self._read(load), self._subtract_read(load)
-        stated = self._equations >= 0
+        """Return the right-hand sides of this process' equations (n,) and of free motions."""
+        point_load, rhs = self._extract_forces(load), self._eliminate_forces(load)
+        has_equation = self._equations >= 0
         law_right = np.einsum("nab,nb->na", law.E, point_load) + law.c
-        right[self._equations[stated]] = law_right[stated]
-        if not self.free:
-            return right, totals
-        known = torque_map.resultants(point_load)
-        known[:, -1] -= np.sum(torque_map.w * torque_map.d0, axis=1)
-        return right, totals + self.totals(known)
+        rhs[self._equations[has_equation]] = law_right[has_equation]
+        if not self.free_motions:
+            return rhs, totals
+        balance = torque_map.resultants(point_load)
+        balance[:, -1] -= np.sum(torque_map.w * torque_map.d0, axis=1)
+        return rhs, totals + self.sum_over_free_motions(balance)
 
-    def weigh_forces(self, force: Array) -> PETSc.Vec:
-        """Return reduced weights of equations whose sum is that of forces by weights (m, dim)."""
-        stated, weights = self._equations >= 0, self.reduction.left.createVecRight()
-        weights.array[self._equations[stated]] = (force * self._flexible)[stated]
+    def make_equation_weights(self, force_weights: Array) -> PETSc.Vec:
+        """Return weights of the reduced equations that give the weighted sum of nodal forces.
+
+        The sum of the equations y = K a by these weights is that of the nodal forces r (m, dim) by
+        `force_weights` (m, dim).
+        """
+        has_equation, weights = self._equations >= 0, self.reduction.left.createVecRight()
+        weights.array[self._equations[has_equation]] = (force_weights * self._force_factor)[
+            has_equation
+        ]
         return weights
 
-    def at_points(self, equations: Array) -> Array:
-        """Return values (m, dim) of this process' equations at the points; 0 without any."""
-        return np.where(self._equations >= 0, equations[self._equations], 0.0)
+    def extract_at_points(self, equation_values: Array) -> Array:
+        """Return the entries (m, dim) of this process' equations (n,) at the points; 0 without."""
+        return np.where(self._equations >= 0, equation_values[self._equations], 0.0)
 
-    def forces(self, residual: PETSc.Vec) -> tuple[Array, Array]:
-        """Return forces r (m, dim) of the points, and sizes of unbalanced forces in equations."""
-        unbalanced = np.abs(self._subtract_read(residual))
+    def split_residual(self, residual: PETSc.Vec) -> tuple[Array, Array]:
+        """Split the reduced residual K a - f into contact forces and unbalanced forces.
+
+        Returns:
+            Nodal contact forces r (m, dim), and magnitudes (n,) of the unbalanced forces in this
+            process' equations.
+        """
+        unbalanced = np.abs(self._eliminate_forces(residual))
         unbalanced[self._equations[self._equations >= 0]] = 0.0
-        return self._read(residual), unbalanced
+        return self._extract_forces(residual), unbalanced
 
     def point_displacements(self, displacement: PETSc.Vec) -> Array:
-        """G a, (m, dim), of a full displacement vector (n,)."""
+        """Return displacements (m, dim) of the points relative to the opposite side.
+
+        They are G a of the undeformed bodies for a full displacement vector (n,).
+        """
         return np.array(
             (self.interface.motion * displacement).array_r.reshape(self._equations.shape)
         )
 
     def point_motions(self, displacement: PETSc.Vec) -> Array:
-        """Motions v = G a of the law, (m, p), of a full displacement vector (n,)."""
+        """Return motions v = G a (m, p) of the law for a full displacement vector (n,)."""
         m, dim = self._equations.shape
         n_motions = dim * self._motion.getSize()[0] // self.interface.motion.getSize()[0]
         return np.array((self._motion * displacement).array_r.reshape(m, n_motions))
 
     def displacement_sizes(self, displacement: PETSc.Vec) -> Array:
-        """|G| |a|, (m, dim): how far a point and what it faces have moved together."""
-        size = displacement.copy()
-        size.abs()
-        return np.array((self._motion_sizes * size).array_r.reshape(self._equations.shape))
+        """Return |G| |a|, (m, dim), which bounds the round-off in motions of the points."""
+        magnitude = displacement.copy()
+        magnitude.abs()
+        return np.array((self._motion_sizes * magnitude).array_r.reshape(self._equations.shape))
 
-    def totals(self, forces: Array) -> Array:
+    def sum_over_free_motions(self, forces: Array) -> Array:
         """Return the sums (free,) of forces on motions (m, k) at the points of all processes."""
         pair = self.interface.pair
-        sums = np.array([forces[pair == k, axis].sum() for k, axis in self.free])
+        sums = np.array([forces[pair == k, axis].sum() for k, axis in self.free_motions])
         self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
         return sums
 
     def balance_residuals(
         self, force: Array, q: Array, totals: Array, torque_map: TorqueMap, size: float
     ) -> Array:
-        """Return the unbalanced forces (free,) on the free motions, over a size and lever arms.
+        """Return the relative unbalanced forces and torques (free,) on the free motions.
+
+        Torques are divided by the longest lever arm.
 
         Args:
             force: of the surfaces on the points, (m, dim).
             q: motions of the surfaces, (pairs, k).
-            totals: (free,), forces given on the free motions.
+            totals: (free,), forces and torques prescribed on the free motions.
             torque_map: of the surfaces.
-            size: force that residuals are over.
+            size: reference force.
         """
-        if not self.free:
+        if not self.free_motions:
             return np.zeros(0)
-        unbalanced = self.totals(torque_map.resultants(force)) - totals
-        unbalanced += self.springs * self.select_free(q)
+        unbalanced = self.sum_over_free_motions(torque_map.resultants(force)) - totals
+        unbalanced += self.springs * self.select_free_motions(q)
         return np.asarray(np.abs(unbalanced) / (size * self._lever_arms(torque_map)))
 
     def _lever_arms(self, torque_map: TorqueMap) -> Array:
-        """Return the longest lever arm of each free motion; 1 of translations."""
-        size = np.linalg.norm(torque_map.V, axis=1)
+        """Return the longest lever arm (free,) of each free motion, 1 for translations."""
+        arm = np.linalg.norm(torque_map.V, axis=1)
         pair, tiny = self.interface.pair, np.finfo(float).tiny
-        longest = np.array([size[pair == k, axis].max(initial=tiny) for k, axis in self.free])
+        longest = np.array(
+            [arm[pair == k, axis].max(initial=tiny) for k, axis in self.free_motions]
+        )
         self.comm.Allreduce(MPI.IN_PLACE, longest, MPI.MAX)
         return longest
 
-    def _read(self, equations: PETSc.Vec) -> Array:
-        """L x, (m, dim), of a reduced vector; 0 where the law is not stated."""
-        return self.at_points(equations.array_r) * self._flexible
+    def _extract_forces(self, equation_values: PETSc.Vec) -> Array:
+        """Return L x, (m, dim), for a reduced vector x; 0 without an equation."""
+        return self.extract_at_points(equation_values.array_r) * self._force_factor
 
-    def _subtract_read(self, equations: PETSc.Vec) -> Array:
-        """(I - H L) x on this process: equations less what `_read` takes of them."""
-        local: Array = equations.array_r.copy()
-        if self._spread is None:
+    def _eliminate_forces(self, equation_values: PETSc.Vec) -> Array:
+        """Return (I - H L) x on this process, for a reduced vector x.
+
+        Entries at the points' own equations are not eliminated: the law replaces these rows.
+        """
+        local: Array = equation_values.array_r.copy()
+        if self._opposite_force is None:
             return local
-        read, spread = self._spread.createVecLeft(), equations.duplicate()
-        read.setArray(self._read(equations))
-        self._spread.multTranspose(read, spread)
-        return local + spread.array_r
+        forces, opposite = self._opposite_force.createVecLeft(), equation_values.duplicate()
+        forces.setArray(self._extract_forces(equation_values))
+        self._opposite_force.multTranspose(forces, opposite)
+        return local + opposite.array_r

@@ -1,8 +1,9 @@
 """The matrix E K + C of one active set as a product with vectors, never assembled.
 
-With y = K a, the rows of the contact points become E r + C G a - D U with r read from y; all
-others stay, but those of opposite nodes, which r acts on, too. It assumes that each equation holds
-the force of one component of one point.
+With y = K a, the rows of the contact points are E r + C G a - D U, with forces r computed from y.
+All other rows are those of K, with the forces r of the contact points subtracted from the rows of
+opposite nodes. The module guarantees the same products on any number of processes, and assumes
+that each equation contains the force of one component of one contact point.
 """
 
 from dataclasses import dataclass, replace
@@ -20,112 +21,145 @@ from pw_elements.spaces import SubSpace
 
 
 @dataclass(frozen=True)
-class NodePoints:
-    """The contact points (m of this process), each of which is a node or has the force of one."""
+class ContactPointData:
+    """Operators and factors of the m contact points of this process.
+
+    Each point is a node, or its force acts on one.
+    """
 
     node: Indices  # (m,), local number
     motion: PETSc.Mat  # G, (m dim, n)
-    force: PETSc.Mat  # H^T, (m dim, n), under the supports
-    spread: PETSc.Mat | None  # what forces do to the equations of other nodes, (m dim, n)
-    own: Indices  # (m, dim), local number of each point's own equations, -1 where there is none
-    flexible: Array  # (m, dim), what makes forces of equations
-    scale: Array  # (m,), c of the law
-    moved: Indices  # (m, dim), number of the free translation that moves it, or -1
-    translations: int
-    facing: Mask  # (m,), whether it may hold its body at all
-    round_off: float  # force that may be nothing but round-off, at all points together
+    force: PETSc.Mat  # H^T, (m dim, n), reduced by the supports
+    opposite_force: PETSc.Mat | None  # -H^T at equations of other nodes, (m dim, n), if nonzero
+    equations: Indices  # (m, dim), local number of each component's own equation, -1 without one
+    force_factor: Array  # (m, dim), nodal force over the value of its equation
+    law_scale: Array  # (m,), c of the law
+    free_translation: Indices  # (m, dim), number of the free translation that moves it, or -1
+    n_translations: int
+    can_hold_body: Mask  # (m,), whether the point faces a surface that may hold its body
+    force_round_off: float  # bound of round-off in the forces of all points together
 
     @classmethod
-    def of(
+    def from_interface(
         cls,
         interface: Interface,
         force: PETSc.Mat,
-        spread: PETSc.Mat | None,
-        own: Indices,
-        flexible: Array,
-        scale: Array,
-        free: FreeMotions,
-    ) -> "NodePoints":
+        opposite_force: PETSc.Mat | None,
+        equations: Indices,
+        force_factor: Array,
+        law_scale: Array,
+        free_motions: FreeMotions,
+    ) -> "ContactPointData":
         node = interface.node - interface.field.space.dofmap.index_map.local_range[0]
-        moved = np.full(own.shape, -1, dtype=np.int64)
-        for k, (pair, axis) in enumerate(free):
-            moved[interface.pair == pair, axis] = k
-        lost = COORDINATE_ROUND_OFF * np.linalg.norm(scale[:, None] * interface.position)
-        round_off = interface.comm.allreduce(float(lost), MPI.SUM)
+        free_translation = np.full(equations.shape, -1, dtype=np.int64)
+        for k, (pair, axis) in enumerate(free_motions):
+            free_translation[interface.pair == pair, axis] = k
+        local_round_off = COORDINATE_ROUND_OFF * np.linalg.norm(law_scale[:, None] * interface.position)
+        round_off = interface.comm.allreduce(float(local_round_off), MPI.SUM)
         indptr, _, value = force.getValuesCSR()
-        used = np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))[value != 0])
-        several = np.pad(used, (0, own.size - len(used))).reshape(own.shape).max(axis=1) > 1
-        facing = several | (interface.faced != DEFORMABLE)
-        moves = interface.motion, force, spread
-        return cls(node, *moves, own, flexible, scale, moved, len(free), facing, round_off)
+        n_entries = np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))[value != 0])
+        n_entries = np.pad(n_entries, (0, equations.size - len(n_entries)))
+        has_opposite_nodes = n_entries.reshape(equations.shape).max(axis=1) > 1
+        can_hold_body = has_opposite_nodes | (interface.faced != DEFORMABLE)
+        return cls(
+            node,
+            interface.motion,
+            force,
+            opposite_force,
+            equations,
+            force_factor,
+            law_scale,
+            free_translation,
+            len(free_motions),
+            can_hold_body,
+            round_off,
+        )
 
-    def of_displacements(self, field: SubSpace) -> "NodePoints":
-        """The same points where displacements are all unknowns; no surface is free there."""
-        number = np.full(field.full_sizes[0] + 1, -1, dtype=np.int64)  # -1 stays what it is
+    def restrict_to_displacements(self, field: SubSpace) -> "ContactPointData":
+        """Return a copy whose unknowns are the displacements of a hybrid space alone.
+
+        The copy has no free translations.
+        """
+        number = np.full(field.full_sizes[0] + 1, -1, dtype=np.int64)  # number[-1] stays -1
         number[field.owned_unknowns.ravel()] = np.arange(field.owned_unknowns.size)
         columns = field.selection_matrix().transpose(PETSc.Mat())
-        motion, force = (each.matMult(columns) for each in (self.motion, self.force))
-        return replace(self, motion=motion, force=force, own=number[self.own], translations=0)
+        motion, force = (operator.matMult(columns) for operator in (self.motion, self.force))
+        return replace(
+            self, motion=motion, force=force, equations=number[self.equations], n_translations=0
+        )
 
-    def read(self, equations: Array) -> Array:
-        return np.where(self.own >= 0, equations[self.own] * self.flexible, 0.0)
+    def extract_forces(self, equation_values: Array) -> Array:
+        """Return nodal forces r (m, dim) from values y = K a (n,) of this process' equations."""
+        return np.where(
+            self.equations >= 0, equation_values[self.equations] * self.force_factor, 0.0
+        )
 
 
-class Unassembled:
-    """E K + C with its border, for `PETSc.Mat.createPython`; it keeps K a (m, dim) as `force`."""
+class MatrixFreeOperator:
+    """The matrix E K + C with its border, as a context of `PETSc.Mat.createPython`.
 
-    def __init__(self, K: PETSc.Mat, free: Mask, points: NodePoints) -> None:
+    Args:
+        K: stiffness (n, n).
+        free: whether each unknown (n,) of this process is free of supports.
+        points: the contact points.
+
+    Attributes:
+        force: nodal forces (m, dim) of the last product.
+        springs: stiffness (free translations,) of springs of the free translations.
+    """
+
+    def __init__(self, K: PETSc.Mat, free: Mask, points: ContactPointData) -> None:
         self._K, self._points = K, points
         self._prescribed: Indices = np.flatnonzero(~free)
-        self._stated = points.own >= 0
+        self._has_equation = points.equations >= 0
         self._comm: MPI.Comm = K.comm.tompi4py()
-        self._motion, self._image = K.createVecs()
-        self._moved = points.motion.createVecLeft()
-        self._carried = None if points.spread is None else K.createVecLeft()
-        self.force: Array = np.zeros(points.own.shape)
-        self.springs: Array = np.zeros(points.translations)  # of the free translations
+        self._free_displacement, self._product = K.createVecs()
+        self._point_values = points.motion.createVecLeft()
+        self._opposite_product = None if points.opposite_force is None else K.createVecLeft()
+        self.force: Array = np.zeros(points.equations.shape)
+        self.springs: Array = np.zeros(points.n_translations)
 
-    def state(self, law: LinearisedLaw) -> None:
+    def set_law(self, law: LinearisedLaw) -> None:
         self._E, self._C, self._D = law.E, law.C, law.D
 
-    def of_motion(self, x: PETSc.Vec) -> Array:
-        """C G a - D U, (m, dim): what the law says of a motion, without its forces."""
-        points, motion = self._points, self._motion
-        motion.array[:] = x.array_r[: self._K.getLocalSize()[1]]
-        motion.array[self._prescribed] = 0.0
-        points.motion.mult(motion, self._moved)
-        moved = self._moved.array_r.reshape(points.own.shape)
-        law: Array = np.einsum("nab,nb->na", self._C, moved)
-        if points.translations:
-            n, last = self._K.getLocalSize()[1], self._comm.size - 1
-            U = np.append(self._comm.bcast(x.array_r[n:].copy(), last), 0.0)
-            law -= np.einsum("nab,nb->na", self._D, U[points.moved])
-        return law
+    def apply_motion_law(self, x: PETSc.Vec) -> Array:
+        """Return C G a - D U, (m, dim): the linearised law without its forces."""
+        points, displacement = self._points, self._free_displacement
+        displacement.array[:] = x.array_r[: self._K.getLocalSize()[1]]
+        displacement.array[self._prescribed] = 0.0
+        points.motion.mult(displacement, self._point_values)
+        motion = self._point_values.array_r.reshape(points.equations.shape)
+        law_values: Array = np.einsum("nab,nb->na", self._C, motion)
+        if points.n_translations:
+            n, last_rank = self._K.getLocalSize()[1], self._comm.size - 1
+            U = np.append(self._comm.bcast(x.array_r[n:].copy(), last_rank), 0.0)
+            law_values -= np.einsum("nab,nb->na", self._D, U[points.free_translation])
+        return law_values
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         points, n = self._points, self._K.getLocalSize()[1]
-        given, law, image = x.array_r, self.of_motion(x), self._image
-        self._K.mult(self._motion, image)
-        self.force = force = points.read(image.array_r)
-        if points.spread is not None:
-            self._moved.array[:] = force.ravel()
-            points.spread.multTranspose(self._moved, self._carried)
-            image.axpy(1.0, self._carried)
-        law += np.einsum("nab,nb->na", self._E, force)
-        totals = np.zeros(points.translations)
-        if points.translations:
-            some = points.moved >= 0
-            np.add.at(totals, points.moved[some], force[some])
+        values, law_values, product = x.array_r, self.apply_motion_law(x), self._product
+        self._K.mult(self._free_displacement, product)
+        self.force = force = points.extract_forces(product.array_r)
+        if points.opposite_force is not None:
+            self._point_values.array[:] = force.ravel()
+            points.opposite_force.multTranspose(self._point_values, self._opposite_product)
+            product.axpy(1.0, self._opposite_product)
+        law_values += np.einsum("nab,nb->na", self._E, force)
+        totals = np.zeros(points.n_translations)
+        if points.n_translations:
+            is_moved = points.free_translation >= 0
+            np.add.at(totals, points.free_translation[is_moved], force[is_moved])
             self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
-            totals += self.springs * self._comm.bcast(given[n:].copy(), self._comm.size - 1)
+            totals += self.springs * self._comm.bcast(values[n:].copy(), self._comm.size - 1)
         result = y.array
-        result[:n] = image.array_r
-        result[n:] = totals[: len(given) - n]
-        result[self._prescribed] = given[self._prescribed]
-        result[points.own[self._stated]] = law[self._stated]
+        result[:n] = product.array_r
+        result[n:] = totals[: len(values) - n]
+        result[self._prescribed] = values[self._prescribed]
+        result[points.equations[self._has_equation]] = law_values[self._has_equation]
 
 
-def stated_mean(values: Array, stated: Mask) -> Array:
-    """Mean (m,) of values (m, dim) where the law is stated; 1 where it is not at all."""
-    count, total = np.sum(stated, axis=1), np.sum(values * stated, axis=1)
+def masked_row_mean(values: Array, mask: Mask) -> Array:
+    """Return the mean (m,) of each row of values (m, dim) where `mask` is True; 1 without any."""
+    count, total = np.sum(mask, axis=1), np.sum(values * mask, axis=1)
     return np.where(count > 0, total / np.maximum(count, 1), 1.0)
