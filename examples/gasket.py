@@ -52,7 +52,7 @@ draw(mesh, joint.von_mises(u), u, scale=20, axes=left, edges=False,
      limits=(0, 120), label="von Mises stress [MPa]")
 left.set(ylim=(-4, 75), xlabel="r [mm]", ylabel="z [mm]", title="Displacements × 20")
 for state, name in zip(states, ("bolted", "under pressure"), strict=True):
-    fields = ContactFields.of(state, joint)
+    fields = ContactFields.from_state(state, joint)
     (own,), (opposite,), (contact,) = fields.surfaces, fields.opposite, state.pairs
     on_gasket, on_flange = own.pressure(contact.force_normal), opposite.results(contact).pressure
     (line,) = right.plot(own.position[:, 0], on_gasket, ".-", label=f"gasket, {name}")

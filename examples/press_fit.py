@@ -43,7 +43,7 @@ shaft = Sphere((0, 0), bore + oversize)
 pair = ContactPair(lambda x: np.isclose(np.hypot(x[0], x[1]), bore), shaft, interference=True)
 (state,) = solve_contact(K, K.createVecLeft(), held, pair, U)
 u = as_function(U, state.displacement)
-(surface,) = ContactFields.of(state, body).surfaces
+(surface,) = ContactFields.from_state(state, body).surfaces
 pressure = surface.pressure(state.pairs[0].force_normal)
 x, y = state.pairs[0].position.T
 lame = 210e3 / (1 - 0.3**2) * oversize / bore  # of a hub without holes, over its stiffness

@@ -49,7 +49,7 @@ nodes = fem.locate_dofs_topological(U, 2, near)  # of whole facets
 pair = ContactPair(nodes, Sphere((0, 0, radius), radius), motions=press)
 (state,) = solve_contact(K, K.createVecLeft(), Reduction.dirichlet(U, [*cuts, below]), pair, U)
 u = as_function(U, state.displacement)
-fields = ContactFields.of(state, block)
+fields = ContactFields.from_state(state, block)
 (surface,) = fields.surfaces
 pressure = surface.pressure(state.pairs[0].force_normal)
 

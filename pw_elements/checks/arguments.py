@@ -217,7 +217,9 @@ def check_petsc_vector(
         other_name: name of `other` in messages.
         other: function space, or sizes, that the vector has to match, if any.
     """
-    check_type(name, value, PETSc.Vec, "assemble_vector(form) makes one, float(s) * vector a share")
+    check_type(
+        name, value, PETSc.Vec, "assemble_vector(form) makes one; float(s) * vector scales it"
+    )
     assert isinstance(value, PETSc.Vec)
     check_petsc_object(name, value)
     if other is not None:

@@ -244,7 +244,10 @@ class Body:
         Raises:
             ValueError: in hybrid spaces, for a displacement without pressure.
         """
-        E, nu = self._value(self.material.youngs_modulus), self._value(self.material.poissons_ratio)
+        E, nu = (
+            self._as_constant(self.material.youngs_modulus),
+            self._as_constant(self.material.poissons_ratio),
+        )
         mu = E / (2 * (1 + nu))
         if self.spaces.is_hybrid:
             strain, (_, p) = self.strain(u), self._split(u)
@@ -273,7 +276,9 @@ class Body:
         trace, squares = ufl.tr(stress), ufl.inner(stress, stress)
         if self.state is StressState.PLANE_STRAIN:
             _, p = self._split(u)
-            out_of_plane = self._value(self.material.poissons_ratio) * trace if p is None else -p
+            out_of_plane = (
+                self._as_constant(self.material.poissons_ratio) * trace if p is None else -p
+            )
             trace, squares = trace + out_of_plane, squares + out_of_plane**2
         return ufl.sqrt((3 * squares - trace**2) / 2)
 
@@ -281,20 +286,25 @@ class Body:
     def stiffness(self) -> ufl.Form:
         """Return the bilinear form of the stiffness, Eq. (10)."""
         u, v = self._arguments()
-        work = self._bilinear(ufl.inner(self.stress(u), self.strain(v)), 2)
+        work = self._integrate_bilinear(ufl.inner(self.stress(u), self.strain(v)), 2)
         if not self.spaces.is_hybrid:
             return work
-        E, nu = self._value(self.material.youngs_modulus), self._value(self.material.poissons_ratio)
+        E, nu = (
+            self._as_constant(self.material.youngs_modulus),
+            self._as_constant(self.material.poissons_ratio),
+        )
         flexibility = (1 + nu) * (1 - 2 * nu) / (E * nu)
         (_, p), (_, q) = self._split(u), self._split(v)
         volume = ufl.tr(self.strain(u)) + flexibility * p
-        return work + self._integral(-q * volume, 2)
+        return work + self._integrate(-q * volume, 2)
 
     @check_same_arguments
     def mass(self) -> ufl.Form:
         """Return the bilinear form of the consistent mass, Eq. (11)."""
         (u, _), (v, _) = map(self._split, self._arguments())
-        return self._bilinear(self._value(self.material.density) * ufl.inner(u, v), 4)
+        return self._integrate_bilinear(
+            self._as_constant(self.material.density) * ufl.inner(u, v), 4
+        )
 
     @check_same_arguments
     def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
@@ -321,7 +331,7 @@ class Body:
         if surface.ufl_domain() not in (None, self.spaces.mesh.ufl_domain()):
             raise ValueError("the measure is one of another mesh: make it on the body's")
         v, _ = self._split(ufl.TestFunction(self.spaces.test))
-        work = ufl.inner(self._vector("traction", traction), v) * self._depth()
+        work = ufl.inner(self._as_vector("traction", traction), v) * self._depth()
         return work * self._with_state(surface)
 
     @check_same_arguments
@@ -332,7 +342,7 @@ class Body:
             force: (dim,), numbers or an expression.
         """
         v, _ = self._split(ufl.TestFunction(self.spaces.test))
-        return self._integral(ufl.inner(self._vector("force", force), v), 2)
+        return self._integrate(ufl.inner(self._as_vector("force", force), v), 2)
 
     @check_same_arguments
     def initial_stress(self, stress: Expr, form: Literal["G", "J"] = "G") -> ufl.Form:
@@ -355,7 +365,7 @@ class Body:
         integrand = ufl.inner(ufl.dot(self._gradient(u), stress), self._gradient(v))
         if form == "J":
             integrand -= 2 * ufl.inner(stress, ufl.dot(self.strain(v), self.strain(u)))
-        return self._bilinear(integrand, 3, in_box=5)
+        return self._integrate_bilinear(integrand, 3, parallelepiped_degree=5)
 
     def _arguments(self) -> tuple[Expr, Expr]:
         return ufl.TrialFunction(self.spaces.trial), ufl.TestFunction(self.spaces.test)
@@ -390,32 +400,37 @@ class Body:
             return 2 * np.pi * ufl.SpatialCoordinate(self.spaces.mesh)[0]
         if self.state is StressState.SOLID:
             return 1.0
-        return self._value(self.thickness)
+        return self._as_constant(self.thickness)
 
-    def _bilinear(self, integrand: Expr, exact_degree: int, in_box: int = 3) -> ufl.Form:
+    def _integrate_bilinear(
+        self, integrand: Expr, exact_degree: int, parallelepiped_degree: int = 3
+    ) -> ufl.Form:
         """Integrate a product of trial and test functions.
 
         Args:
             integrand: of the form.
             exact_degree: of the integrand on straight simplices with quadratic test functions;
                 piecewise-linear ones need one degree less.
-            in_box: degree for parallelograms and parallelepipeds, with piecewise-linear ones.
+            parallelepiped_degree: for piecewise-linear test functions on parallelograms and
+                parallelepipeds.
         """
         if self.spaces.test is self.spaces.trial:
-            return self._integral(integrand, exact_degree)
-        return self._integral(integrand, exact_degree - 1, in_box)
+            return self._integrate(integrand, exact_degree)
+        return self._integrate(integrand, exact_degree - 1, parallelepiped_degree)
 
-    def _integral(self, integrand: Expr, exact_degree: int, in_box: int = 5) -> ufl.Form:
+    def _integrate(
+        self, integrand: Expr, exact_degree: int, parallelepiped_degree: int = 5
+    ) -> ufl.Form:
         """Integrate over the body with the degree of quadrature that the cells need.
 
         Args:
             integrand: of the form.
             exact_degree: of the integrand on straight simplices.
-            in_box: of the quadrature on parallelograms and parallelepipeds.
+            parallelepiped_degree: of the quadrature on parallelograms and parallelepipeds.
         """
         degree = self.quadrature_degree
         if degree is None:
-            degree = self._default_degree(exact_degree, in_box)
+            degree = self._default_degree(exact_degree, parallelepiped_degree)
         dx = ufl.Measure("dx", self.spaces.mesh, metadata={"quadrature_degree": degree})
         return add_sub_cell_rules(integrand * self._depth() * self._with_state(dx))
 
@@ -424,7 +439,7 @@ class Body:
             metadata={**measure.metadata(), STRESS_STATE_KEY: self.state.value}
         )
 
-    def _default_degree(self, exact_degree: int, in_box: int) -> int:
+    def _default_degree(self, exact_degree: int, parallelepiped_degree: int) -> int:
         geometry = self.spaces.mesh.ufl_domain().ufl_coordinate_element()
         data = (*vars(self.material).values(), self.thickness)
         is_curved = geometry.degree > 1
@@ -432,15 +447,15 @@ class Body:
             return _RATIONAL_DEGREE
         if self.spaces.mesh.topology.cell_name() in ("interval", "triangle", "tetrahedron"):
             return exact_degree
-        return in_box if has_parallel_cells(self.spaces.mesh) else 5
+        return parallelepiped_degree if has_parallel_cells(self.spaces.mesh) else 5
 
-    def _value(self, value: Scalar) -> Expr:
+    def _as_constant(self, value: Scalar) -> Expr:
         """Turn a number into a constant, so that the form need not be compiled for each number."""
         if not arguments.is_number(value):
             return value
         return fem.Constant(self.spaces.mesh, float(value))
 
-    def _vector(self, name: str, value: Vector) -> Expr:
+    def _as_vector(self, name: str, value: Vector) -> Expr:
         mesh = self.spaces.mesh
         vector = arguments.check_components(name, value, mesh.geometry.dim)
         return vector if isinstance(vector, Expr) else fem.Constant(mesh, vector)

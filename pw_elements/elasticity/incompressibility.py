@@ -152,7 +152,7 @@ class TangentRatio:
         return np.where(is_positive, 2 * dim_lambda / (dim * two_mu) + 2 / 3, 0.0)
 
     def _second_derivative(self, H: Array) -> Array:
-        """Return the second derivative m(H) of the work of each cell, (cells,)."""
+        """Return m(H), (cells,), the second derivative of the work of each cell."""
         self._direction.value = H
         return np.array(fem.assemble_vector(self._work).array[self._numbers])
 

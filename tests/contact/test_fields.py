@@ -62,7 +62,7 @@ def solve_ball_on_block(comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PW
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
 def test_fields_and_pictures_in_space(cell, tmp_path):
     body, (*_, state) = solve_ball_on_block(cell=cell, n=6)
-    (pair,), fields = state.pairs, ContactFields.of(state, body.body)
+    (pair,), fields = state.pairs, ContactFields.from_state(state, body.body)
     force = fields.force.x.array.reshape(-1, 3)
     assert force.sum(axis=0) == pytest.approx(pair.force, rel=1e-9)
     assert force[:, 2].sum() == pytest.approx(-80.0, rel=1e-9)
@@ -99,10 +99,10 @@ def test_fields_and_pictures_in_space(cell, tmp_path):
 def test_a_space_alone_gives_all_fields_but_pressures():
     block = BlockOnFloor(4)
     (state,) = block.solve(0.3, 60.0, increments=0)
-    fields = ContactFields.of(state, block.space)
+    fields = ContactFields.from_state(state, block.space)
     assert [f.name for f in fields.functions()] == FIELDS
     assert fields.pressure is None
-    fields = ContactFields.of(state, block.body)
+    fields = ContactFields.from_state(state, block.body)
     assert [f.name for f in fields.functions()] == FIELDS + PRESSURES
 
 
@@ -166,7 +166,7 @@ def solve_hertz(edges, cell=None):
     punch = Parabola((0,) * dim, radius)
     motion = Motion([0.0] * (dim - 1) + [-exact_solution.approach])
     (state,) = elastic.solve_contact(ContactPair(near_contact, punch, 0.0, [motion]), supports)
-    fields, x = ContactFields.of(state, body), ufl.SpatialCoordinate(mesh)
+    fields, x = ContactFields.from_state(state, body), ufl.SpatialCoordinate(mesh)
     squared_radius = sum(x[i] ** 2 for i in range(dim - 1))
     exact = exact_solution.peak * ufl.sqrt(ufl.max_value(0.0, 1 - squared_radius / a**2))
     squared_error = (body.stress(fields.displacement)[dim - 1, dim - 1] + exact) ** 2
@@ -199,10 +199,10 @@ def test_the_indicator_is_near_the_error_in_space(cell, bounds):
 def test_an_indicator_needs_a_stress():
     body, (*_, state) = solve_ball_on_block()
     with pytest.raises(ValueError, match="one that is not hybrid"):
-        ContactFields.of(state, body.space).indicator()
+        ContactFields.from_state(state, body.space).indicator()
     body, (*_, state) = solve_ball_on_block(method=GALERKIN)
     with pytest.raises(ValueError, match="nodes of this element have no weight"):
-        ContactFields.of(state, body.body).indicator()
+        ContactFields.from_state(state, body.body).indicator()
 
 
 def test_states_of_another_body_or_of_other_nodes_are_refused():
@@ -215,16 +215,16 @@ def test_states_of_another_body_or_of_other_nodes_are_refused():
     (half_state,) = block.solve_contact(
         half_pair, block.make_supports((0, on_plane(0, 0.0))), block.pressure_load
     )
-    fields = ContactFields.of(state, block.body)
-    ContactFields.of(half_state, block.space)
+    fields = ContactFields.from_state(state, block.body)
+    ContactFields.from_state(half_state, block.space)
     for attempt, message in (
-        (lambda: ContactFields.of(state, finer_block.body), "belongs to another space"),
-        (lambda: ContactFields.of(state, skewed_spaces.trial), "belongs to another space"),
+        (lambda: ContactFields.from_state(state, finer_block.body), "belongs to another space"),
+        (lambda: ContactFields.from_state(state, skewed_spaces.trial), "belongs to another space"),
         (lambda: fields.fill(half_state), "other contact nodes than the fields"),
     ):
         with pytest.raises(ValueError, match=message):
             attempt()
-    for function in (ContactFields.of, plot):
+    for function in (ContactFields.from_state, plot):
         with pytest.raises(TypeError, match="solve_contact gives a list of states"):
             function([state], block.body)
         with pytest.raises(TypeError, match=r"body is of the type BlockOnFloor: "):

@@ -52,7 +52,7 @@ def test_uniform_pressure_on_a_rigid_plane_is_exact(method, nu):
     (state,) = body.solve_contact(
         ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1))), supports, load
     )
-    fields = ContactFields.of(state, body.body)
+    fields = ContactFields.from_state(state, body.body)
     (pair,) = state.pairs
     assert np.allclose(fields.pressure.x.array[pair.node], 1e5, rtol=1e-9)
     u, p = split(body.space, state.unknowns)
@@ -69,7 +69,7 @@ def test_files_and_fields_contain_the_pressure_of_the_body(tmp_path):
     problem.save(pressed_state, tmp_path / "pressed.npz")
     assert (problem.load(tmp_path / "pressed.npz").unknowns - pressed_state.unknowns).norm() == 0
 
-    fields = ContactFields.of(pressed_state, case.body)
+    fields = ContactFields.from_state(pressed_state, case.body)
     _, p = split(case.space, pressed_state.unknowns)
     x = p.function_space.tabulate_dof_coordinates()
     field_x = fields.body_pressure.function_space.tabulate_dof_coordinates()
@@ -80,11 +80,13 @@ def test_files_and_fields_contain_the_pressure_of_the_body(tmp_path):
     middle_node = np.linalg.norm(field_x - [0, 2, 0], axis=1).argmin()
     assert values[middle_node] == pytest.approx(fields.pressure.x.array[middle_node], rel=0.05)
     write(tmp_path / "rubber.bp", [problem.undeformed, pressed_state], case.body)
-    assert ContactFields.of(pressed_state, case.space).body_pressure is not None
+    assert ContactFields.from_state(pressed_state, case.space).body_pressure is not None
 
     plain_block = HybridBlock(PW, 0.3)
     plain_problem = plain_block.problem_under()
-    assert ContactFields.of(plain_problem.undeformed, plain_block.body).body_pressure is None
+    assert (
+        ContactFields.from_state(plain_problem.undeformed, plain_block.body).body_pressure is None
+    )
     plain_problem.save(plain_problem.undeformed, tmp_path / "plain.npz")
     with pytest.raises(ValueError, match="has the state of a problem without pressure"):
         problem.load(tmp_path / "plain.npz")

@@ -266,7 +266,7 @@ def identity_values(comm, path):
     case = VariableRubber(comm=comm, load=0.1, warm=0.2, stiffer=0.5)
     if comm.size > 1:
         case.problem.load(path)
-    return case.problem._identify().numbers()
+    return case.problem._identify().evaluate()
 
 
 def test_identity_does_not_depend_on_the_number_of_processes(tmp_path):
@@ -287,7 +287,7 @@ def test_another_version_is_named_where_a_residual_differs(tmp_path):
     forge(path, lambda arrays, _: arrays.update({"problem version": np.array("0.8.0")}))
     assert case.problem.load(path).increment == 0
     message = load_error(lambda: VariableRubber(quadratic=1e-3).problem.load(path))
-    assert "The file is one of DOLFINx 0.8.0" in message
+    assert "The file was written with DOLFINx 0.8.0" in message
 
 
 # -- forged files ----------------------------------------------------------------------------------
@@ -300,8 +300,8 @@ def forge(path, change):
     values = json.loads(str(arrays["state"]))
     change(arrays, values)
     arrays["state"] = np.array(json.dumps(values))
-    arrays.pop(storage._MARK)
-    arrays[storage._MARK] = storage._digest(arrays)
+    arrays.pop(storage._DIGEST_NAME)
+    arrays[storage._DIGEST_NAME] = storage._compute_digest(arrays)
     np.savez(path, **arrays)
 
 
@@ -339,15 +339,15 @@ FORGERIES = {
     "length of scale is -1": change_entry("scale", "length", -1.0),
     "contact pair 0: status has [0, 1, 7]": set_array("status_0", set_item(7)),
     "contact pair 0: status has the shape": set_array("status_0", lambda v: v.astype(float)),
-    "residuals has not the parts": change_value("residuals", {}),
-    "allowance has not the parts": change_value("allowance", None),
+    "residuals does not have the fields": change_value("residuals", {}),
+    "allowance does not have the fields": change_value("allowance", None),
     "equilibrium of residuals = None": change_entry("residuals", "equilibrium", None),
     "displacement is of the type complex128": set_array("displacement", lambda v: v + 0j),
     "displacement of the shape (225, 1)": set_array("displacement", lambda v: v[:, :1]),
     "displacement of the shape (225, 2) and the type float64":
         set_array("displacement", set_item(np.nan)),
     "a displacement is 1e+30": set_array("displacement", set_item(1e30)),
-    "contact pair 0: displacement is another": set_array("displacement_0", lambda v: v + 0.01),
+    "contact pair 0: displacement differs": set_array("displacement_0", lambda v: v + 0.01),
     "contact pair 0: force_normal has values that": set_array("force_normal_0", set_item(np.inf)),
     "contact pair 0: force_normal is 1e+40": set_array("force_normal_0", set_item(1e40)),
     "contact pair 0: gap has values that are": set_array("gap_0", set_item(np.nan)),
@@ -368,7 +368,7 @@ FORGERIES = {
     "determinant_signs [5]": change_value("determinant_signs", [5]),
     "rotation of smallness is -0.1":
         change_value("smallness", {"strain": 0.0, "rotation": -0.1, "slip": 0.0}),
-    "report has not the parts": change_value("report", {"method": "LU"}),
+    "report does not have the fields": change_value("report", {"method": "LU"}),
     "factorisations is '3'": change_entry("report", "factorisations", "3"),
     "pairs is 'one'": change_value("pairs", "one"),
 }

@@ -427,7 +427,7 @@ def test_nominal_and_true_pressure_of_uniform_compression_are_exact(kind, tmp_pa
     problem = ContactProblem.of_residual(residual, w, conditions, pair)
     state = problem.step(problem.undeformed, motions=Motion(-0.3 * axis_vector))
     body = Body(spaces, Material(1.0, 0.3), "plane strain" if is_hybrid else kind)
-    fields, (top,) = ContactFields.of(state, body), state.pairs
+    fields, (top,) = ContactFields.from_state(state, body), state.pairs
     width = 1 + top.displacement[:, 0].max()
     depth_stretch = width if is_solid or is_ring else 1.0
     area = width * depth_stretch
@@ -444,7 +444,10 @@ def test_nominal_and_true_pressure_of_uniform_compression_are_exact(kind, tmp_pa
         assert not first_step["true_pressure"].any()
         assert abs(last_step["true_pressure"].max() * area / nominal - 1) < 1e-7
     problem.save(state, tmp_path / "state.npz")
-    assert ContactFields.of(problem.load(tmp_path / "state.npz"), body).true_pressure is not None
+    assert (
+        ContactFields.from_state(problem.load(tmp_path / "state.npz"), body).true_pressure
+        is not None
+    )
 
 
 FAR_SURFACE = SignedDistance(

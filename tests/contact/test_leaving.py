@@ -13,7 +13,11 @@ from pw_elements.contact import (
     Sphere,
     SurfacePassed,
 )
-from pw_elements.contact.rescue import SupportedPieces, ends_clear, refuse_tools_through_supports
+from pw_elements.contact.rescue import (
+    SupportedPieces,
+    ends_all_contact,
+    refuse_tools_through_supports,
+)
 from tests.contact.cases import on_plane
 from tests.contact.sliding import (
     SlidingBodies,
@@ -103,7 +107,7 @@ def separates_along(problem, ends, unknowns):
     pieces = SupportedPieces.fit(
         stepping._positions, stepping._held, stepping._piece, displacements, stepping.interface.comm
     )
-    return ends_clear(stepping.interface, stepping._surfaces, pieces, motions, unknowns)
+    return ends_all_contact(stepping.interface, stepping._surfaces, pieces, motions, unknowns)
 
 
 def test_a_tool_that_passes_through_a_body_does_not_separate():

@@ -96,7 +96,7 @@ def test_patch_test_passes(cell, slave, friction, element, nu, state):
         stress_ratio = nu if stack.dim == 2 else nu / (1 + nu)
         _, pressure = split(stack.space, solution.unknowns)
         assert pressure.x.array == pytest.approx(PRESSURE * stress_ratio, rel=1e-9)
-    fields = ContactFields.of(solution, stack.body)
+    fields = ContactFields.from_state(solution, stack.body)
     for side in ("upper", "lower"):
         nodes = stack.side_nodes(side)
         for pressure_field in (fields.pressure, fields.tributary_pressure):
@@ -136,7 +136,7 @@ def test_patch_test_passes_where_facets_are_partly_covered(cell, slave):
     state = stack.solve_uniaxial(slave, 0.3 if cell == "hexahedron" else 0.0, load)
     assert_uniaxial(stack, state, tolerance=1e-9)
     assert np.isinf(state.pairs[0].gap).any() == (slave == "lower")
-    pressure = ContactFields.of(state, stack.body).pressure
+    pressure = ContactFields.from_state(state, stack.body).pressure
     assert nodal_values(pressure, stack.side_nodes("upper")) == pytest.approx(PRESSURE, rel=1e-8)
     lower_nodes = np.flatnonzero(stack.side_nodes("lower"))
     x, pressures = stack.x[lower_nodes, 0], nodal_values(pressure, lower_nodes)
@@ -179,7 +179,7 @@ def test_forces_and_moments_balance_and_fields_contain_them(cell, slave, element
     state = stack.solve_shifted_top(slave)
     assert state.residuals.largest() < 1e-9
     assert imbalance(stack, state, stack.zero_load) < 1e-12
-    fields, (pair,) = ContactFields.of(state, stack.body), state.pairs
+    fields, (pair,) = ContactFields.from_state(state, stack.body), state.pairs
     assert_friction_law(pair, lambda r, _: 0.2 * r, None)
     force = nodal_values(fields.force, slice(None))
     interface_mask = stack.side_nodes("upper") | stack.side_nodes("lower")
@@ -318,7 +318,9 @@ def test_gap_slip_and_status_of_the_master_are_means_of_those_of_the_slave(slave
     state = stack.solve_shifted_top(slave, lambda x: 0.1 + 0.2 * x[0])
     (pair,) = state.pairs
     assert set(pair.status) >= {STICK, SLIP}
-    fields, fields_of_space = (ContactFields.of(state, part) for part in (stack.body, stack.space))
+    fields, fields_of_space = (
+        ContactFields.from_state(state, part) for part in (stack.body, stack.space)
+    )
     x = low + (high - low) * (np.arange(100_000) + 0.5) / 100_000
     slave_hats, master_hats = (
         hat_functions(x, pair.position[:, 0]),
@@ -376,7 +378,7 @@ def test_two_slaves_on_one_master_and_a_rigid_floor_have_uniform_pressure():
     (state,) = body.solve_contact(
         pairs, supports, body.traction_load((0.0, -PRESSURE), on_plane(1, 2.0))
     )
-    fields = ContactFields.of(state, body.body)
+    fields = ContactFields.from_state(state, body.body)
     on_master = fem.locate_dofs_topological(body.space, 1, master_facets)
     for face_nodes in (*nodes, on_master, state.pairs[1].node):
         assert nodal_values(fields.pressure, face_nodes) == pytest.approx(PRESSURE, rel=1e-9)
@@ -386,7 +388,7 @@ def test_two_slaves_on_one_master_and_a_rigid_floor_have_uniform_pressure():
     )
     for part in (body.body, body.space):
         with pytest.raises(ValueError, match="other contact nodes than the fields"):
-            ContactFields.of(state, part).fill(changed_state)
+            ContactFields.from_state(state, part).fill(changed_state)
 
 
 def test_a_body_between_two_others_has_the_pressure_of_each_pair():
@@ -406,7 +408,7 @@ def test_a_body_between_two_others_has_the_pressure_of_each_pair():
     (state,) = body.solve_contact(
         pairs, supports, body.traction_load((0.0, -PRESSURE), on_plane(1, 3.0))
     )
-    fields = ContactFields.of(state, body.body)
+    fields = ContactFields.from_state(state, body.body)
     for nodes in faces:
         assert nodal_values(fields.pressure, nodes) == pytest.approx(PRESSURE, rel=1e-8)
         assert set(nodal_values(fields.status, nodes)) <= {STICK, HELD}
@@ -418,7 +420,7 @@ def test_pictures_of_the_opposite_side_show_its_tractions(element, tmp_path):
     stack = StackedBlocks((5, 4), upper_range=(0.13, 0.83), element=element)
     state = stack.solve_shifted_top()
     write(tmp_path / "two.bp", [state], stack.body)
-    (pair,), fields = state.pairs, ContactFields.of(state, stack.body)
+    (pair,), fields = state.pairs, ContactFields.from_state(state, stack.body)
     curves = [line.get_xydata() for line in plot(state, stack.body, along=0, opposite=True).lines]
     shear = nodal_values(fields.traction, pair.opposite_node)[:, 0]
     for expected in (nodal_values(fields.pressure, pair.opposite_node), shear):

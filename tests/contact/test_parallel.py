@@ -59,7 +59,7 @@ def solve_matching(comm):
     loads = [blocks.traction_load((pull, -3.0)) for pull in (0.0, 0.4)]
     states = blocks.solve_contact(blocks.make_pair(0.3), blocks.clamp(on_plane(1, 0.0)), loads)
     reaction = reactions(blocks.K, states[-1].displacement, loads[-1]).array_r
-    force = ContactFields.of(states[-1], blocks.space).force.x.array[: len(reaction)]
+    force = ContactFields.from_state(states[-1], blocks.space).force.x.array[: len(reaction)]
     difference = np.abs(reaction - force).reshape(-1, 2)[
         ~np.isclose(blocks.x[: len(reaction) // 2, 1], 0.0)
     ]

@@ -32,7 +32,12 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.contact.rescue import refusals
-from pw_elements.contact.rescue.refusals import Points, escape, proof, proves_imbalance
+from pw_elements.contact.rescue.refusals import (
+    NodeVelocities,
+    find_escape_motion,
+    find_proof,
+    proves_imbalance,
+)
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import triangles
 from pw_elements.solvers import matrices
@@ -395,7 +400,12 @@ def rigid_points(rng, count, dim):
     normal = np.einsum("na,nak->nk", n, modes)
     tangential = modes - n[:, :, None] * normal[:, None]
     none_marked = np.zeros(count, dtype=bool)
-    return Points(np.zeros(count, dtype=int), mu, none_marked, normal, tangential), n, mu, modes
+    return (
+        NodeVelocities(np.zeros(count, dtype=int), mu, none_marked, normal, tangential),
+        n,
+        mu,
+        modes,
+    )
 
 
 def forces_balance(n, mu, modes, power, directions):
@@ -422,7 +432,7 @@ def test_a_proof_is_found_exactly_where_no_forces_balance_the_loads(seed):
     if rng.random() < 0.6:  # loads that nearly admissible forces balance
         forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
         power = -np.einsum("nak,na->k", modes, forces) + 0.3 * rng.normal() * power
-    velocity_and_missing = proof(points, power, np.abs(power))
+    velocity_and_missing = find_proof(points, power, np.abs(power))
     is_proved = velocity_and_missing is not None
     if dim == 2:
         assert is_proved is not forces_balance(n, mu, modes, power, np.array([[1.0], [-1.0]]))
@@ -438,7 +448,7 @@ def test_a_proof_is_found_exactly_where_no_forces_balance_the_loads(seed):
         tolerance = 1e-5 * np.abs(power).max()
         assert -missing @ velocity == pytest.approx(power @ velocity, abs=tolerance)
         completed_power = power + missing
-        assert escape(points, completed_power)[0] @ completed_power < tolerance
+        assert find_escape_motion(points, completed_power)[0] @ completed_power < tolerance
 
 
 def test_no_motion_is_a_proof_where_forces_balance_the_loads():
@@ -452,9 +462,9 @@ def test_no_motion_is_a_proof_where_forces_balance_the_loads():
             forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
             power = -np.einsum("nak,na->k", modes, forces) + 0.3 * rng.normal() * power
         is_balanced = forces_balance(n, mu, modes, power, np.array([[1.0], [-1.0]]))
-        velocity, _ = escape(points, power)
+        velocity, _ = find_escape_motion(points, power)
         for motion in (rng.normal(size=len(power)), velocity + rng.normal(size=len(power)), power):
-            violates_cone = points.clearance(motion).min() < -1e-3
+            violates_cone = points.cone_margin(motion).min() < -1e-3
             n_overstepped += is_balanced and violates_cone and power @ motion > 1e-3
             if proves_imbalance(points, power, np.abs(power), motion):
                 n_proved += 1
@@ -468,12 +478,14 @@ def test_an_escape_outside_a_cone_is_no_proof(monkeypatch):
     eye = np.eye(2)
     none_marked = np.zeros(1, dtype=bool)
     normal, tangential = np.array([[0.0, 1.0]]), np.array([[eye[0], [0.0, 0.0]]])
-    points = Points(np.zeros(1, dtype=int), np.array([0.5]), none_marked, normal, tangential)
+    points = NodeVelocities(
+        np.zeros(1, dtype=int), np.array([0.5]), none_marked, normal, tangential
+    )
     power = np.array([0.3, -1.0])  # pushed by less than friction under a unit force
     motion = np.array([1.0, 0.0])
-    monkeypatch.setattr(refusals, "escape", lambda *_: (motion, np.zeros(2)))
-    assert proof(points, power, np.abs(power)) is None
-    assert proof(replace(points, steepest=np.zeros(1)), power, np.abs(power)) is not None
+    monkeypatch.setattr(refusals, "find_escape_motion", lambda *_: (motion, np.zeros(2)))
+    assert find_proof(points, power, np.abs(power)) is None
+    assert find_proof(replace(points, friction_slope=np.zeros(1)), power, np.abs(power)) is not None
 
 
 @pytest.mark.parametrize("blocked", [False, True])
@@ -482,7 +494,7 @@ def test_motions_of_many_bodies_are_found_as_those_of_few(monkeypatch, blocked):
     two_blocks, messages = make_two_blocks(), []
     two_blocks.K = assemble_matrix(two_blocks.body.stiffness(), blocked=blocked)
     for n_dense in (60, 0):
-        monkeypatch.setattr(matrices, "_FEW_MODES", n_dense)
+        monkeypatch.setattr(matrices, "_MAX_DENSE_MODES", n_dense)
         refusal = solve_refused(two_blocks, floor_pair(0.3), (0.5, -1.0))
         messages.append((str(refusal), refusal.missing.moment.round(9).tolist()))
         with pytest.raises(FreeBody) as free_body:

@@ -30,7 +30,7 @@ def test_problems_on_which_the_iteration_fails_are_solved_by_springs_and_logged(
     problem = make_problem(seed)
     with caplog.at_level("INFO", "pw_elements.contact"):
         states = problem.solve(remedies=("springs",))
-    assert "by springs, for what 150 linear systems take at most" in caplog.text
+    assert "by springs, at the cost of at most 150 linear systems" in caplog.text
     assert "solved by springs of " in caplog.text
     assert (
         largest_residual(

@@ -272,7 +272,10 @@ def test_invalid_arguments_of_sensitivities_are_refused():
         (("radius", 0), "give a constant"),
     ]
     for arguments, message in (
-        ((*valid[:3], [case.loads[0]] * 2), "state 2 is not the end of a step from the one before"),
+        (
+            (*valid[:3], [case.loads[0]] * 2),
+            "state 2 is not the end of a step from the state before",
+        ),
         ((states[:1], *valid[1:]), "give the states at the start and at the end"),
         *(((*valid[:2], [value], case.loads), message) for value, message in invalid_parameters),
         *(
@@ -289,7 +292,7 @@ def test_invalid_arguments_of_sensitivities_are_refused():
         rubber.problem.sensitivity([undeformed, undeformed], [("force", 0, 1)], [("friction", 0)])
     steel = SteelBlock()
     problem, states = steel.solve()
-    with pytest.raises(ValueError, match="a stiffness K tells neither"):
+    with pytest.raises(ValueError, match="a stiffness K has no known constants"):
         problem.sensitivity(states, [("force", 0, 1)], [case.shear])
     problem, states = steel.solve(solver=Iterative())
     with pytest.raises(ValueError, match="nor by an iterative solver"):
@@ -304,10 +307,10 @@ def test_parameters_without_effect_and_invalid_numbers_are_refused():
     nan_vector = case.u.x.petsc_vec.duplicate()
     nan_vector.set(np.nan)
     for arguments, message in (
-        ((outputs, [absent_constant], case.loads), r"the constant of value 2\.0 .* contain it"),
+        ((outputs, [absent_constant], case.loads), r"the constant of value 2\.0 .* contains it"),
         (
             (outputs, [(absent_constant, np.ones(2))], case.loads),
-            r"the constant of value 2\.0 .* contain it",
+            r"the constant of value 2\.0 .* contains it",
         ),
         ((outputs, [(case.shear, [1.0, 1.0j])], case.loads), r"rates .* complex.* real"),
         ((outputs, [(case.shear, [True, True])], case.loads), r"rates .* real"),
@@ -334,7 +337,7 @@ def test_parameters_without_effect_and_invalid_numbers_are_refused():
     assert sensitivities[0, 0, 1] != 0
     steel = SteelBlock()
     problem, states = steel.solve()
-    with pytest.raises(ValueError, match="`loads` are those of a residual"):
+    with pytest.raises(ValueError, match="`loads` belong to a residual"):
         problem.sensitivity(states, [("force", 0, 1)], [("friction", 0)], [steel.load] * 3)
 
 

@@ -130,7 +130,7 @@ def solve_and_measure_errors(shells):
     """
     (state,) = shells.solve_contact(shells.pair, shells.supports, shells.pressure_load)
     (pair,) = state.pairs
-    fields = ContactFields.of(state, shells.body)
+    fields = ContactFields.from_state(state, shells.body)
     exact_displacement = shells.exact_displacement()
     difference = state.displacement.array.reshape(exact_displacement.shape) - exact_displacement
     errors = [np.abs(difference).max() / np.abs(exact_displacement).max()]
@@ -215,7 +215,7 @@ def press_fit_error(state, edges, interference, depth=FIT_DEPTH, slave="inner"):
     ends = [(0, on_plane(0, 0.0))] if is_plane else [(1, on_plane(1, 0.5))]
     (solution,) = rings.solve_contact(pair, rings.make_supports((1, on_plane(1, 0.0)), *ends))
     both_sides = np.concatenate([solution.pairs[0].node, solution.pairs[0].opposite_node])
-    pressure = ContactFields.of(solution, rings.body).pressure.x.array[both_sides]
+    pressure = ContactFields.from_state(solution, rings.body).pressure.x.array[both_sides]
     a, b, c = INNER_RADIUS, INTERFACE_RADIUS, OUTER_RADIUS
     exact = depth / (1 - NU**2) / (2 * b**3) * (b**2 - a**2) * (c**2 - b**2) / (c**2 - a**2)
     return np.abs(pressure / exact - 1).max()
@@ -291,7 +291,7 @@ def test_friction_on_a_curved_face_has_coulombs_torque(slave):
         (state,) = rings.solve_contact(pair, Reduction.dirichlet(rings.space, conditions))
         (result,) = state.pairs
         assert (result.status == SLIP).all()
-        fields, x = ContactFields.of(state, rings.body), rings.x
+        fields, x = ContactFields.from_state(state, rings.body), rings.x
         errors = []
         for side_nodes in (result.node, result.opposite_node):
             force = fields.force.x.array.reshape(-1, 2)[side_nodes]

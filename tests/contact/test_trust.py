@@ -109,7 +109,11 @@ def converged_increment():
     solution = solve_increment(
         increment,
         choose_first_set(
-            stepping.interface, linearised, start, rigid.left_free, target.unloaded_free_surfaces
+            stepping.interface,
+            linearised,
+            start,
+            rigid.describe_free_motions,
+            target.unloaded_free_surfaces,
         ),
         linearised,
         stepping._make_update(rigid, "rough"),
@@ -177,7 +181,7 @@ def test_a_refusal_names_the_fallbacks_and_the_part_that_was_reached(caplog):
     with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(NotFound) as caught:
         make_problem(104).solve()
     for remedy in ("by springs", "in parts"):
-        assert f"{remedy}, for what 150 linear systems take at most" in caplog.text
+        assert f"{remedy}, at the cost of at most 150 linear systems" in caplog.text
     fraction, state = caught.value.last_substate
     assert f"In parts {fraction} of it was reached" in str(caught.value)
     assert fraction == 0.5

@@ -9,7 +9,11 @@ from pw_elements.contact import ContactFailed, ContactPair, Motion, NotFound, Pl
 from pw_elements.contact.interface.sliding import LinearisedMortar, SlidingMortar
 from pw_elements.contact.iteration import Increment
 from pw_elements.contact.nodes import DeformedKinematics, UndeformedKinematics
-from pw_elements.contact.steps.verification import Sizes, measure_residuals, places_undeformed
+from pw_elements.contact.steps.verification import (
+    ReferenceSizes,
+    measure_residuals,
+    measure_undeformed,
+)
 from pw_elements.meshes import triangles
 from tests.contact.cases import BlockOnFloor, GrecoPlate, PunchedBlock, on_plane, rotation_matrix
 from tests.contact.sliding import DIE_PATH, iterate_along_path, make_die_on_block, slide_along_path
@@ -125,11 +129,11 @@ def test_wrong_mortar_integrals_lead_to_no_state(wrong, monkeypatch):
 def test_a_residual_of_the_wrong_sign_is_refused_at_once():
     rubber = RubberUnderCircle()
     rubber.residual = -rubber.residual
-    with pytest.raises(ValueError, match=r"negative stiffness, -.* wrong one; give -F"):
+    with pytest.raises(ValueError, match=r"negative mean stiffness, -.* wrong; give -F"):
         rubber.problem_with()
     body = make_block()
     body.K.scale(-1.0)
-    with pytest.raises(ValueError, match=r"negative stiffness, -.* wrong one; give -K"):
+    with pytest.raises(ValueError, match=r"negative mean stiffness, -.* wrong; give -K"):
         body.solve(floor_pair(), (0.0, -1.0))
 
 
@@ -148,11 +152,11 @@ def test_residuals_agree_with_plain_arithmetic():
     interface = stepping.interface
     residuals, _ = measure_residuals(
         disturbed_state,
-        places_undeformed(interface, problem.undeformed, disturbed_state, 0.0),
+        measure_undeformed(interface, problem.undeformed, disturbed_state, 0.0),
         unbalanced,
         interface,
         body.make_supports(),
-        Sizes(2.0, 0.5, np.ones(len(interface.pair)), 0.0),
+        ReferenceSizes(2.0, 0.5, np.ones(len(interface.pair)), 0.0),
         np.empty(0),
     )
     is_contact_node = np.isclose(body.x[:, 1], 0.0)

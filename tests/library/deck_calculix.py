@@ -1,4 +1,4 @@
-"""CalculiX' answers on the decks of `deck_models`: `python3 -m tests.library.deck_calculix`.
+"""Results of CalculiX for the decks of `deck_models`: `python3 -m tests.library.deck_calculix`.
 
 It needs Python, NumPy and `ccx` (Debian's calculix-ccx), and writes `deck_calculix.json`: for each
 deck its digest, the volumes of elements, and the members of the sets.
@@ -29,7 +29,7 @@ def digest(kind):
 
 
 def compute(kind, ccx):
-    """Volumes of elements by number, and the members of each set, as CalculiX prints them."""
+    """Compute volumes of elements by number, and members of each set, with CalculiX."""
     section = {"S": "SHELL", "M": "MEMBRANE"}.get(kind[0], "SOLID")
     step = f"""*ELSET,ELSET=SECTION
 LEFT,RIGHT

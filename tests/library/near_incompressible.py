@@ -1,14 +1,14 @@
-"""How near to singular displacement elements with piecewise-linear weights are as nu -> 1/2.
+"""Map of the least singular values of displacement elements as nu -> 1/2.
 
     ./run python3 -m tests.library.near_incompressible [--samples 4] [--cells tetrahedron ...]
 
-prints, over cell, distortion and Poisson's ratio, the least singular value of K in the energy norm
-of the standard element's K_G = L L^T on the same mesh, that is of L^-1 K L^-T: 1 for the standard
-element itself, 0 where K is singular; and the number of meshes on which det K is negative. The
-square or cube has its base clamped. Vertices are moved at random by up to a share of the cells'
-size (edges stay straight), or, on "curved" meshes, mid nodes are. Coarse: a few meshes of 2 to 4
-cells a side. What it found, and what the library makes of it, is told in the guide's page on
-theory ("Nearly incompressible bodies").
+prints, by cell, distortion and Poisson's ratio, the least singular value of L^-1 K L^-T, where K
+has piecewise-linear weights and K_G = L L^T is the standard element's stiffness on the same mesh:
+1 for the standard element itself, 0 for a singular K; and the number of meshes with a negative
+det K. The square or cube has its base clamped. Vertices (on "curved" meshes mid nodes) are moved at
+random by up to a fraction of the cell size. The map is coarse: a few meshes of 2 to 4 cells a side.
+The guide's page on theory has the results and the limits derived from them ("Nearly incompressible
+bodies").
 """
 
 import argparse
@@ -33,7 +33,7 @@ MOVED = {False: (0.0, 0.1, 0.2), True: (0.02, 0.05)}
 
 
 class Sample(NamedTuple):
-    """K over K_G of one mesh at one Poisson's ratio."""
+    """Least singular value, and sign of det K, for one mesh and one Poisson's ratio."""
 
     least: float  # singular value of L^-1 K L^-T
     sign: int  # of det K
@@ -41,14 +41,14 @@ class Sample(NamedTuple):
 
 
 def distorted_mesh(cell: str, n: int, moved: float, seed: int, mid_nodes: bool = False) -> Mesh:
-    """A unit square or cube of n cells a side; vertices, or mid nodes, are moved by moved / n."""
+    """Create a unit square or cube of n cells a side, with random vertices or mid nodes."""
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
     build, ends = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
     mesh = build(MPI.COMM_SELF, ends, [n] * dim, CellType[cell])
     rng = np.random.default_rng(seed)
 
     def shifts(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Random shifts (n, 3) of points; none of vertices if `mid_nodes`, nor out of the base."""
+        """Return random shifts (n, 3); zero for vertices if `mid_nodes`, and within the base."""
         shift = np.zeros_like(x)
         shift[:, :dim] = rng.uniform(-1, 1, (len(x), dim)) * moved / n
         vertex = np.isclose(x * n, np.round(x * n)).all(axis=1)
@@ -63,26 +63,26 @@ def distorted_mesh(cell: str, n: int, moved: float, seed: int, mid_nodes: bool =
 
 
 def stiffnesses(spaces: Spaces, degree: int | None) -> list[npt.NDArray[np.float64]]:
-    """Matrices A, B of K = mu A + lambda B, their base clamped."""
+    """Assemble the matrices A and B of K = mu A + lambda B, with clamped base."""
     mesh = spaces.mesh
     dim = mesh.geometry.dim
     state = "plane strain" if dim == 2 else "solid"
     base = [prescribe(spaces.trial, k, lambda x: np.isclose(x[dim - 1], 0.0)) for k in range(dim)]
     reduction = Reduction.dirichlet(spaces.trial, base)
-    found = []
+    matrices = []
     for nu in (0.0, 0.25):  # lambda = 0, mu = 1/2; lambda = mu = 2/5
         body = Body(spaces, Material(1.0, nu), state, quadrature_degree=degree)
-        found.append(dense(reduction.matrix(assemble_matrix(body.stiffness()))))
-    A = 2 * found[0]
-    return [A, found[1] / 0.4 - A]
+        matrices.append(dense(reduction.matrix(assemble_matrix(body.stiffness()))))
+    A = 2 * matrices[0]
+    return [A, matrices[1] / 0.4 - A]
 
 
 def samples(mesh: Mesh, ratios: Sequence[float], degree: int | None = None) -> list[Sample]:
-    """K over K_G at each Poisson's ratio."""
+    """Compute a sample at each Poisson's ratio."""
     pw, standard = (
         stiffnesses(make(mesh), degree) for make in (Spaces.petrov_galerkin, Spaces.galerkin)
     )
-    found = []
+    result = []
     for nu in ratios:
         lame = 2 * nu / (1 - 2 * nu)  # over mu
         K, K_G = (A + lame * B for A, B in (pw, standard))
@@ -91,8 +91,8 @@ def samples(mesh: Mesh, ratios: Sequence[float], degree: int | None = None) -> l
         scaled = scipy.linalg.solve_triangular(L, half.T, lower=True).T
         least = scipy.linalg.svdvals(scaled)[-1]
         energy = scipy.linalg.eigvalsh((scaled + scaled.T) / 2, subset_by_index=[0, 0])[0]
-        found.append(Sample(float(least), int(np.linalg.slogdet(scaled)[0]), float(energy)))
-    return found
+        result.append(Sample(float(least), int(np.linalg.slogdet(scaled)[0]), float(energy)))
+    return result
 
 
 def main() -> None:
@@ -107,22 +107,22 @@ def main() -> None:
     print(f"{'':32s}" + "".join(f"{nu:>13g}" for nu in options.ratios))
     for cell in options.cells:
         for mid_nodes in (False, True):
-            for moved in MOVED[mid_nodes]:
+            for distortion in MOVED[mid_nodes]:
                 n = DIVISIONS[cell]
-                each = [
+                ratios_of_meshes = [
                     samples(
-                        distorted_mesh(cell, n, moved, seed, mid_nodes),
+                        distorted_mesh(cell, n, distortion, seed, mid_nodes),
                         options.ratios,
                         options.degree,
                     )
-                    for seed in range(options.samples if moved else 1)
+                    for seed in range(options.samples if distortion else 1)
                 ]
                 row = [
                     f"{min(s.least for s in at):9.4f} ({sum(s.sign < 0 for s in at)})"
-                    for at in zip(*each, strict=True)
+                    for at in zip(*ratios_of_meshes, strict=True)
                 ]
-                name = f"{cell} {n}, {'mid nodes' if mid_nodes else 'vertices'} {moved:g} h"
-                print(f"{name:32s}" + "".join(f"{one:>13s}" for one in row), flush=True)
+                name = f"{cell} {n}, {'mid nodes' if mid_nodes else 'vertices'} {distortion:g} h"
+                print(f"{name:32s}" + "".join(f"{cell_text:>13s}" for cell_text in row), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What tests of elements share: small problems, dense matrices and bounds of round-off."""
+"""Helpers of element tests: small problems, dense matrices and bounds of round-off."""
 
 import functools
 from dataclasses import dataclass, field
@@ -30,21 +30,21 @@ METHODS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
 
 
 def unit_mesh(cell, n):
-    """A square or cube of n cells a side, whose inner vertices are moved."""
+    """Create a square or cube of n cells a side, with distorted interior."""
     dim = 2 if cell.name in ("triangle", "quadrilateral") else 3
     build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
     return move_nodes(build(MPI.COMM_SELF, corners, [n] * dim, cell), distorted)
 
 
-def rim_of(space):
-    """Unknowns of a space at the boundary."""
+def boundary_dofs(space):
+    """Return the unknowns of a space at the boundary."""
     topology = space.mesh.topology
     topology.create_connectivity(topology.dim - 1, topology.dim)
     return fem.locate_dofs_topological(space, topology.dim - 1, exterior_facet_indices(topology))
 
 
 def dense_solution(K, f, conditions):
-    """Displacements by NumPy, rows of what is prescribed replaced."""
+    """Solve with NumPy, with the rows of prescribed unknowns replaced by conditions."""
     A, b = dense(K), f.array.copy()
     for condition in conditions:
         dofs, _ = condition.dof_indices()
@@ -56,18 +56,18 @@ def dense_solution(K, f, conditions):
 
 
 def assert_small(error, bound):
-    """Every number below the bound, none of them NaN."""
+    """Assert that all errors are below the bound, and none is NaN."""
     largest = np.abs(error).max(initial=0.0)
     assert largest <= bound, f"{largest:.3g} exceeds {bound:.3g}"
 
 
-def terms(A):
-    """Most entries in a row: a sum of n terms errs by up to n round-offs of their absolute sum."""
+def max_row_entries(A):
+    """Return the largest number of entries in a row, which bounds the round-off of a product."""
     return np.count_nonzero(A, axis=1).max()
 
 
 def rigid_modes(x):
-    """Translations and rotations about the middle (n, dim, modes) of nodes x (n, dim)."""
+    """Return translations and rotations about the centre, (n, dim, modes), at nodes x (n, dim)."""
     n, dim = x.shape
     s = x - x.mean(axis=0)
     s = s / np.abs(s).max()
@@ -81,7 +81,7 @@ def rigid_modes(x):
 
 @dataclass(frozen=True)
 class Elastic:
-    """A body on a placed grid, its stiffness and nodes; numbers may be in any unit."""
+    """Elastic body on a moved and scaled grid, with its stiffness and nodes."""
 
     grid: Grid
     placement: Placement = field(default_factory=Placement)
@@ -89,17 +89,17 @@ class Elastic:
     state: str = "plane stress"
     material: Material = field(default_factory=lambda: Material(1.0, 0.3))
 
-    def restated(self, placement, modulus=1.0, density=1.0, grid=None):
+    def transform(self, placement, modulus=1.0, density=1.0, grid=None):
         material = Material(modulus, self.material.poissons_ratio, density)
         return Elastic(grid or self.grid, placement, self.method, self.state, material)
 
     @functools.cached_property
-    def placed(self):
+    def placed_grid(self):
         return self.grid.map_vertices(self.placement.place_points)
 
     @functools.cached_property
     def body(self):
-        return Body(METHODS[self.method](self.placed.mesh()), self.material, self.state)
+        return Body(METHODS[self.method](self.placed_grid.mesh()), self.material, self.state)
 
     @functools.cached_property
     def space(self):
@@ -119,44 +119,46 @@ class Elastic:
 
     @functools.cached_property
     def round_off(self):
-        return self.placed.slope_round_off()
+        return self.placed_grid.slope_round_off()
 
     def side(self, axis, value=0.0):
         return self.placement.side_marker(axis, value)
 
-    def clamped(self, axis=0):
-        held = [prescribe(self.space, i, self.side(axis)) for i in range(self.grid.dim)]
-        return Reduction.dirichlet(self.space, held)
+    def clamp(self, axis=0):
+        conditions = [prescribe(self.space, i, self.side(axis)) for i in range(self.grid.dim)]
+        return Reduction.dirichlet(self.space, conditions)
 
-    def solved(self, force):
-        """Displacements, reactions and loads (n, dim) under a body force, a side held."""
+    def solve_statics(self, force):
+        """Compute displacements, reactions and loads (n, dim) under a body force."""
         f = assemble_vector(self.body.body_load(force))
-        a = solve(self.K, f, self.clamped())
+        a = solve(self.K, f, self.clamp())
         vectors = (a, reactions(self.K, a, f), f)
         return tuple(v.array.reshape(-1, self.grid.dim) for v in vectors)
 
     def error_of_forces(self, a):
-        """Bound of the error of a nodal force K a, and of what a direct solver leaves of one."""
+        """Bound the round-off of nodal forces K a and of a direct solver's residual."""
         K = np.abs(dense(self.K))
         return len(K) * self.round_off * (K @ np.abs(a.ravel())).max()
 
     def error_of_solution(self, reduction, a, f, round_off=None):
-        """Bounds of the errors of a displacement and of a nodal force, from round-off of data.
+        """Bound the errors of displacements and nodal forces that round-off of the data causes.
 
         With entries of K and f wrong by a relative d the solution is wrong by at most
         |K^-1| (d |K||a| + d |f|), component by component (R. D. Skeel 1979); the forces K a by
         |K| times that and d |K||a|.
         """
         A, full = dense(reduction.matrix(self.K)), np.abs(dense(self.K))
-        d = terms(full) * (self.round_off if round_off is None else round_off)
+        d = max_row_entries(full) * (self.round_off if round_off is None else round_off)
         wrong = d * (full @ np.abs(a.ravel()) + np.abs(f.ravel()))
         free = dense(reduction.right).T @ wrong
-        moved = np.abs(np.linalg.inv(A)) @ free
-        return moved.max(), (full @ dense(reduction.right) @ moved + wrong).max()
+        displacement_bound = np.abs(np.linalg.inv(A)) @ free
+        return displacement_bound.max(), (
+            full @ dense(reduction.right) @ displacement_bound + wrong
+        ).max()
 
 
 def eigenvalue_error(A, B, which, wrong_A, wrong_B):
-    """An eigenvalue of A d = mu B d, and how far it moves if A and B are wrong by these norms.
+    """Return an eigenvalue of A d = mu B d, and its error if A and B have errors of these norms.
 
     First order: |y|(|dA| + |mu||dB|)|x| / |y B x| with the left and right eigenvectors y and x.
     """

@@ -84,7 +84,7 @@ def correct_calls(comm):
     floor = pw_elements.contact.ContactPair(FOOT, Plane((0, 0), (0, 1)))
     top_conditions = [prescribe(w.U, i, TOP) for i in (0, 1)]
     residual_arguments = {"residual": F, "u": u, "conditions": top_conditions, "pairs": floor}
-    displacement_function, fields = as_function(w.U, w.a), ContactFields.of(state, w.body)
+    displacement_function, fields = as_function(w.U, w.a), ContactFields.from_state(state, w.body)
     condensed_nodes = np.zeros(0, dtype=np.int32)
     x = ufl.SpatialCoordinate(w.mesh)
     rectangle_arguments = {"comm": comm, "lower": (0, 0), "upper": (1, 1), "divisions": (4, 3)}
@@ -120,7 +120,7 @@ def correct_calls(comm):
             w.body.initial_stress,
             {"stress": w.body.stress(displacement_function), "form": "G"},
         ),
-        "ContactFields.of": (ContactFields.of, {"state": state, "body": w.body}),
+        "ContactFields.from_state": (ContactFields.from_state, {"state": state, "body": w.body}),
         "ContactFields.fill": (fields.fill, {"state": state}),
         "ContactFields.indicator": (fields.indicator, {}),
         "ContactProblem": (

@@ -478,7 +478,7 @@ NAN_ON_ONE = {
         ],
     ),
     "guess": lambda w: w.solve_nonlinear(w.pick(NAN, 0.0)),
-    "displacement of a picture": lambda w: ContactFields.of(nan_state(w), w.block.body),
+    "displacement of a picture": lambda w: ContactFields.from_state(nan_state(w), w.block.body),
     "state": lambda w: w.solve_step(state=nan_state(w)),
     "history that update sets": lambda w: w.solve_residual_step(
         history=[(variable := w.make_function(0.0))],

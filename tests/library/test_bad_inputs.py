@@ -583,7 +583,7 @@ REFUSED_CALLS = [
     ("direction [0, 0]: needs a finite length", lambda w: Plane((0, 0), (0, 0))),
     ("direction (nan, 1): it needs finite components", lambda w: Plane((0, 0), (NAN, 1))),
     ("the point of a plane 'ab'", lambda w: Plane("ab", (0, 1))),
-    ("radius = 0.0: a parabola needs one that is", lambda w: Parabola((0, 0), 0.0)),
+    ("radius = 0.0: a parabola needs a radius that is", lambda w: Parabola((0, 0), 0.0)),
     ("radius = nan: has to be a finite number", lambda w: Parabola((0, 0), NAN)),
     ("the centre of a sphere 1.0", lambda w: Sphere(1.0, (0, 0))),
     ("half_width = 0.0: has to be positive", lambda w: FlatPunch((0, 0), (0, 1), 0.0)),

@@ -155,7 +155,7 @@ def singular(*_):
 
 def fail_in_proof():
     """Solve a problem without solution, where process 0 alone fails in the proof of this."""
-    with patch("pw_elements.contact.rescue.refusals._proved", singular):
+    with patch("pw_elements.contact.rescue.refusals._combine_proofs", singular):
         return solve_block(loads=BLOCK.pull_loads(1e3, 1))
 
 
@@ -275,9 +275,7 @@ SCENARIOS = [
     ),
     (
         f"facets are a mask of 3: it is one of all, {RANK_MESSAGE}",
-        lambda: boundary_measure(
-            MESH, np.vector_of_ones(3, dtype=bool) if IS_WRONG_RANK else failing_marker
-        ),
+        lambda: boundary_measure(MESH, np.ones(3, dtype=bool) if IS_WRONG_RANK else failing_marker),
     ),
     (
         f"force: {DIFFERENCE_MESSAGE}",

@@ -1,4 +1,4 @@
-"""The composite triangle; how it is T K T^T, its orders and forces are findings of C and T."""
+"""Stiffness of the composite triangle; sections C and T of the study test its other properties."""
 
 from mpi4py import MPI
 
@@ -25,7 +25,7 @@ MESH = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), dist
     ("state", "reduced"), [("plane stress", NU / (1 - NU)), ("plane strain", NU / (1 - 2 * NU))]
 )
 def test_stiffness_is_that_of_the_assumed_strain_method(state, reduced):
-    """G = (q, eps(u)) with discontinuous linear q, K = G^T (D x M^-1) G."""
+    """The reference is K = G^T (D x M^-1) G, with G = (q, eps(u)) and discontinuous linear q."""
     K = dense(ElasticBody(MESH, composite, state, E).K)
     W = fem.functionspace(MESH, macro_element("triangle", (2,)))
     Q = fem.functionspace(MESH, basix.ufl.element("DG", "triangle", 1, shape=(2, 2)))
@@ -33,8 +33,8 @@ def test_stiffness_is_that_of_the_assumed_strain_method(state, reduced):
     stress = E / (1 + NU) * (strain + reduced * ufl.tr(strain) * ufl.Identity(2))
     dx = ufl.dx(metadata={"quadrature_degree": 2})
     G, M, D = (
-        dense(assemble_matrix(ufl.inner(of, q) * dx))
-        for of in (ufl.sym(ufl.grad(u)), strain, stress)
+        dense(assemble_matrix(ufl.inner(field_of, q) * dx))
+        for field_of in (ufl.sym(ufl.grad(u)), strain, stress)
     )
     assumed = np.linalg.solve(M, G)
     assert np.abs(K - assumed.T @ D @ assumed).max() < 1e-13

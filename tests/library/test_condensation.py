@@ -31,13 +31,13 @@ def square(cell, divisions=(3, 2), pattern="right"):
 left = on_plane(0, 0.0)
 
 
-def in_order(points):
+def sort_points(points):
     return sorted(map(tuple, np.round(points[:, :2], 12)))
 
 
 @pytest.fixture(params=["pw-Q8", "pw-Q9"])
 def problem(request):
-    """A distorted square whose body load acts on inner nodes, too: discretisation, f, inner."""
+    """Distorted square with a body load on inner nodes: discretisation, load and inner nodes."""
     body = discretise(request.param, square, MATERIAL, StressState.PLANE_STRESS)
     f = assemble_vector(body.body.body_load((0.3, -1.0)))
     inner = (2 * body.inner_nodes()[:, None] + [0, 1]).ravel()
@@ -63,9 +63,9 @@ def test_left_and_right_matrices_against_dense_algebra(problem):
 
 def test_displacements_and_reactions_are_those_of_all_nodes(problem):
     body, f, inner = problem
-    held = [prescribe(body.space, 0, left), prescribe(body.space, 1, left, 0.03)]
-    a = solve(body.K, f, body.supports(held))
-    exact = dense_solution(body.K, f, held)
+    conditions = [prescribe(body.space, 0, left), prescribe(body.space, 1, left, 0.03)]
+    a = solve(body.K, f, body.supports(conditions))
+    exact = dense_solution(body.K, f, conditions)
     assert np.abs(a.array - exact).max() < 1e-13
     assert np.abs(a.array[inner]).min() > 0
     r = reactions(body.K, a, f).array
@@ -85,15 +85,15 @@ def test_reduced_load_does_not_depend_on_the_inner_offset(problem):
 @pytest.mark.parametrize("pattern", ["right", "left", "right_left", "left_right"])
 def test_inner_nodes_are_the_middles_of_the_quadrilaterals(pattern):
     # squares become slender rectangles
-    def graded(x):
+    def grade(x):
         return np.column_stack([x[:, 0] + 7 * x[:, 0] ** 2, x[:, 1:]])
 
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 3), pattern)
-    U = Spaces.petrov_galerkin(move_nodes(mesh, graded)).trial
-    found = U.tabulate_dof_coordinates()[mid_diagonal_nodes(U)]
-    x = graded(np.pad(np.linspace(0, 1, 5)[:, None], ((0, 0), (0, 2))))[:, 0]
+    U = Spaces.petrov_galerkin(move_nodes(mesh, grade)).trial
+    midpoints = U.tabulate_dof_coordinates()[mid_diagonal_nodes(U)]
+    x = grade(np.pad(np.linspace(0, 1, 5)[:, None], ((0, 0), (0, 2))))[:, 0]
     middles = [(a, b) for b in (1 / 6, 3 / 6, 5 / 6) for a in (x[1:] + x[:-1]) / 2]
-    assert in_order(found) == in_order(np.array(middles))
+    assert sort_points(midpoints) == sort_points(np.array(middles))
 
 
 def test_refuses_triangles_without_partner():
@@ -118,14 +118,14 @@ def _mesh(x, cells):
     return create_mesh(MPI.COMM_SELF, cells=np.array(cells), x=x, e=element)
 
 
-def test_refuses_what_cannot_be_condensed(problem):
+def test_nodes_that_cannot_be_condensed_are_refused(problem):
     body, _, _ = problem
     U, inner = body.space, body.inner_nodes()
     everywhere = prescribe(U, 0, lambda x: x[0] > -9)
     with pytest.raises(ValueError, match="is to be condensed"):
         body.supports([everywhere])
-    rest = np.setdiff1d(np.arange(U.dofmap.index_map.size_local), inner)
-    at_rest = U.tabulate_dof_coordinates()[rest]
+    other_nodes = np.setdiff1d(np.arange(U.dofmap.index_map.size_local), inner)
+    at_rest = U.tabulate_dof_coordinates()[other_nodes]
     others = [
         prescribe(U, i, lambda x: np.isclose(x.T[:, None], at_rest).all(axis=2).any(axis=1))
         for i in (0, 1)

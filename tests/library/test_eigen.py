@@ -40,7 +40,7 @@ METHODS = [GALERKIN, PW]
 
 
 def strip(method, stress=-1.0, divisions=(16, 4)):
-    """Simply supported strip under a given uniform axial stress: K, K_sigma, supports."""
+    """Create a simply supported strip under uniform axial stress: K, K_sigma, supports."""
     mesh = create_rectangle(COMM, [(0.0, -0.5), (LENGTH, 0.5)], list(divisions))
     body = ElasticBody(mesh, method, "plane stress", E, 0.2)
     centre = (0, lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
@@ -73,22 +73,22 @@ def test_against_dense_eigenvalues():
         assert modes.factors == pytest.approx(1 / real[:4], rel=1e-9)
 
 
-def test_refuses_what_cannot_buckle():
+def test_buckling_under_tension_is_refused():
     with pytest.raises(NoModes, match="pulls"):
         buckling(*strip(GALERKIN, stress=1.0))
 
 
 def clamped_column(stress, E=1.0, width=1.0, form="G", hybrid=False):
-    """K, K_sigma and supports of a column of height 1, clamped below, loaded above."""
+    """Create a column of height 1, clamped below and loaded above: K, K_sigma, supports."""
     mesh = quadrilaterals(COMM, (0.0, 0.0), (width, 1.0), (4, 8))
     spaces = Spaces.hybrid(mesh) if hybrid else Spaces.petrov_galerkin(mesh)
     body = Body(spaces, Material(E, 0.3), "plane strain")
     K = assemble_matrix(body.stiffness())
     load = body.surface_load((0.0, stress), boundary_measure(mesh, on_plane(1, 1.0)))
-    held = [prescribe(spaces.trial, k, on_plane(1, 0.0)) for k in (0, 1)]
-    held = Reduction.dirichlet(spaces.trial, held)
-    prestress = body.stress(as_function(spaces.trial, solve(K, assemble_vector(load), held)))
-    return K, assemble_matrix(body.initial_stress(prestress, form)), held
+    supports = [prescribe(spaces.trial, k, on_plane(1, 0.0)) for k in (0, 1)]
+    supports = Reduction.dirichlet(spaces.trial, supports)
+    prestress = body.stress(as_function(spaces.trial, solve(K, assemble_vector(load), supports)))
+    return K, assemble_matrix(body.initial_stress(prestress, form)), supports
 
 
 @pytest.mark.parametrize("E", [1.0, 2e11])
@@ -103,17 +103,19 @@ def test_a_clamped_column_does_not_buckle_under_tension(E, form, hybrid):
     assert (modes.prestress_ratios < 0.4).all()
 
 
-def test_prestress_is_that_of_the_part_that_buckles():
-    """A soft column under tension, and a block a million times as stiff that is not connected."""
-    K, K_sigma, held = clamped_column(1.0)
+def test_prestress_ratio_is_that_of_the_part_that_buckles():
+    """A loaded soft column, and a separate block that is a million times as stiff."""
+    K, K_sigma, supports = clamped_column(1.0)
     stiff = clamped_column(0.0, 1e6)[0]
     pair = [
         PETSc.Mat().createNest([[A, None], [None, B]]) for A, B in ((K, stiff), (K_sigma, 0 * K))
     ]
     K, K_sigma = (matrix.convert("aij") for matrix in pair)
     offset = K.createVecRight()
-    both = [PETSc.Mat().createNest([[A, None], [None, A]]).convert("aij") for A in (held.left,)]
-    doubled = Reduction(both[0], both[0], offset)
+    pairs = [
+        PETSc.Mat().createNest([[A, None], [None, A]]).convert("aij") for A in (supports.left,)
+    ]
+    doubled = Reduction(pairs[0], pairs[0], offset)
     with pytest.raises(NoModes, match="times the stiffness"):
         buckling(K, K_sigma, doubled)
 
@@ -135,8 +137,8 @@ BODIES = {
 }
 
 
-def steel(setting, method=PW):
-    """A free body, and the number of its rigid modes."""
+def free_steel_body(setting, method=PW):
+    """Create a free steel body; return it and the number of its rigid modes."""
     make_mesh, state, rigid = BODIES[setting]
     material = Material(2.1e11, 0.3, density=7856.0)
     return ElasticBody(make_mesh(), method, state, material=material), rigid
@@ -146,7 +148,7 @@ def steel(setting, method=PW):
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("setting", BODIES)
 def test_rigid_modes_of_a_free_body(setting, method, symmetrised):
-    body, rigid = steel(setting, method)
+    body, rigid = free_steel_body(setting, method)
     modes = vibration_modes(body.K, body.M, body.make_supports(), 9, symmetrised)
     assert modes.imaginary_ratio == 0
     if setting == "2-D curved" and symmetrised and method == PW:
@@ -171,10 +173,12 @@ def test_both_left_matrices_of_guyans_reduction(element):
         return move_nodes(make(COMM, (0.0, 0.0), (1.0, 1.0), (3, 3)), distorted)
 
     body = discretise(element, build, Material(2.0, 0.3), StressState.PLANE_STRESS)
-    K, M, found = body.K, assemble_matrix(body.body.mass()), {}
-    held = [prescribe(body.space, i, on_plane(0, 0.0)) for i in (0, 1)]
-    condensed = body.supports(held)
-    every = vibration_modes(K, M, Reduction.dirichlet(body.space, held), 4).eigenvalues
+    K, M, eigenvalues = body.K, assemble_matrix(body.body.mass()), {}
+    conditions = [prescribe(body.space, i, on_plane(0, 0.0)) for i in (0, 1)]
+    condensed = body.supports(conditions)
+    full_eigenvalues = vibration_modes(
+        K, M, Reduction.dirichlet(body.space, conditions), 4
+    ).eigenvalues
     for name in ("transposed", "same"):
         reduction = mass_left(condensed, name)
         modes = vibration_modes(K, M, reduction, 4)
@@ -183,21 +187,23 @@ def test_both_left_matrices_of_guyans_reduction(element):
         exact = np.sort(np.linalg.eigvals(np.linalg.solve(B, A)).real)[:4]
         assert modes.eigenvalues == pytest.approx(exact, rel=1e-9)
         assert modes.imaginary_ratio == 0
-        assert 1e-6 < np.abs(modes.eigenvalues / every - 1).max() < 0.05
-        found[name] = modes.eigenvalues
+        assert 1e-6 < np.abs(modes.eigenvalues / full_eigenvalues - 1).max() < 0.05
+        eigenvalues[name] = modes.eigenvalues
         # a translation has the mass of the body: R takes it to a translation
         reduced = mass_left(body.supports([]), name)
         shift = np.tile([1.0, 0.0], reduced.right.getSize()[1] // 2)
         mass = shift @ dense(reduced.matrix(M)) @ shift
         assert mass == pytest.approx(dense(M)[::2, ::2].sum(), rel=1e-12)
-    assert np.abs(found["same"] / found["transposed"] - 1).max() > 1e-6
+    assert np.abs(eigenvalues["same"] / eigenvalues["transposed"] - 1).max() > 1e-6
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_no_rigid_mode_is_missed_however_few_modes_are_asked_for(method):
-    body, rigid = steel("slender", method)
-    found = [vibration_modes(body.K, body.M, body.make_supports(), n).n_rigid for n in range(1, 9)]
-    assert found == [min(count, rigid) for count in range(1, 9)]
+    body, rigid = free_steel_body("slender", method)
+    n_rigid = [
+        vibration_modes(body.K, body.M, body.make_supports(), n).n_rigid for n in range(1, 9)
+    ]
+    assert n_rigid == [min(count, rigid) for count in range(1, 9)]
 
 
 def test_slender_cantilever_is_not_taken_for_free():
@@ -215,15 +221,15 @@ def test_double_buckling_factor_of_a_square_column():
     column = ElasticBody(mesh, PW, "solid", 1.0, 0.0)
     S = ufl.as_matrix(((0, 0, 0), (0, 0, 0), (0, 0, -1.0)))
     K_sigma = assemble_matrix(column.body.initial_stress(S))
-    first, second, third = buckling(column.K, K_sigma, column.clamp(on_plane(2, 0.0)), 3).factors
-    assert second == pytest.approx(first, rel=1e-9)
-    assert first == pytest.approx(np.pi**2 / (4 * 8**2) / 12, rel=0.02)  # Euler; shear lowers it
-    assert third > 8 * first
+    lowest, second, third = buckling(column.K, K_sigma, column.clamp(on_plane(2, 0.0)), 3).factors
+    assert second == pytest.approx(lowest, rel=1e-9)
+    assert lowest == pytest.approx(np.pi**2 / (4 * 8**2) / 12, rel=0.02)  # Euler; shear lowers it
+    assert third > 8 * lowest
 
 
 @pytest.mark.parametrize("setting", BODIES)
 def test_lumped_mass_of_the_new_element(setting):
-    body, rigid = steel(setting)
+    body, rigid = free_steel_body(setting)
     lumped = lumped_mass(body.M, body.space)
     diagonal = lumped.getDiagonal()
     assert np.count_nonzero(dense(lumped)) == lumped.getSize()[0]
@@ -237,7 +243,7 @@ def test_lumped_mass_of_the_new_element(setting):
 
 
 def test_lumped_mass_of_standard_elements_is_refused():
-    """At the vertices of triangles it is zero, at those of 8-node quadrilaterals negative."""
+    """Lumped masses at vertices are zero on triangles, negative on 8-node quadrilaterals."""
     T6 = triangles(COMM, (0.0, 0.0), (1.0, 1.0), (1, 1))
     Q8 = quadrilaterals(COMM, (0.0, 0.0), (1.0, 1.0), (2, 1))
     for count, mesh, method, state in (
@@ -250,7 +256,7 @@ def test_lumped_mass_of_standard_elements_is_refused():
             lumped_mass(body.M, body.space)
 
 
-def test_says_when_a_symmetrised_body_is_unstable():
+def test_an_indefinite_symmetrised_body_is_refused():
     mesh = triangles(COMM, (0.0, -0.5), (4.0, 0.5), (2, 4), "crossed")
     body = ElasticBody(mesh, PW, "plane stress")
     assert vibration_modes(body.K, body.M, body.make_supports(), 4).n_rigid == 3

@@ -1,4 +1,4 @@
-"""Weight functions on all cells; on tetrahedra the mean of three cuts, and its quadrature."""
+"""Weight functions on all cells, and quadrature of the mean of three cuts on tetrahedra."""
 
 from mpi4py import MPI
 
@@ -113,16 +113,16 @@ NODES = np.array(ELEMENTS["T10"].nodes) / 2
 
 
 def cuts():
-    """Eight sub-cells (8, 4) for each diagonal: 4-9, 5-8, 6-7 join middles of opposite edges."""
+    """Yield the eight sub-cells (8, 4) of each cut: diagonals 4-9, 5-8, 6-7 join opposite edges."""
     corners = [(0, 7, 8, 9), (1, 5, 6, 9), (2, 4, 6, 8), (3, 4, 5, 7)]
     diagonals = [(4, 9), (5, 8), (6, 7)]
     for diagonal in diagonals:
-        (a, b), (c, d) = (other for other in diagonals if other != diagonal)
+        (a, b), (c, d) = (diagonal_2 for diagonal_2 in diagonals if diagonal_2 != diagonal)
         yield corners + [(*diagonal, *pair) for pair in ((a, c), (c, b), (b, d), (d, a))]
 
 
-def brute_force(integrand):
-    """Mean over the cuts of integrals over all their sub-cells.
+def integrate_over_cuts(integrand):
+    """Integrate over all sub-cells of each cut, and return the mean over the cuts.
 
     The integrand takes weights (q, 10), their slopes (d, 10) and points (q, d).
     """
@@ -150,10 +150,12 @@ def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
     K = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))[np.ix_(cell, cell)]
     M = dense(assemble_matrix(u * v * ufl.dx))[np.ix_(cell, cell)]
     f = assemble_vector(v * ufl.dx).array[cell]
-    exact_K = brute_force(
+    exact_K = integrate_over_cuts(
         lambda _, dw, x: np.einsum("dm,qnd->qmn", dw, shape_functions("T10", x)[1])
     )
-    exact_M = brute_force(lambda w, _, x: np.einsum("qm,qn->qmn", w, shape_functions("T10", x)[0]))
+    exact_M = integrate_over_cuts(
+        lambda w, _, x: np.einsum("qm,qn->qmn", w, shape_functions("T10", x)[0])
+    )
     assert np.abs(K - exact_K).max() < 1e-14 * np.abs(K).max()
     assert np.abs(M - exact_M).max() < 1e-14 * np.abs(M).max()
     volume = 1 / 6
@@ -167,21 +169,21 @@ def test_rule_is_exact_on_each_cell_of_every_cut(degree):
     assert len(points) % 12 == 0
     gauss_points, gauss_weights = gauss_rule(True, 3, (degree + 4) // 2)
     hats = np.column_stack([1 - gauss_points.sum(axis=1), gauss_points])
-    along = np.array([0.3, -0.7, 0.5])
+    direction = np.array([0.3, -0.7, 0.5])
     for cells in cuts():
         for cell in map(list, cells):
             corners = np.column_stack([np.ones(4), NODES[cell]])
             hat = np.column_stack([np.ones(len(points)), points]) @ np.linalg.inv(corners)
             inside = hat.min(axis=1) > 0
-            exact = gauss_weights @ (1 + hats @ NODES[cell] @ along) ** degree
+            exact = gauss_weights @ (1 + hats @ NODES[cell] @ direction) ** degree
             exact *= abs(np.linalg.det(corners))
-            ours = weights[inside] @ (1 + points[inside] @ along) ** degree
+            ours = weights[inside] @ (1 + points[inside] @ direction) ** degree
             assert ours == pytest.approx(exact, rel=1e-12)
 
 
 @pytest.mark.parametrize("degree", [2, 4])
 def test_slopes_are_not_taken_on_sides_of_sub_cells(degree):
-    """Basix's rules of degree 4, 5 and 7 have points there, and DOLFINx's own matrix is wrong."""
+    """Basix's rules of degree 4, 5 and 7 have points on sides: DOLFINx's matrix is wrong."""
     spaces = one_cut(tetrahedra(5).mesh(), ())
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx(metadata={"quadrature_degree": degree})
@@ -203,7 +205,7 @@ def test_own_forms_are_integrated_on_the_twelve_cells():
     on_side = boundary_measure(mesh, lambda x: np.isclose(x[0], 0))
 
     def of(dx):
-        """A matrix and vectors, some of them with a function of the test space in them."""
+        """Create forms of a matrix and of vectors, some with a function of the test space."""
         wind = ufl.as_vector((1.0, 2.0, x[0]))
         yield ufl.inner((1 + x[0] * x[1]) * ufl.grad(u), ufl.grad(v)) * dx + u * v * dx
         yield ufl.dot(wind, ufl.grad(u)) * v * dx + u * v * on_side

@@ -1,4 +1,4 @@
-"""The hybrid element, u in P2 and p in P1: exact solutions, its Galerkin twin, both solvers."""
+"""Hybrid element, u in P2 and p in P1: exact solutions, Taylor-Hood element, both solvers."""
 
 from mpi4py import MPI
 
@@ -39,7 +39,7 @@ from pw_elements.spaces.hybrid import mixed_element
 from study.elements import taylor_hood
 from study.verification.v15_layers import error, layered
 from tests.contact.cases import PW, ElasticBody, on_plane
-from tests.library.properties import rim_of
+from tests.library.properties import boundary_dofs
 
 COMM = MPI.COMM_SELF
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -49,7 +49,7 @@ DX = ufl.dx(metadata={"quadrature_degree": 6})
 
 
 def block(cell, n=3):
-    """A unit square or cube whose inner nodes are moved."""
+    """Create a unit square or cube with distorted interior."""
     flat = cell in CELLS[:2]
     build = create_unit_square if flat else create_unit_cube
     mesh = build(COMM, *[n] * (2 if flat else 3), CellType[cell])
@@ -59,8 +59,8 @@ def block(cell, n=3):
     return mesh
 
 
-def parts(mesh, numbers):
-    """Tags of the first cells."""
+def tag_cells(mesh, numbers):
+    """Create tags of the first cells."""
     cells = np.arange(len(numbers), dtype=np.int32)
     return meshtags(mesh, mesh.topology.dim, cells, np.asarray(numbers, dtype=np.int32))
 
@@ -76,10 +76,10 @@ def test_uniaxial_stress_is_exact_whatever_the_units(cell, method, nu):
     E, t = 2e11, 1e6
     body = ElasticBody(mesh := block(cell), MAKERS[method], state_of(mesh), E, nu)
     W, dim = body.space, body.dim
-    held = body.make_supports(*((k, on_plane(k, 0.0)) for k in range(dim)))
+    supports = body.make_supports(*((k, on_plane(k, 0.0)) for k in range(dim)))
     pull = np.eye(dim)[-1] * t
     f = body.traction_load(pull, on_plane(dim - 1, 1.0))
-    a = solve(body.K, f, held)
+    a = solve(body.K, f, supports)
     u, p = split(W, a)
     stress = np.zeros(3)
     stress[dim - 1] = t
@@ -88,22 +88,24 @@ def test_uniaxial_stress_is_exact_whatever_the_units(cell, method, nu):
     strain = ((1 + nu) * stress - nu * stress.sum()) / E
     # p = 2 mu eps - sigma, along any axis
     assert np.abs(p.x.array - E / (1 + nu) * strain[0]).max() < 1e-9 * t
-    moved = u.x.array.reshape(-1, dim)
-    assert np.abs(moved - body.x * strain[:dim]).max() < 1e-10 * np.abs(strain).max()
+    displacements = u.x.array.reshape(-1, dim)
+    assert np.abs(displacements - body.x * strain[:dim]).max() < 1e-10 * np.abs(strain).max()
     below = SubSpace.displacements(W).extract(reactions(body.K, a, f)).array_r.reshape(-1, dim)
     assert below.sum(axis=0) == pytest.approx(-pull, abs=1e-9 * t)
 
 
 def ring(method, n):
-    """An incompressible ring under inner pressure, in axisymmetry: relative errors of u and p."""
+    """Compute relative errors of u and p of an axisymmetric incompressible ring under pressure."""
     inner, outer, load, E = 1.0, 2.0, 3.0, 5.0
     C = load / (2 * E / 3 * (1 / inner**2 - 1 / outer**2))
     exact_p = -2 * E / 3 * C / outer**2
     mesh = create_unit_square(COMM, n, n)
     mesh.geometry.x[:, 0] += inner
     body = ElasticBody(mesh, MAKERS[method], "axisymmetric", E, 0.5)
-    held = body.make_supports(*((1, on_plane(1, end)) for end in (0.0, 1.0)))
-    u, p = split(body.space, solve(body.K, body.traction_load((load, 0), on_plane(0, inner)), held))
+    supports = body.make_supports(*((1, on_plane(1, end)) for end in (0.0, 1.0)))
+    u, p = split(
+        body.space, solve(body.K, body.traction_load((load, 0), on_plane(0, inner)), supports)
+    )
     x = ufl.SpatialCoordinate(mesh)
     exact = ufl.as_vector([C / x[0], 0])
 
@@ -127,7 +129,7 @@ def test_an_incompressible_ring_in_axisymmetry_has_the_exact_pressure(method):
 def test_an_enclosed_incompressible_body_needs_its_pressure_fixed(cell, n, solver):
     body = ElasticBody(mesh := block(cell, n), Spaces.hybrid, state_of(mesh), 1.0, 0.5)
     W, dim, force = body.space, body.dim, np.array([2.0, 1.0, -4.0])
-    rim = [fem.dirichletbc(fem.Function(W), rim_of(W.sub(0)))]
+    rim = [fem.dirichletbc(fem.Function(W), boundary_dofs(W.sub(0)))]
     f, enclosed = body.body_force_load(force[:dim]), Reduction.dirichlet(W, rim)
     with pytest.raises(SingularSystem, match=r"^an incompressible .* prescribe it at a vertex"):
         solve(body.K, f, enclosed, solver)
@@ -167,35 +169,35 @@ def test_layers_are_exact_where_the_pressure_is_split_between_them(caplog):
 
 def test_a_split_pressure_has_to_be_tied_and_needs_factors():
     mesh = create_unit_square(COMM, 2, 2)
-    spaces, one = Spaces.hybrid(mesh, parts(mesh, [1] * 8)), Spaces.hybrid(mesh).trial
-    held = [prescribe(spaces.trial, 0, on_plane(0, 0.0))]
+    spaces, trial = Spaces.hybrid(mesh, tag_cells(mesh, [1] * 8)), Spaces.hybrid(mesh).trial
+    conditions = [prescribe(spaces.trial, 0, on_plane(0, 0.0))]
     with pytest.raises(ValueError, match="dirichlet needs both spaces"):
-        Reduction.dirichlet(spaces.trial, held)
+        Reduction.dirichlet(spaces.trial, conditions)
     with pytest.raises(ValueError, match="of all of them"):
-        Reduction.dirichlet(Spaces.hybrid(mesh, parts(mesh, [1] * 3)), held)
+        Reduction.dirichlet(Spaces.hybrid(mesh, tag_cells(mesh, [1] * 3)), conditions)
     # one part has the pressure of a body without parts
-    tied = Reduction.dirichlet(spaces, held).right.getSize()[1]
-    whole = Reduction.dirichlet(one, [prescribe(one, 0, on_plane(0, 0.0))])
+    tied = Reduction.dirichlet(spaces, conditions).right.getSize()[1]
+    whole = Reduction.dirichlet(trial, [prescribe(trial, 0, on_plane(0, 0.0))])
     assert tied == whole.right.getSize()[1]
-    spaces = Spaces.hybrid(mesh, parts(mesh, [0, 1] * 4))
-    held = Reduction.dirichlet(spaces, [prescribe(spaces.trial, 0, on_plane(0, 0.0))])
+    spaces = Spaces.hybrid(mesh, tag_cells(mesh, [0, 1] * 4))
+    conditions = Reduction.dirichlet(spaces, [prescribe(spaces.trial, 0, on_plane(0, 0.0))])
     K = assemble_matrix(Body(spaces, Material(1.0, 0.4), "plane strain").stiffness())
     with pytest.raises(ValueError, match="a pressure that is split, need Direct"):
-        solve(K, K.createVecLeft(), held, Iterative())
+        solve(K, K.createVecLeft(), conditions, Iterative())
     w, residual = incompressible(spaces)
     with pytest.raises(ValueError, match="no residual ties it"):
         PetrovGalerkinProblem(residual, w)
 
 
 def test_shear_vibrations_of_an_incompressible_block_are_exact():
-    """u_x = sin(pi y / 2), u_y = 0 keeps volumes: omega^2 = mu (pi / 2)^2 / rho."""
+    """u_x = sin(pi y / 2), u_y = 0 preserves volume, with omega^2 = mu (pi / 2)^2 / rho."""
     mu, rho = 7e9 / 3, 2e3
     for method, near in (("standard", 1e-4), ("new", 1e-2)):
         material = Material(3 * mu, 0.5, rho)
         body = ElasticBody(create_unit_square(COMM, 6, 6), MAKERS[method], material=material)
         ends = [(1, on_plane(0, 0.0)), (1, on_plane(0, 1.0)), (1, on_plane(1, 1.0))]
-        held = body.make_supports((0, on_plane(1, 0.0)), (1, on_plane(1, 0.0)), *ends)
-        values = vibration_modes(body.K, body.M, held, 6).eigenvalues
+        supports = body.make_supports((0, on_plane(1, 0.0)), (1, on_plane(1, 0.0)), *ends)
+        values = vibration_modes(body.K, body.M, supports, 6).eigenvalues
         assert np.abs(values / (mu / rho * (np.pi / 2) ** 2) - 1).min() < near
 
 
@@ -215,11 +217,11 @@ def test_an_incompressible_column_buckles_as_euler_says():
 @pytest.mark.parametrize("cell", CELLS)
 def test_a_mixed_space_of_ones_own_has_the_same_weights(cell):
     mesh = block(cell, 2)
-    own, pair = taylor_hood(mesh).trial, Spaces.hybrid(mesh)
+    mixed_space, pair = taylor_hood(mesh).trial, Spaces.hybrid(mesh)
     dx = ufl.dx(metadata={"quadrature_degree": 4})
     mine, theirs = (
         assemble_matrix(ufl.inner(ufl.TrialFunction(trial), ufl.TestFunction(test)) * dx)
-        for trial, test in ((own, test_space(own)), (pair.trial, pair.test))
+        for trial, test in ((mixed_space, test_space(mixed_space)), (pair.trial, pair.test))
     )
     assert (mine - theirs).norm() < 1e-14 * mine.norm()
     straight = element("Lagrange", cell, 1, shape=(mesh.geometry.dim,))
@@ -231,17 +233,17 @@ def test_a_mixed_space_of_ones_own_has_the_same_weights(cell):
 def test_conditions_contradict_each_other_field_by_field():
     W = Spaces.hybrid(block("triangle", 2)).trial
     corner = lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0)  # noqa: E731
-    held = [prescribe(W, "pressure", corner, 1e12), prescribe(W, 0, on_plane(0, 0.0), 1e-3)]
-    Reduction.dirichlet(W, held)
+    conditions = [prescribe(W, "pressure", corner, 1e12), prescribe(W, 0, on_plane(0, 0.0), 1e-3)]
+    Reduction.dirichlet(W, conditions)
     with pytest.raises(ValueError, match="contradict each other"):
-        Reduction.dirichlet(W, [*held, prescribe(W, 0, on_plane(1, 0.0), 2e-3)])
+        Reduction.dirichlet(W, [*conditions, prescribe(W, 0, on_plane(1, 0.0), 2e-3)])
 
 
 def test_von_mises_stress_and_materials_by_tag_know_the_pressure():
     mesh = block("triangle", 2)
-    tags = parts(mesh, np.arange(8) % 2)
-    both = Material.by_tag(mesh, tags, {0: Material(3.0, 0.3), 1: Material(3.0, 0.499)})
-    body = Body.on(mesh, both, "plane strain", parts=tags)
+    tags = tag_cells(mesh, np.arange(8) % 2)
+    material = Material.by_tag(mesh, tags, {0: Material(3.0, 0.3), 1: Material(3.0, 0.499)})
+    body = Body.on(mesh, material, "plane strain", parts=tags)
     assert body.spaces.is_hybrid
     w = fem.Function(body.spaces.trial)
     # pure shear under pressure: sqrt(3) tau, whatever the pressure
@@ -278,7 +280,7 @@ def test_a_body_takes_the_element_that_the_softest_of_its_materials_needs(caplog
     nu.x.array[-1:] = 0.495
     Body(PW(mesh), Material(1.0, nu), "plane strain")
     assert "nu = 0.495 in displacements alone" in caplog.text
-    tags = parts(mesh, nu.x.array > 0.4)
+    tags = tag_cells(mesh, nu.x.array > 0.4)
     assert Body.on(mesh, Material(1.0, nu), "plane strain", parts=tags).spaces.parts is tags
 
 
@@ -286,19 +288,22 @@ def test_a_body_takes_the_element_that_the_softest_of_its_materials_needs(caplog
 
 
 class Clamped(ElasticBody):
-    """A block that is clamped at its base, pushed aside and down."""
+    """Block clamped at its base and pushed sideways and down."""
 
     def __init__(self, mesh, nu=0.5, E=2e11, method=Spaces.hybrid, state=None, length=1.0):
         super().__init__(mesh, method, state or state_of(mesh), E, nu)
-        last, kept = self.dim - 1, slice(3 - self.dim, None)
+        vertical, kept = self.dim - 1, slice(3 - self.dim, None)
         self.f = self.body_force_load([2e8, 1e8, -4e8][kept])
-        self.f += self.traction_load([1e8, 1e8, -2e8][kept], on_plane(last, 1.0))
-        self.foot = [(k, on_plane(last, 0.0), 0.01 * k * length) for k in range(self.dim)]
+        self.f += self.traction_load([1e8, 1e8, -2e8][kept], on_plane(vertical, 1.0))
+        self.foot = [(k, on_plane(vertical, 0.0), 0.01 * k * length) for k in range(self.dim)]
         self.supports = self.make_supports(*self.foot)
 
     def differences(self):
-        """Of displacement and pressure, over the largest, and Krylov's iterations."""
-        a, exact = (solve(self.K, self.f, self.supports, way()) for way in (Iterative, Direct))
+        """Return relative differences of u and p between both solvers, and Krylov iterations."""
+        a, exact = (
+            solve(self.K, self.f, self.supports, solver_type())
+            for solver_type in (Iterative, Direct)
+        )
         fields = zip(split(self.space, a), split(self.space, exact), strict=True)
         off = [np.abs(p.x.array - q.x.array).max() / np.abs(q.x.array).max() for p, q in fields]
         report = a.getAttr("report")
@@ -347,7 +352,7 @@ def test_a_modulus_that_varies_by_four_powers_of_ten_radius_and_thickness_are_kn
 
 @pytest.mark.parametrize(("held", "nu"), [("clamped", 0.4), ("free", 0.5)])
 def test_modes_are_those_of_factors(held, nu):
-    """Pressures, too."""
+    """Frequencies, displacements and pressures of the modes agree."""
     mesh = block("tetrahedron", 2)
     case = Clamped(mesh, nu)
     mesh.geometry.x[:] *= 1.0, 0.7, 2.0  # modes of cubes are double and triple
@@ -371,7 +376,8 @@ def test_buckling_factors_are_those_of_factors_and_free_motions_are_refused():
     case = Clamped(block("tetrahedron", 2), E=2e9)
     K_sigma = case.initial_stress_matrix(case.f, case.supports)
     mine, exact = (
-        buckling(case.K, K_sigma, case.supports, solver=way()) for way in (Iterative, Direct)
+        buckling(case.K, K_sigma, case.supports, solver=solver_type())
+        for solver_type in (Iterative, Direct)
     )
     assert mine.factors == pytest.approx(exact.factors, rel=1e-8)
     loose = case.make_supports(*case.foot[:2])
@@ -385,7 +391,7 @@ def test_buckling_factors_are_those_of_factors_and_free_motions_are_refused():
 
 
 def incompressible(spaces, mu=1.0):
-    """Unknowns and residual of a neo-Hookean body whose volume stays; p = 0 at rest."""
+    """Return unknowns and residual of an incompressible neo-Hookean body; p = 0 at rest."""
     w, (v, q) = fem.Function(spaces.trial), ufl.split(ufl.TestFunction(spaces.test))
     u, p = ufl.split(w)
     F = ufl.Identity(len(u)) + ufl.grad(u)
@@ -397,22 +403,22 @@ def incompressible(spaces, mu=1.0):
 @pytest.mark.parametrize(("cell", "mu"), [("triangle", 7e10), ("tetrahedron", 1.0)])
 @pytest.mark.parametrize("method", MAKERS)
 def test_an_incompressible_block_is_stretched_exactly_whatever_the_units(method, cell, mu):
-    """sigma = mu (l^2 - l^-2) in plane strain."""
+    """The exact stress in plane strain is sigma = mu (l^2 - l^-2)."""
     size, stretch = 1e-3, 1.4
     mesh = block(cell, 2)
     mesh.geometry.x[:] *= size
     spaces, dim = MAKERS[method](mesh), mesh.geometry.dim
     (w, residual), end = incompressible(spaces, mu), fem.Constant(mesh, (stretch - 1) * size)
 
-    def side(axis, place):
-        return lambda x: np.isclose(x[axis], place * size)
+    def side(axis, coordinate):
+        return lambda x: np.isclose(x[axis], coordinate * size)
 
     conditions = [prescribe(spaces.trial, k, side(k, 0.0)) for k in range(dim)]
     conditions += [prescribe(spaces.trial, k, side(k, 1.0)) for k in range(2, dim)]
     conditions.append(prescribe(spaces.trial, 0, side(0, 1.0), end))
     problem = PetrovGalerkinProblem(residual, w, conditions)
     problem.solve(end, increments=2)
-    u, p = (of(spaces.trial) for of in (SubSpace.displacements, SubSpace.pressure))
+    u, p = (field_of(spaces.trial) for field_of in (SubSpace.displacements, SubSpace.pressure))
     x = u.space.tabulate_dof_coordinates()[:, :dim]
     exact = x * (stretch - 1, 1 / stretch - 1, 0.0)[:dim]
     assert np.abs(w.x.array[u.unknowns] - exact).max() < 1e-9 * size
@@ -420,5 +426,5 @@ def test_an_incompressible_block_is_stretched_exactly_whatever_the_units(method,
     assert np.abs(w.x.array[p.unknowns] - mu * (stretch**-2 - 1)).max() < 1e-8 * mu
     forces = problem.reactions().array_r[u.owned_unknowns]
     expected = mu * (stretch**2 - stretch**-2) * size ** (dim - 1) / stretch
-    across = forces[np.isclose(x[:, 0], size)].sum(axis=0)[:2]
-    assert across == pytest.approx([expected, 0.0], abs=1e-8 * expected)
+    lateral_force = forces[np.isclose(x[:, 0], size)].sum(axis=0)[:2]
+    assert lateral_force == pytest.approx([expected, 0.0], abs=1e-8 * expected)

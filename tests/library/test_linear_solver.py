@@ -1,4 +1,4 @@
-"""Linear algebra and direct solvers: dense twins, what they report, when old factors serve."""
+"""Linear algebra and direct solvers: dense references, reports, correction of factors."""
 
 import gc
 
@@ -28,25 +28,25 @@ def square(request):
 
 
 def test_prescribed_values_against_dense_algebra(square):
-    given = [(0, on_plane(0, 0.0)), (1, on_plane(0, 0.0)), (0, on_plane(0, 1.0), 0.03)]
-    f = square.load((1.0, 0.2), on_plane(0, 1.0))
-    a = solve(square.K, f, square.make_supports(*given)).array
-    conditions = [prescribe(square.space, *one) for one in given]
+    prescribed = [(0, on_plane(0, 0.0)), (1, on_plane(0, 0.0)), (0, on_plane(0, 1.0), 0.03)]
+    f = square.traction_load((1.0, 0.2), on_plane(0, 1.0))
+    a = solve(square.K, f, square.make_supports(*prescribed)).array
+    conditions = [prescribe(square.space, *condition) for condition in prescribed]
     assert np.abs(a - dense_solution(square.K, f, conditions)).max() < 1e-12
 
 
 @pytest.mark.parametrize("components", [(), (0,), (1,)])
 def test_missing_supports_end_in_an_error(square, components):
-    """A balanced load does not hide one, though the residual alone would be small."""
+    """Missing supports are found even if a balanced load makes the residual small."""
     supports = square.make_supports(*((i, on_plane(0, 0.0)) for i in components))
-    pull = square.load((1.0, 0.0), on_plane(0, 1.0))
-    for f in (pull, pull + square.load((-1.0, 0.0), on_plane(0, 0.0))):
+    pull = square.traction_load((1.0, 0.0), on_plane(0, 1.0))
+    for f in (pull, pull + square.traction_load((-1.0, 0.0), on_plane(0, 0.0))):
         with pytest.raises(SingularSystem, match="rigid motion"):
             solve(square.K, f, supports)
 
 
 def test_bad_conditioning_alone_is_no_singularity():
-    """A slender cantilever, entries over 1e11 and a tip that moves 1e5 times its strain."""
+    """A slender cantilever: entries differ by 1e11, and the tip moves by 1e5 times the strain."""
     beam = ElasticBody(
         create_rectangle(COMM, [(0, 0), (100, 1)], [200, 1]), PW, "plane stress", 2e11, 0
     )
@@ -82,10 +82,10 @@ def test_matrices_and_vectors_outlive_their_mesh():
 def matrix_of(dense):
     matrix = PETSc.Mat().createAIJ(dense.shape, comm=COMM)
     matrix.setUp()
-    return changed(matrix, range(len(dense)), dense)
+    return change_rows(matrix, range(len(dense)), dense)
 
 
-def changed(matrix, rows, values):
+def change_rows(matrix, rows, values):
     matrix.setValues(rows, range(matrix.getSize()[1]), values)
     matrix.assemble()
     return matrix
@@ -104,7 +104,7 @@ def test_one_factorisation_serves_after_small_changes():
     assert A @ factors.solve(right).array_r == pytest.approx(right.array_r, abs=1e-11)
     A[7] = -A[7]
     A[8, 3] += 5.0
-    changed(matrix, [7, 8], A[[7, 8]])
+    change_rows(matrix, [7, 8], A[[7, 8]])
     corrected = factors.solve_with_changed_rows(right, np.array([7, 8]))
     assert A @ corrected.array_r == pytest.approx(right.array_r, abs=1e-10)
     assert factors.report.factorisations == 1
@@ -116,12 +116,12 @@ def test_one_factorisation_serves_after_small_changes():
     assert set(factors.determinant_signs) == {-1, 1}  # a row has changed its sign
 
 
-def test_more_changes_than_said_are_not_passed_off_as_a_solution():
+def test_unannounced_row_changes_are_noticed():
     matrix, right = matrix_of(random_matrix()), PETSc.Vec().createSeq(N)
     right.set(1.0)
     factors = Direct().prepare(matrix)
     factors.solve(right)
-    changed(matrix, range(N), random_matrix(6))
+    change_rows(matrix, range(N), random_matrix(6))
     assert factors.solve_with_changed_rows(right, np.array([7])) is None
 
 
@@ -133,17 +133,17 @@ def test_singular_matrices_are_refused_by_any_package(package):
         prepared.set_up()
 
 
-def test_a_matrix_that_is_not_finite_spoils_no_later_one():
+def test_factors_recover_from_a_matrix_with_nan():
     matrix, right = matrix_of(random_matrix(5)), PETSc.Vec().createSeq(N)
     right.set(1.0)
     factors = Direct().prepare(matrix)
-    known = factors.solve(right).array_r.copy()
+    expected = factors.solve(right).array_r.copy()
     good = matrix.copy()
     matrix.scale(np.nan)
     with pytest.raises(SingularSystem):
         factors.solve(right)
     good.copy(matrix)
-    assert np.abs(factors.solve(right).array_r - known).max() < 1e-12 * np.abs(known).max()
+    assert np.abs(factors.solve(right).array_r - expected).max() < 1e-12 * np.abs(expected).max()
 
 
 @pytest.fixture(scope="module")
@@ -164,13 +164,15 @@ def beam():
     ],
 )
 def test_every_computation_takes_a_solver_and_says_what_ran(beam, solver, package):
-    f = beam.load((-1.0, 0.0), on_plane(0, 8.0))
+    f = beam.traction_load((-1.0, 0.0), on_plane(0, 8.0))
     a, reference = solve(beam.K, f, beam.foot, solver=solver), solve(beam.K, f, beam.foot)
     assert (a - reference).norm() < 1e-10 * reference.norm()
     report = a.getAttr("report")
     assert (report.method, report.factorisations) == (f"LU by {package}", 1)
-    modes, known = (vibration_modes(beam.K, beam.M, beam.foot, 3, solver=s) for s in (solver, None))
-    assert modes.eigenvalues == pytest.approx(known.eigenvalues, rel=1e-9)
+    modes, expected_modes = (
+        vibration_modes(beam.K, beam.M, beam.foot, 3, solver=s) for s in (solver, None)
+    )
+    assert modes.eigenvalues == pytest.approx(expected_modes.eigenvalues, rel=1e-9)
     assert modes.report.method == f"LU by {package}"
     assert modes.report.factorisations == 1  # slender bodies take a second shift
 
@@ -188,6 +190,6 @@ def test_options_reach_mumps(beam):
         factor = prepared.ksp.getPC().getFactorMatrix()
         return [factor.getMumpsIcntl(n) for n in numbers]
 
-    given = {"mat_mumps_icntl_7": 0, "-mat_mumps_icntl_14": 77}
-    assert parameters(given, 7, 14) == [0, 77]
+    options_dict = {"mat_mumps_icntl_7": 0, "-mat_mumps_icntl_14": 77}
+    assert parameters(options_dict, 7, 14) == [0, 77]
     assert parameters({}, 14) != [77]

@@ -43,9 +43,9 @@ def cube(cell):
 )
 def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains(field, energies):
     body = ElasticBody(square(), GALERKIN, "plane stress", 10.0)
-    moved = fem.Function(body.space)
-    moved.interpolate(lambda x: np.array(field(x)))
-    u, stress = moved.x.petsc_vec, ufl.as_tensor([[5.0, 0.0], [0.0, 2.0]])
+    displacement = fem.Function(body.space)
+    displacement.interpolate(lambda x: np.array(field(x)))
+    u, stress = displacement.x.petsc_vec, ufl.as_tensor([[5.0, 0.0], [0.0, 2.0]])
     for form, energy in zip(("G", "J"), energies, strict=True):
         K_sigma = assemble_matrix(body.body.initial_stress(stress, form))
         assert u.dot(K_sigma * u) == pytest.approx(energy)
@@ -65,7 +65,7 @@ def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains(fiel
     ids=["triangles", "parallelograms", "tetrahedra", "parallelepipeds"],
 )
 def test_quadrature_is_exact_and_no_more_than_that(make_mesh, state, method):
-    """Another four degrees change nothing, a rule with fewer points does; so in oblique cells."""
+    """Four more degrees change nothing, a rule with fewer points does; in oblique cells, too."""
     mesh = make_mesh()
     mesh.geometry.x[:, 0] += 0.3 * mesh.geometry.x[:, 1] + 0.2 * mesh.geometry.x[:, 2]
     body = Body(method(mesh), MATERIAL, state)
@@ -102,11 +102,11 @@ def test_a_material_per_tag():
     parts = {3: Material(2.0, 0.0, 1.0), 7: Material(5.0, 0.0, 4.0)}
     material = Material.by_tag(mesh, halves(mesh), parts)
     bar = ElasticBody(mesh, GALERKIN, "plane stress", material=material)
-    held = bar.make_supports((0, on_plane(0, 0.0)), (1, on_plane(1, 0.0)))
-    moved = solve(bar.K, bar.traction_load((1.0, 0.0), on_plane(0, 1.0)), held)
+    supports = bar.make_supports((0, on_plane(0, 0.0)), (1, on_plane(1, 0.0)))
+    displacements = solve(bar.K, bar.traction_load((1.0, 0.0), on_plane(0, 1.0)), supports)
     x = bar.x[:, 0]
     exact = np.minimum(x, 0.5) / 2.0 + np.maximum(x - 0.5, 0.0) / 5.0
-    assert moved.array_r.reshape(-1, 2)[:, 0] == pytest.approx(exact, abs=1e-13)
+    assert displacements.array_r.reshape(-1, 2)[:, 0] == pytest.approx(exact, abs=1e-13)
     ones = bar.M.createVecRight()
     ones.set(1.0)
     assert ones.dot(bar.M * ones) == pytest.approx(2 * (0.5 * 1.0 + 0.5 * 4.0), rel=1e-13)
@@ -115,28 +115,28 @@ def test_a_material_per_tag():
     assert rules[0] == rules[1]
 
 
-def test_materials_that_do_not_go_with_tags_are_named():
+def test_materials_without_matching_tags_are_refused():
     mesh = square(4)
     tags, soft, stiff = halves(mesh), Material(1.0), Material(9.0)
 
-    def refused(materials, match, tags=tags, error=ValueError, mesh=mesh):
+    def assert_refused(materials, match, tags=tags, error=ValueError, mesh=mesh):
         with pytest.raises(error, match=match):
             Material.by_tag(mesh, tags, materials)
 
-    refused({3: soft}, r"no material is given for the tags \[7\], which cells have")
-    refused({3: soft, 7: stiff, 4: soft}, r"given for the tags \[4\], which no cell has")
-    refused({}, r"no material is given for the tags \[3, 7\]")
+    assert_refused({3: soft}, r"no material is given for the tags \[7\], which cells have")
+    assert_refused({3: soft, 7: stiff, 4: soft}, r"given for the tags \[4\], which no cell has")
+    assert_refused({}, r"no material is given for the tags \[3, 7\]")
     words = "the mapping of tags is of the type list: give {tag: Material"
-    refused([soft, stiff], words, error=TypeError)
-    refused({3: soft, 7: 2.0}, "the material of tag 7 is 2.0: Material", error=TypeError)
+    assert_refused([soft, stiff], words, error=TypeError)
+    assert_refused({3: soft, 7: 2.0}, "the material of tag 7 is 2.0: Material", error=TypeError)
     varying = Material(fem.Function(fem.functionspace(mesh, ("DG", 0)), name="E") + 1.0)
-    refused({3: soft, 7: varying}, "youngs_modulus of the material of tag 7")
-    refused({3: soft}, "the cells. tags is of the type ndarray", np.ones(32), TypeError)
-    refused({3: soft, 7: stiff}, "tags are those of another mesh", halves(square(4)))
+    assert_refused({3: soft, 7: varying}, "youngs_modulus of the material of tag 7")
+    assert_refused({3: soft}, "the cells. tags is of the type ndarray", np.ones(32), TypeError)
+    assert_refused({3: soft, 7: stiff}, "tags are those of another mesh", halves(square(4)))
     facets = meshtags(mesh, 1, np.arange(4, dtype=np.int32), np.full(4, 3, dtype=np.int32))
-    refused({3: soft}, "tags are those of 1-D entities: cells are 2-D", facets)
+    assert_refused({3: soft}, "tags are those of 1-D entities: cells are 2-D", facets)
     few = meshtags(mesh, 2, np.arange(4, dtype=np.int32), np.full(4, 3, dtype=np.int32))
-    refused({3: soft}, "28 of 32 cells have no tag, so no material", few)
+    assert_refused({3: soft}, "28 of 32 cells have no tag, so no material", few)
 
 
 def test_incompressible_in_plane_stress():

@@ -1,4 +1,4 @@
-"""Displacement elements as nu -> 1/2: the map, the warnings, and the measure of a tangent."""
+"""Displacement elements as nu -> 1/2: map, warnings, and bulk over shear stiffness of tangents."""
 
 import logging
 
@@ -31,21 +31,23 @@ WORDS = "may be singular there"
 @pytest.mark.parametrize("cell", DIVISIONS)
 @pytest.mark.parametrize("mid_nodes", [False, True])
 def test_up_to_the_limits_no_stiffness_is_nearly_singular(cell, mid_nodes):
-    """Beyond them some are: a limit that guards nothing would be as wrong as one too high."""
-    moved = 0.05 if mid_nodes else 0.2
-    meshes = [distorted_mesh(cell, DIVISIONS[cell], moved, seed, mid_nodes) for seed in range(3)]
+    """Above the limits some are, so that the limits are not too low either."""
+    distortion = 0.05 if mid_nodes else 0.2
+    meshes = [
+        distorted_mesh(cell, DIVISIONS[cell], distortion, seed, mid_nodes) for seed in range(3)
+    ]
     limits = {max_bulk_over_shear(mesh) for mesh in meshes}
     (limit,) = limits
     # nu of a bulk modulus over a shear modulus
     safe = 0.49999 if np.isinf(limit) else (3 * limit - 2) / (6 * limit + 2)
-    found = [samples(mesh, [safe, 0.4999, 0.49995, 0.49999]) for mesh in meshes]
-    assert all(at_limit.sign == 1 for at_limit, *_ in found)
-    beyond = [sample for _, *others in found for sample in others]
+    ratios = [samples(mesh, [safe, 0.4999, 0.49995, 0.49999]) for mesh in meshes]
+    assert all(at_limit.sign == 1 for at_limit, *_ in ratios)
+    beyond = [sample for _, *others in ratios for sample in others]
     if np.isinf(limit):
         # it falls with the root of 1 - 2 nu, on every mesh alike
         assert all(0.01 < sample.least < 0.15 and sample.sign == 1 for sample in beyond)
     else:
-        assert all(at_limit.least > 0.07 for at_limit, *_ in found)
+        assert all(at_limit.least > 0.07 for at_limit, *_ in ratios)
         assert any(sample.least < 0.005 for sample in beyond)
         assert any(sample.sign == -1 for sample in beyond)
 
@@ -83,20 +85,20 @@ def test_a_body_warns_of_a_singular_stiffness_where_one_may_be(name, caplog):
     mesh = make()
     state = "plane strain" if mesh.geometry.dim == 2 else "solid"
 
-    def warned(spaces, nu, state=state):
+    def log_of_body(spaces, nu, state=state):
         caplog.clear()
         with caplog.at_level(logging.WARNING, "pw_elements"):
             Body(spaces, Material(1.0, nu), state)
         return WORDS in caplog.text
 
-    assert not warned(Spaces.petrov_galerkin(mesh), without)
+    assert not log_of_body(Spaces.petrov_galerkin(mesh), without)
     if beyond is not None:
-        assert warned(Spaces.petrov_galerkin(mesh), beyond)
+        assert log_of_body(Spaces.petrov_galerkin(mesh), beyond)
         assert "Spaces.hybrid(mesh)" in caplog.text
-        assert not warned(Spaces.galerkin(mesh), beyond)
-        assert not warned(Spaces.hybrid(mesh), beyond)
+        assert not log_of_body(Spaces.galerkin(mesh), beyond)
+        assert not log_of_body(Spaces.hybrid(mesh), beyond)
     if mesh.geometry.dim == 2:
-        assert not warned(Spaces.petrov_galerkin(mesh), 0.4999, "plane stress")
+        assert not log_of_body(Spaces.petrov_galerkin(mesh), 0.4999, "plane stress")
 
 
 def test_straight_and_parallel_cells_are_recognised():
@@ -118,19 +120,19 @@ def test_ratio_of_a_linear_elastic_tangent_is_that_of_its_moduli(cell, nu):
     u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
     body = Body(spaces, Material(3e9, nu), "plane strain" if mesh.geometry.dim == 2 else "solid")
     residual = ufl.inner(body.stress(u), body.strain(v)) * ufl.dx - v[0] * ufl.dx
-    found = TangentRatio(residual, u).compute()
-    assert len(found) == mesh.topology.index_map(mesh.topology.dim).size_local
-    assert found == pytest.approx(2 * (1 + nu) / (3 * (1 - 2 * nu)), rel=1e-9)
+    ratios = TangentRatio(residual, u).compute()
+    assert len(ratios) == mesh.topology.index_map(mesh.topology.dim).size_local
+    assert ratios == pytest.approx(2 * (1 + nu) / (3 * (1 - 2 * nu)), rel=1e-9)
 
 
 def energy(F, shear, lame):
-    """Per volume, of `neo_hookean_stress`."""
+    """Return the energy per volume whose derivative is `neo_hookean_stress`."""
     log = np.log(np.linalg.det(F))
     return shear * (np.sum(F**2) / 2 - log) + lame * log**2 / 2
 
 
 def ratio_by_differences(F, shear, lame, step=1e-4):
-    """Bulk over shear stiffness by second differences of an energy along exp(t H) F."""
+    """Compute bulk over shear stiffness by second differences of the energy along exp(t H) F."""
     dim = len(F)
     rng = np.random.default_rng(0)
     moduli = []
@@ -142,8 +144,8 @@ def ratio_by_differences(F, shear, lame, step=1e-4):
     basis = [np.eye(dim) / np.sqrt(dim), *basis.reshape(-1, dim, dim)]
     values = []
     for H in basis:
-        there = [energy(scipy.linalg.expm(t * H) @ F, shear, lame) for t in (-step, 0.0, step)]
-        values.append((there[0] - 2 * there[1] + there[2]) / step**2)
+        energies = [energy(scipy.linalg.expm(t * H) @ F, shear, lame) for t in (-step, 0.0, step)]
+        values.append((energies[0] - 2 * energies[1] + energies[2]) / step**2)
     return 2 * (values[0] - np.mean(values[1:])) / (dim * np.mean(values[1:])) + 2 / 3
 
 
@@ -156,16 +158,16 @@ def test_ratio_of_a_deformed_tangent_is_that_of_the_energy(seed):
     u, residual = finite_strain_residual(spaces, lambda F: neo_hookean_stress(F, 1.0, lame))
     F = np.eye(dim) + rng.uniform(-0.3, 0.3, (dim, dim))
     u.interpolate(lambda x: (F - np.eye(dim)) @ x[:dim] + 2.0)
-    found = TangentRatio(residual, u).compute()
-    assert found == pytest.approx(ratio_by_differences(F, 1.0, lame), rel=1e-5)
+    ratios = TangentRatio(residual, u).compute()
+    assert ratios == pytest.approx(ratio_by_differences(F, 1.0, lame), rel=1e-5)
     # the same after a rotation
     R = scipy.linalg.expm(np.array([[0, 1, 2], [-1, 0, 3], [-2, -3, 0]])[:dim, :dim] * 0.7)
     u.interpolate(lambda x: (R @ F - np.eye(dim)) @ x[:dim])
-    assert TangentRatio(residual, u).compute() == pytest.approx(found, rel=1e-9)
+    assert TangentRatio(residual, u).compute() == pytest.approx(ratios, rel=1e-9)
 
 
 def test_pressure_alone_is_no_stiffness_of_shape():
-    """A block under a pressure of many shear moduli: shear keeps volume, so it does no work."""
+    """A pressure of many shear moduli does no work in shear, which preserves volume."""
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     spaces = Spaces.petrov_galerkin(mesh)
     for lame, scale in ((100.0, 0.9), (100.0, 1.05), (5.0, 0.5)):
@@ -174,5 +176,5 @@ def test_pressure_alone_is_no_stiffness_of_shape():
         )
         u.interpolate(lambda x, scale=scale: (scale - 1) * x[:2])
         expected = ratio_by_differences(scale * np.eye(2), 1.0, lame)
-        found = TangentRatio(residual, u).compute()
-        assert found == pytest.approx(expected, rel=1e-5)
+        ratios = TangentRatio(residual, u).compute()
+        assert ratios == pytest.approx(expected, rel=1e-5)

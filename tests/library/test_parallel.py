@@ -1,4 +1,4 @@
-"""The library's results on several processes are those on one."""
+"""Results of the library on several processes equal those on one."""
 
 import numpy as np
 import pytest
@@ -48,13 +48,13 @@ def box(comm, size=(1, 1, 2), cells=(3, 3, 5), cell="tetrahedron"):
     return create_box(comm, [(0, 0, 0), size], cells, CellType[cell])
 
 
-def foot(body, axis, values=(0.0, 0.0, 0.0)):
-    """Supports at the lower end of an axis."""
+def foot_supports(body, axis, values=(0.0, 0.0, 0.0)):
+    """Create supports at the lower end of an axis."""
     return body.make_supports(*((i, on_plane(axis, 0.0), values[i]) for i in range(body.dim)))
 
 
 def sizes(W, a):
-    """Norms of a hybrid element's displacement and pressure."""
+    """Return the norms of displacement and pressure of a hybrid body."""
     fields = zip(("displacement", "pressure"), split(W, a), strict=True)
     return {field: function.x.petsc_vec.norm() for field, function in fields}
 
@@ -65,7 +65,7 @@ def sizes(W, a):
 def beam(comm, method):
     mesh = triangles(comm, (0.0, -0.5), (8.0, 0.5), (16, 4), "crossed")
     body = ElasticBody(mesh, method, "plane stress", 2.0)
-    U, K, M, supports = body.space, body.K, body.M, foot(body, 0, (0.0, 0.01))
+    U, K, M, supports = body.space, body.K, body.M, foot_supports(body, 0, (0.0, 0.01))
     f = body.traction_load((-1.0, 0.0), on_plane(0, 8.0))
     f.axpy(1.0, nodal_load(U, lambda x: on_plane(0, 8.0)(x) & on_plane(1, 0.0)(x), (0, 1e-3)))
     a = solve(K, f, supports)
@@ -85,14 +85,16 @@ def beam(comm, method):
         "symmetrised": buckling(*parts, supports, 1, symmetrised=True).factors,
         **{f"buckling {form}": buckling(K, S, supports, 2).factors for form, S in stresses.items()},
         **{
-            f"frequencies {way}": vibration_modes(K, M, supports, 3, way).eigenvalues
-            for way in (False, True)
+            f"frequencies {symmetrised}": vibration_modes(
+                K, M, supports, 3, symmetrised
+            ).eigenvalues
+            for symmetrised in (False, True)
         },
     }
 
 
 def identity(comm):
-    """The transfer of the standard element's forces gives the new one's; and a layered block."""
+    """Compare T K_G with K of the new element; sum forces of a layered block."""
     mesh = move_nodes(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
     galerkin, pw = (ElasticBody(mesh, method, "plane stress") for method in (GALERKIN, PW))
     shared = force_transfer(galerkin.space).matMult(galerkin.K)
@@ -116,14 +118,14 @@ def element(comm, name):
     pushed = assemble_vector(body.body.body_load((-0.1, -0.035)))
     (state,) = solve_contact(K, pushed, body.supports([]), [wall], U)
     M = assemble_matrix(body.body.mass())
-    found = {
+    numbers = {
         f"guyan {left}": vibration_modes(K, M, mass_left(supports, left), 3).eigenvalues
         for left in ("transposed", "same")
     }
     if name == "pw-Q8":
         lumped = vibration_modes(K, lumped_mass(M, U), supports, 3)
-        found["lumped"] = lumped.eigenvalues
-    return found | {
+        numbers["lumped"] = lumped.eigenvalues
+    return numbers | {
         "displacement norm": a.norm(),
         "stiffness norm": supports.matrix(K).norm(),
         "reactions": forces_along(U, reactions(K, a, f), on_plane(0, 0.0)).force,
@@ -155,7 +157,7 @@ def hybrid(comm, state):
     body = ElasticBody(mesh, Spaces.hybrid, state, 2e9, 0.5)
     f = body.body_force_load([3e6] * body.dim)
     f.axpy(1.0, nodal_load(body.space, on_plane(0, 0.0), [2e6] * body.dim))
-    a = solve(body.K, f, foot(body, 0, (0.0, 0.01, 0.02)))
+    a = solve(body.K, f, foot_supports(body, 0, (0.0, 0.01, 0.02)))
     return sizes(body.space, a) | {"reactions": reactions(body.K, a, f).norm()}
 
 
@@ -179,9 +181,9 @@ def impact(comm):
     assert comm.size == 1 or sum(cut) > 1, "the partition spares the contact"
     fields = ("force_normal", "force_tangential", "status", "gap", "slip", "displacement")
     # the sibling at rest: supports with values, contact on its gaps
-    held = sibling.dirichlet([prescribe(U, i, on_plane(2, 0.0), 0.02 * i) for i in range(3)])
+    supports = sibling.dirichlet([prescribe(U, i, on_plane(2, 0.0), 0.02 * i) for i in range(3)])
     near = ContactPair(on_plane(2, 1.0), Sphere((1, 0.5, 3.91), 2.9), 0.2)
-    (state,) = solve_contact(K, weight, held, near, U)
+    (state,) = solve_contact(K, weight, supports, near, U)
     return {
         "critical step": history.critical_step,
         "energy": list(vars(history.energies).values()),
@@ -194,7 +196,7 @@ def impact(comm):
             for k, pair in enumerate(frame.pairs)
             for field in fields
         },
-        "held": sibling.displacement(solve(K, weight, held)).norm(),
+        "held": sibling.displacement(solve(K, weight, supports)).norm(),
         "static force": state.pairs[0].force_normal,
         "static gap": state.pairs[0].gap,
     }
@@ -203,9 +205,9 @@ def impact(comm):
 # -- the iterative solver --------------------------------------------------------------------------
 
 
-def supported(comm, cell):
+def supported_numbers(comm, cell):
     body = ElasticBody(box(comm, (2, 1, 1), (4, 2, 2), cell), PW, "solid", 1.0)
-    f, supports = body.body_force_load((0.0, 0.3, -1.0)), foot(body, 0, (0.0, 0.1, 0.2))
+    f, supports = body.body_force_load((0.0, 0.3, -1.0)), foot_supports(body, 0, (0.0, 0.1, 0.2))
     with pytest.raises(SingularSystem):
         solve(
             body.K, f, body.make_supports((0, on_plane(0, 0.0)), (1, on_plane(0, 0.0))), Iterative()
@@ -217,23 +219,23 @@ def supported(comm, cell):
 
 def incompressible(comm, cell):
     body = ElasticBody(box(comm, (2, 1, 1), (4, 2, 2), cell), Spaces.hybrid, "solid", 2e9, 0.5)
-    f, supports = body.body_force_load((0.0, 3e8, -1e9)), foot(body, 0, (0.0, 0.1, 0.2))
+    f, supports = body.body_force_load((0.0, 3e8, -1e9)), foot_supports(body, 0, (0.0, 0.1, 0.2))
     return sizes(body.space, solve(body.K, f, supports, Iterative()))
 
 
-def summed(states):
-    """Numbers of contact states; forces themselves would be in another order."""
-    found = {}
+def sum_states(states):
+    """Sum the numbers of contact states, as the order of nodes may differ."""
+    sums = {}
     for k, state in enumerate(states):
-        found[f"{k} displacement norm"] = state.displacement.norm()
+        sums[f"{k} displacement norm"] = state.displacement.norm()
         for number, pair in enumerate(state.pairs):
-            found[f"{k} {number} statuses"] = np.bincount(pair.status, minlength=3)
-            found[f"{k} {number} force"] = pair.force
-            found[f"{k} {number} normal"] = pair.force_normal
-    return found
+            sums[f"{k} {number} statuses"] = np.bincount(pair.status, minlength=3)
+            sums[f"{k} {number} force"] = pair.force
+            sums[f"{k} {number} normal"] = pair.force_normal
+    return sums
 
 
-def blocked(comm):
+def blocked_numbers(comm):
     solid = SolidBlock(n=3, comm=comm)
     solid.K = assemble_matrix(solid.body.stiffness(), blocked=True)
     (state,) = solve_contact(*solid.case_arguments("rough floor"), solver=Iterative())
@@ -247,7 +249,7 @@ def blocked(comm):
 
 
 def by_auto(comm):
-    """Without anchors Krylov's method gives up in the second increment."""
+    """Solve by "auto": without anchors Krylov's method fails in the second increment."""
     arguments = nearly_sliding_arguments(SolidBlock(n=2, comm=comm))
     with pytest.MonkeyPatch.context() as patch:
         for limit in ("_MIN_KRYLOV_DOFS", "_MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS"):
@@ -258,18 +260,21 @@ def by_auto(comm):
         with pytest.raises(NotConverged) as caught:
             solve_contact(*arguments)
     assert len(set(comm.allgather(str(caught.value)))) == 1
-    return {"factorisations": [state.report.factorisations for state in states], **summed(states)}
+    return {
+        "factorisations": [state.report.factorisations for state in states],
+        **sum_states(states),
+    }
 
 
 # -- all of them -----------------------------------------------------------------------------------
 
 
-def named(cases):
-    return {f"{case} {key}": n for case, found in cases.items() for key, n in found.items()}
+def prefix_names(cases):
+    return {f"{case} {key}": n for case, numbers in cases.items() for key, n in numbers.items()}
 
 
 def direct_numbers(comm):
-    return named(
+    return prefix_names(
         {"galerkin": beam(comm, GALERKIN), "pw": beam(comm, PW)}
         | {"identity": identity(comm)}
         | {name: element(comm, name) for name in ("pw-Q8", "pw-Q9")}
@@ -283,23 +288,26 @@ SINGLE = ("corner", "tilted", "sphere by forces", "plate by forces")
 
 def iterative_numbers(comm):
     def contact(arguments):
-        return summed(solve_contact(*arguments, solver=Iterative()))
+        return sum_states(solve_contact(*arguments, solver=Iterative()))
 
-    def stacked(case, **body):
-        """The upper one is the slave."""
+    def stack_numbers(case, **body):
+        """Return the numbers of a stack whose upper body is the slave."""
         stack = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), comm=comm, **body)
         return contact(STACKED_CASES[case](stack, "upper"))
 
     rubber = SolidBlock(method=Spaces.hybrid, n=2, comm=comm, nu=0.5)
-    return named(
-        {cell: supported(comm, cell) for cell in ("tetrahedron", "hexahedron")}
+    return prefix_names(
+        {cell: supported_numbers(comm, cell) for cell in ("tetrahedron", "hexahedron")}
         | {f"hybrid {cell}": incompressible(comm, cell) for cell in ("tetrahedron", "hexahedron")}
         | {case: contact(SolidBlock(n=2, comm=comm).case_arguments(case)) for case in SINGLE}
         | {"hybrid sphere": contact(rubber.case_arguments("sphere"))}
-        | {case: stacked(case, ratio=0.5) for case in ("on a floor", "forces through contact")}
-        | {"hybrid stacked": stacked("held by contact", element="hybrid", nu=0.5)}
+        | {
+            case: stack_numbers(case, modulus_ratio=0.5)
+            for case in ("on a floor", "forces through contact")
+        }
+        | {"hybrid stacked": stack_numbers("held by contact", element="hybrid", nu=0.5)}
         | {"sliding": contact(nearly_sliding_arguments(SolidBlock(n=2, comm=comm)))}
-        | {"blocked": blocked(comm), "auto": by_auto(comm)}
+        | {"blocked": blocked_numbers(comm), "auto": by_auto(comm)}
     )
 
 

@@ -1,4 +1,4 @@
-"""Pictures of bodies, against what is known of the shapes that are drawn."""
+"""Pictures of bodies: areas and colours of known shapes."""
 
 from mpi4py import MPI
 
@@ -20,8 +20,8 @@ def area(polygon):
     return 0.5 * abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1)))
 
 
-def filled(axes):
-    """Polygons of a picture in space that have a colour, and their colours."""
+def coloured_polygons(axes):
+    """Return the coloured polygons of a picture in space, and their colours."""
     (collection,) = axes.collections
     colours = collection.get_facecolors()
     paths = [path.vertices[:-1] for path in collection.get_paths()]
@@ -49,28 +49,28 @@ def test_a_plane_body_is_drawn_where_it_has_moved(axes, cell):
     ("cell", "view", "faces"),
     [("tetrahedron", (30, 40), 3), ("hexahedron", (0, 20), 2), ("hexahedron", (1e-5, 20), 3)],
 )
-def test_of_a_box_the_faces_are_seen_that_are_turned_to_the_eye(axes, cell, view, faces):
-    """Their area as it is seen is that of the box's shadow along the line of sight."""
+def test_faces_of_a_box_that_look_at_the_viewer_are_drawn(axes, cell, view, faces):
+    """Their projected area is the area of the box's shadow along the line of sight."""
     size = np.array([1.0, 2.0, 3.0])
     mesh = create_box(COMM, [np.zeros(3), size], [2, 2, 2], CellType[cell])
     draw(mesh, ufl.SpatialCoordinate(mesh)[2], axes=axes, view=view)
     up, turned = np.radians(view)
     eye = [np.cos(up) * np.cos(turned), np.cos(up) * np.sin(turned), np.sin(up)]
     shadow = np.abs(eye) @ (np.prod(size) / size)
-    assert sum(area(p) for p, _ in filled(axes)) == pytest.approx(shadow)
-    assert len(filled(axes)) == faces * 128  # parts of a face
+    assert sum(area(p) for p, _ in coloured_polygons(axes)) == pytest.approx(shadow)
+    assert len(coloured_polygons(axes)) == faces * 128  # parts of a face
 
 
 def test_higher_is_drawn_higher_and_in_its_colour(axes):
     mesh = create_box(COMM, [np.zeros(3), np.ones(3)], [2, 2, 2])
     draw(mesh, ufl.SpatialCoordinate(mesh)[2], axes=axes, view=(0, 0), colours="gray")
-    parts = filled(axes)
+    parts = coloured_polygons(axes)
     height = np.array([p[:, 1].mean() for p, _ in parts])
     grey = np.array([c[0] for _, c in parts])
     assert np.corrcoef(height, grey)[0, 1] > 0.99
 
 
-def test_of_a_ball_what_is_seen_is_a_disc(axes):
+def test_a_ball_is_seen_as_a_disc(axes):
     box = create_box(COMM, [-np.ones(3), np.ones(3)], [4, 4, 4])
 
     def ball(x):
@@ -78,7 +78,7 @@ def test_of_a_ball_what_is_seen_is_a_disc(axes):
         return x * np.abs(x).max(axis=1, keepdims=True) / np.where(size > 0, size, 1)
 
     draw(curved_mesh(box, ball), axes=axes, view=(17, 33))
-    assert sum(area(p) for p, _ in filled(axes)) == pytest.approx(np.pi, rel=0.02)
+    assert sum(area(p) for p, _ in coloured_polygons(axes)) == pytest.approx(np.pi, rel=0.02)
 
 
 def test_stress_on_the_axis_of_rotation_is_drawn(axes):

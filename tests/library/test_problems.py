@@ -1,4 +1,4 @@
-"""Problems stated by a residual: known solutions, increments, and what is refused."""
+"""Problems given by a residual: exact solutions, increments, and errors."""
 
 from mpi4py import MPI
 
@@ -25,7 +25,7 @@ from pw_elements import (
     test_space,
 )
 from tests.contact.cases import finite_strain_residual, on_plane
-from tests.library.properties import rim_of, unit_mesh
+from tests.library.properties import boundary_dofs, unit_mesh
 
 DX = ufl.dx(metadata={"quadrature_degree": 6})
 A = np.array([[1.3, 0.2, -0.1], [-0.15, 0.8, 0.1], [0.05, -0.2, 1.1]])
@@ -33,10 +33,10 @@ A = np.array([[1.3, 0.2, -0.1], [-0.15, 0.8, 0.1], [0.05, -0.2, 1.1]])
 
 def scalar_problem(mesh):
     V = fem.functionspace(mesh, ("Lagrange", 2))
-    return V, fem.Function(V), ufl.TestFunction(test_space(V)), rim_of(V)
+    return V, fem.Function(V), ufl.TestFunction(test_space(V)), boundary_dofs(V)
 
 
-def interpolated(V, field):
+def interpolate(V, field):
     g = fem.Function(V)
     g.interpolate(field)
     return g
@@ -47,8 +47,8 @@ def rubber(mesh, method=Spaces.petrov_galerkin):
     return spaces.trial, *finite_strain_residual(spaces, degree=6)
 
 
-def pressed(depth, n=4):
-    """A square, whose left half is pressed from above and sticks."""
+def pressed_square(depth, n=4):
+    """Create a square whose left half is pressed from above and cannot slide."""
     mesh = create_rectangle(MPI.COMM_SELF, [(0.0, 0.0), (1.0, 1.0)], [n, n])
     (V, u, F), move = rubber(mesh), fem.Constant(mesh, depth)
 
@@ -76,8 +76,8 @@ def test_nonlinear_poisson_has_orders_three_and_two(cell, sizes):
         exact = ufl.sin(2 * x[0]) * ufl.exp(x[1])
         f = -ufl.div((1 + exact**2) * ufl.grad(exact))
         F = ufl.inner((1 + u**2) * ufl.grad(u), ufl.grad(v)) * ufl.dx - f * v * DX
-        given = interpolated(V, lambda x: np.sin(2 * x[0]) * np.exp(x[1]))
-        PetrovGalerkinProblem(F, u, fem.dirichletbc(given, rim)).solve()
+        nodal_exact = interpolate(V, lambda x: np.sin(2 * x[0]) * np.exp(x[1]))
+        PetrovGalerkinProblem(F, u, fem.dirichletbc(nodal_exact, rim)).solve()
         e = u - exact
         errors.append(
             [np.sqrt(assemble_scalar(w * DX)) for w in (e**2, ufl.inner(ufl.grad(e), ufl.grad(e)))]
@@ -91,7 +91,7 @@ def test_a_linear_residual_has_the_solution_and_reactions_of_solve():
     x, w = ufl.SpatialCoordinate(V.mesh), ufl.TrialFunction(V)
     a = (1 + x[0]) * ufl.inner(ufl.grad(w), ufl.grad(v)) * DX + 3.0 * w * v * DX
     L = ufl.exp(x[1]) * v * DX
-    condition = fem.dirichletbc(interpolated(V, lambda x: x[0] * x[2]), rim)
+    condition = fem.dirichletbc(interpolate(V, lambda x: x[0] * x[2]), rim)
     problem = PetrovGalerkinProblem(ufl.action(a, u) - L, u, condition, Direct())
     assert problem.solve() is u
     K, f = assemble_matrix(a), assemble_vector(L)
@@ -114,7 +114,7 @@ def test_homogeneous_deformation_is_exact(cell):
     def load(share):
         g.interpolate(lambda x: share * strain @ x[:dim])
 
-    problem = PetrovGalerkinProblem(F, u, fem.dirichletbc(g, rim_of(V)))
+    problem = PetrovGalerkinProblem(F, u, fem.dirichletbc(g, boundary_dofs(V)))
     problem.solve(load)
     exact = V.tabulate_dof_coordinates()[:, :dim] @ strain.T
     assert np.abs(u.x.array.reshape(-1, dim) - exact).max() < 1e-13
@@ -129,18 +129,18 @@ def test_homogeneous_deformation_is_exact(cell):
 
 
 def test_an_increment_is_cut_where_it_fails_as_a_whole():
-    problem, move = pressed(-0.6, 8)
+    problem, move = pressed_square(-0.6, 8)
     problem.solve(move)
     assert len(problem.increments) > 1
     assert problem.increments[-1].load_factor == 1.0
     assert move.value == -0.6
-    gentle, small = pressed(-0.6, 8)
+    gentle, small = pressed_square(-0.6, 8)
     gentle.solve(small, increments=8)
     assert np.abs(problem.u.x.array - gentle.u.x.array).max() < 1e-8
 
 
-def test_what_cannot_be_solved_leaves_the_last_solution():
-    problem, move = pressed(-1.5)  # through the bottom
+def test_after_a_failure_u_is_the_last_solution():
+    problem, move = pressed_square(-1.5)  # through the bottom
     with pytest.raises(NotConverged, match=r"of the load; u is the solution at 0\.\d+"):
         problem.solve(move)
     reached = problem.increments[-1].load_factor
@@ -155,23 +155,23 @@ def test_what_cannot_be_solved_leaves_the_last_solution():
 
 
 def test_without_a_load_nothing_is_cut_and_u_stays():
-    problem, _ = pressed(-1.5)
+    problem, _ = pressed_square(-1.5)
     with pytest.raises(NotConverged, match="u is as before: start nearer"):
         problem.solve()
     assert not problem.u.x.array.any()
 
 
 def test_a_second_load_grows_from_the_first():
-    problem, move = pressed(-0.1)
+    problem, move = pressed_square(-0.1)
     problem.solve(move)
     move.value = -0.2
     problem.solve([move], increments=2)
-    at_once, whole = pressed(-0.2)
+    at_once, whole = pressed_square(-0.2)
     at_once.solve(whole)
     assert np.abs(problem.u.x.array - at_once.u.x.array).max() < 1e-12
     assert [i.load_factor for i in problem.increments] == [0.5, 1.0]
-    first = problem.increments[0]
-    assert first.relative_corrections[0] < 0.6  # from -0.1, not from 0
+    increment = problem.increments[0]
+    assert increment.relative_corrections[0] < 0.6  # from -0.1, not from 0
 
 
 def test_a_body_that_is_not_held_is_singular():
@@ -186,25 +186,41 @@ def residual_of(u, v):
     return ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
 
 
-def test_what_is_no_problem_is_refused():
+def test_invalid_problems_are_refused():
     V, u, v, rim = scalar_problem(unit_mesh(CellType.triangle, 2))
-    other = fem.functionspace(V.mesh, ("Lagrange", 1))
-    of, test, trial = PetrovGalerkinProblem, ufl.TestFunction(other), ufl.TrialFunction(other)
+    linear_space = fem.functionspace(V.mesh, ("Lagrange", 1))
+    problem_type, test, trial = (
+        PetrovGalerkinProblem,
+        ufl.TestFunction(linear_space),
+        ufl.TrialFunction(linear_space),
+    )
     F, twice = residual_of(u, v), [fem.dirichletbc(value, rim, V) for value in (0.0, 1.0)]
-    problem, one_free = of(F, u, twice[0]), "solve with one free matrix under supports"
+    problem, one_free = problem_type(F, u, twice[0]), "solve with one free matrix under supports"
     for attempt, kind, words in (
-        (lambda: of(u * ufl.dx, u), ValueError, "no test function"),
-        (lambda: of(u * v * v * ufl.dx, u), ValueError, "no form linear in its weights"),
-        (lambda: of(u * ufl.dx + u * v * ufl.dx, u), ValueError, "no form linear in its weights"),
-        (lambda: of(residual_of(fem.Function(V), v), u), ValueError, "does not depend on u"),
-        (lambda: of(residual_of(trial, v), u), ValueError, "and no trial function"),
-        (lambda: of(residual_of(u, test), u), RuntimeError, "number their nodes differently"),
-        (lambda: of(ufl.as_ufl(0) * 0, u), TypeError, "the residual is of the type Zero"),
-        (lambda: of(F, V), TypeError, "u is of the type FunctionSpace"),
-        (lambda: of(F, u, solver="mumps"), TypeError, "the solver is 'mumps'"),
-        (lambda: of(F, u, solver=Iterative()), ValueError, one_free),
-        (lambda: of(F, u, solver="auto"), ValueError, one_free),
-        (lambda: of(F, u, twice), ValueError, "contradict each other"),
+        (lambda: problem_type(u * ufl.dx, u), ValueError, "no test function"),
+        (lambda: problem_type(u * v * v * ufl.dx, u), ValueError, "no form linear in its weights"),
+        (
+            lambda: problem_type(u * ufl.dx + u * v * ufl.dx, u),
+            ValueError,
+            "no form linear in its weights",
+        ),
+        (
+            lambda: problem_type(residual_of(fem.Function(V), v), u),
+            ValueError,
+            "does not depend on u",
+        ),
+        (lambda: problem_type(residual_of(trial, v), u), ValueError, "and no trial function"),
+        (
+            lambda: problem_type(residual_of(u, test), u),
+            RuntimeError,
+            "number their nodes differently",
+        ),
+        (lambda: problem_type(ufl.as_ufl(0) * 0, u), TypeError, "the residual is of the type Zero"),
+        (lambda: problem_type(F, V), TypeError, "u is of the type FunctionSpace"),
+        (lambda: problem_type(F, u, solver="mumps"), TypeError, "the solver is 'mumps'"),
+        (lambda: problem_type(F, u, solver=Iterative()), ValueError, one_free),
+        (lambda: problem_type(F, u, solver="auto"), ValueError, one_free),
+        (lambda: problem_type(F, u, twice), ValueError, "contradict each other"),
         (lambda: problem.solve(increments=0), ValueError, "increments = 0"),
         (lambda: problem.solve([3]), TypeError, "a load is 3: give a fem"),
         (lambda: problem.solve(lambda share: share / 0), ValueError, "failed: ZeroDivisionError"),
@@ -215,12 +231,12 @@ def test_what_is_no_problem_is_refused():
 
 def test_a_residual_that_is_not_finite_is_no_solution():
     V, u, v, rim = scalar_problem(unit_mesh(CellType.triangle, 2))
-    held = fem.dirichletbc(0.0, rim, V)
+    condition = fem.dirichletbc(0.0, rim, V)
     with pytest.raises(NotConverged, match="the residual is not finite"):
-        PetrovGalerkinProblem(residual_of(u, v) - ufl.ln(u) * v * DX, u, held).solve()
+        PetrovGalerkinProblem(residual_of(u, v) - ufl.ln(u) * v * DX, u, condition).solve()
     source = fem.Constant(V.mesh, np.nan)
     with pytest.raises(NotConverged, match="the residual is not finite"):
-        PetrovGalerkinProblem(residual_of(u, v) - source * v * DX, u, held).solve()
+        PetrovGalerkinProblem(residual_of(u, v) - source * v * DX, u, condition).solve()
     assert not u.x.array.any()
 
 

@@ -1,4 +1,4 @@
-"""What holds for the elements on any mesh: hypothesis looks for one on which it does not."""
+"""Properties of the elements on random meshes, by Hypothesis."""
 
 import functools
 import gc
@@ -30,11 +30,11 @@ from tests.library.properties import (
     METHODS,
     Elastic,
     assert_small,
+    boundary_dofs,
     dense,
     eigenvalue_error,
+    max_row_entries,
     rigid_modes,
-    rim_of,
-    terms,
 )
 from tests.library.random_meshes import (
     BODY_CELLS,
@@ -61,7 +61,7 @@ STATES = {2: ("plane stress", "plane strain"), 3: ("solid",)}
 
 @st.composite
 def bodies(draw, cells=BODY_CELLS, methods=tuple(METHODS)):
-    """A skewed body of any material on a random mesh."""
+    """Draw a skewed body of random material on a random mesh."""
     grid = draw(grids(cells))
     return Elastic(
         grid,
@@ -89,7 +89,7 @@ def test_weights_sum_to_one_and_reproduce_linear_functions(cell, seed):
 
 
 @given(bodies(), SEEDS)
-def test_loads_have_the_resultant_and_moment_of_what_they_stand_for(elastic, seed):
+def test_load_vectors_have_the_resultant_and_moment_of_the_loads(elastic, seed):
     dim, A, body = elastic.grid.dim, elastic.placement.matrix, elastic.body
     force = np.random.default_rng(seed).uniform(-1, 1, dim)
     side = np.eye(dim)[0]
@@ -116,7 +116,7 @@ def test_loads_have_the_resultant_and_moment_of_what_they_stand_for(elastic, see
 def test_stiffness_is_blind_to_rigid_motions_and_gives_balanced_forces(elastic):
     K, modes = dense(elastic.K), rigid_modes(elastic.x)
     modes = modes.reshape(len(K), -1)
-    bound = terms(K) * elastic.round_off * np.abs(K).sum(axis=1).max()
+    bound = max_row_entries(K) * elastic.round_off * np.abs(K).sum(axis=1).max()
     assert_small(K @ modes, bound)
     # forces of any displacement: no resultant, and no moment about the undeformed nodes
     bound = len(K) * elastic.round_off * np.abs(K).sum(axis=0).max()
@@ -126,12 +126,12 @@ def test_stiffness_is_blind_to_rigid_motions_and_gives_balanced_forces(elastic):
 @given(grids(("triangle", "quadrilateral")), st.sampled_from(list(METHODS)))
 def test_axisymmetric_stiffness_is_blind_to_the_translation_along_the_axis(grid, method):
     K = dense(Elastic(grid, method=method, state="axisymmetric").K)
-    along = np.tile([0.0, 1.0], len(K) // 2)
+    axial_translation = np.tile([0.0, 1.0], len(K) // 2)
     bound = len(K) * grid.slope_round_off() * np.abs(K).sum(axis=1).max()
-    assert_small(K @ along, bound)
-    assert_small(along @ K, bound)
+    assert_small(K @ axial_translation, bound)
+    assert_small(axial_translation @ K, bound)
     # widening, though, strains the hoops
-    assert np.abs(K @ (1 - along)).max() > 1e-3 * np.abs(K).max()
+    assert np.abs(K @ (1 - axial_translation)).max() > 1e-3 * np.abs(K).max()
 
 
 @given(grids(("triangle",)), SEEDS, st.floats(-0.5, 0.45), st.sampled_from(STATES[2]), MODULI)
@@ -141,12 +141,12 @@ def test_is_galerkin_with_transferred_forces(grid, seed, nu, state, modulus):
     T = dense(force_transfer(galerkin.space))
     K, K_pw = dense(galerkin.K), dense(pw.K)
     # what is compared are sums over a row of T of entries of K
-    bound = terms(K) * pw.round_off * (np.abs(T) @ np.abs(K)).max()
+    bound = max_row_entries(K) * pw.round_off * (np.abs(T) @ np.abs(K)).max()
     assert_small(T @ K - K_pw, bound)
     # a wrong T shows: transposed, or shares 1/6, 2/3, 1/6 in place of 1/8, 3/4, 1/8
     wrong = np.eye(len(T)) + (T - np.eye(len(T))) * 4 / 3
-    for other in (T.T, wrong):
-        assert np.abs(other @ K - K_pw).max() > 1e-3 * np.abs(K).max()
+    for candidate in (T.T, wrong):
+        assert np.abs(candidate @ K - K_pw).max() > 1e-3 * np.abs(K).max()
     force = np.random.default_rng(seed).uniform(-1, 1, 2)
     for load in ("body", "surface"):
         f, f_pw = (_load(elastic, load, force) for elastic in (galerkin, pw))
@@ -168,14 +168,14 @@ def test_patch_test(elastic, seed):
     gradient = np.random.default_rng(seed).uniform(-1, 1, (dim, dim))
     exact = fem.Function(U)
     exact.interpolate(lambda x: gradient @ x[:dim])
-    rim = rim_of(U)
+    rim = boundary_dofs(U)
     assume(len(rim) < len(elastic.x))  # a cube of five tetrahedra has no node inside
-    held, f = Reduction.dirichlet(U, [fem.dirichletbc(exact, rim)]), elastic.K.createVecLeft()
-    a = solve(elastic.K, f, held)
+    reduction, f = Reduction.dirichlet(U, [fem.dirichletbc(exact, rim)]), elastic.K.createVecLeft()
+    a = solve(elastic.K, f, reduction)
     r = reactions(elastic.K, a, f).array.reshape(-1, dim)
     a = a.array.reshape(-1, dim)
-    moved = elastic.error_of_solution(held, a, f.array)[0]
-    assert_small(a - exact.x.array.reshape(-1, dim), moved)
+    bound = elastic.error_of_solution(reduction, a, f.array)[0]
+    assert_small(a - exact.x.array.reshape(-1, dim), bound)
     balance = np.einsum("nak,na->k", rigid_modes(elastic.x), r)
     assert_small(balance, len(r) * elastic.error_of_forces(a))
 
@@ -183,17 +183,17 @@ def test_patch_test(elastic, seed):
 @given(bodies(), SEEDS)
 def test_reactions_balance_the_loads(elastic, seed):
     force = np.random.default_rng(seed).uniform(-1, 1, elastic.grid.dim)
-    a, r, f = elastic.solved(force)
+    a, r, f = elastic.solve_statics(force)
     balance = np.einsum("nak,na->k", rigid_modes(elastic.x), r + f)
     assert_small(balance, len(r) * elastic.error_of_forces(a))
     # and there are none where nothing holds
-    free = dense(elastic.clamped().right).any(axis=1)
+    free = dense(elastic.clamp().right).any(axis=1)
     assert_small(r.ravel()[free], elastic.error_of_forces(a))
 
 
 @st.composite
 def statics(draw, cells=BODY_CELLS):
-    """A body of size one and modulus one, and the body force on it."""
+    """Draw a body of unit size and modulus, and a body force."""
     grid = draw(grids(cells))
     method, nu = draw(st.sampled_from(list(METHODS))), draw(st.floats(-0.5, 0.45))
     state = draw(st.sampled_from(STATES[grid.dim]))
@@ -201,73 +201,75 @@ def statics(draw, cells=BODY_CELLS):
     return Elastic(grid, Placement(), method, state, Material(1.0, nu)), force
 
 
-def assert_same_solution(elastic, other, force, modulus):
-    """Displacements and reactions of one body are those of the other, placed elsewhere."""
-    place, dim = other.placement, elastic.grid.dim
-    a, r, f = elastic.solved(force)
+def assert_same_solution(elastic, transformed, force, modulus):
+    """Assert equal displacements and reactions of a body and its transformed copy."""
+    placement, dim = transformed.placement, elastic.grid.dim
+    a, r, f = elastic.solve_statics(force)
     # forces per volume scale like modulus over length, nodal forces like modulus times area
-    b, s, _ = other.solved(place.place_vectors(force) * modulus / place.unit)
-    at = match_nodes(elastic.x, other.x, place)
+    b, s, _ = transformed.solve_statics(placement.place_vectors(force) * modulus / placement.unit)
+    at = match_nodes(elastic.x, transformed.x, placement)
     # of both of them; the one far from the origin knows its shape less well
-    moved, forced = elastic.error_of_solution(
-        elastic.clamped(), a, f, elastic.round_off + other.round_off
+    displacement_bound, forced = elastic.error_of_solution(
+        elastic.clamp(), a, f, elastic.round_off + transformed.round_off
     )
-    assert_small(b / place.unit - place.place_vectors(a)[at], dim * moved)
-    scale = modulus * place.unit ** (dim - 1)
-    assert_small(s / scale - place.place_vectors(r)[at], dim * forced)
+    assert_small(b / placement.unit - placement.place_vectors(a)[at], dim * displacement_bound)
+    scale = modulus * placement.unit ** (dim - 1)
+    assert_small(s / scale - placement.place_vectors(r)[at], dim * forced)
 
 
 @given(statics(), LENGTH_UNITS, MODULI)
 def test_same_statics_in_other_units(problem, unit, modulus):
     elastic, force = problem
-    assert_same_solution(elastic, elastic.restated(Placement(unit), modulus), force, modulus)
+    assert_same_solution(elastic, elastic.transform(Placement(unit), modulus), force, modulus)
 
 
 @given(statics(), powers_of_ten(-2, 6), SEEDS, st.booleans(), st.booleans())
 def test_same_statics_elsewhere_turned_and_renumbered(problem, far, seed, turned, renumbered):
-    """Up to 1e6 sizes away."""
+    """The body is up to 1e6 times its size away from the origin."""
     elastic, force = problem
-    other = elsewhere(elastic, far, seed, turned, renumbered)
-    assert_same_solution(elastic, other, force, 1.0)
+    moved_body = elsewhere(elastic, far, seed, turned, renumbered)
+    assert_same_solution(elastic, moved_body, force, 1.0)
 
 
 def elsewhere(elastic, far, seed, turned, renumbered):
     grid, dim = elastic.grid, elastic.grid.dim
     offset = far * np.random.default_rng(seed).uniform(-1, 1, dim)
-    place = Placement(1.0, random_rotation(dim, seed) if turned else np.eye(dim), offset)
-    return elastic.restated(place, grid=grid.renumber(seed) if renumbered else grid)
+    placement = Placement(1.0, random_rotation(dim, seed) if turned else np.eye(dim), offset)
+    return elastic.transform(placement, grid=grid.renumber(seed) if renumbered else grid)
 
 
 @given(statics(), SEEDS)
 def test_same_contact_turned_and_renumbered(problem, seed):
-    """A ball pressed on the side opposite the held one, and drawn along it, with friction."""
+    """A ball is pressed on the side opposite the clamped one, and drawn along it, with friction."""
     elastic, _ = problem
     dim, down = elastic.grid.dim, np.array([-0.02, 0.01, 0.005])
 
-    def touched(body):
-        place, above = body.placement, np.array([3.0, 0.45, 0.55])[:dim]
-        ball = Sphere(place.place_points(above), 2.0)
-        motion = Motion(place.place_vectors(down[:dim]).tolist())
+    def solve_ball_contact(body):
+        placement, above = body.placement, np.array([3.0, 0.45, 0.55])[:dim]
+        ball = Sphere(placement.place_points(above), 2.0)
+        motion = Motion(placement.place_vectors(down[:dim]).tolist())
         pair = ContactPair(body.side(0, 1.0), ball, 0.2, [motion])
-        load, held = body.K.createVecLeft(), body.clamped()
-        (state,) = solve_contact(body.K, load, held, pair, body.space)
+        load, supports = body.K.createVecLeft(), body.clamp()
+        (state,) = solve_contact(body.K, load, supports, pair, body.space)
         return state.displacement.array.reshape(-1, dim), state.pairs[0].force
 
-    other = elsewhere(elastic, 1.0, seed, True, True)
-    (a, force), (b, other_force) = touched(elastic), touched(other)
-    at = match_nodes(elastic.x, other.x, other.placement)
+    moved_body = elsewhere(elastic, 1.0, seed, True, True)
+    (a, force), (b, other_force) = solve_ball_contact(elastic), solve_ball_contact(moved_body)
+    at = match_nodes(elastic.x, moved_body.x, moved_body.placement)
     event(f"touches: {force.any()}")
-    assert_small(b - other.placement.place_vectors(a)[at], 1e-8 * np.abs(a).max())
-    assert_small(other_force - other.placement.place_vectors(force), 1e-8 * np.abs(force).max())
+    assert_small(b - moved_body.placement.place_vectors(a)[at], 1e-8 * np.abs(a).max())
+    assert_small(
+        other_force - moved_body.placement.place_vectors(force), 1e-8 * np.abs(force).max()
+    )
 
 
 @given(statics(("triangle", "quadrilateral")), LENGTH_UNITS, MODULI, powers_of_ten(-12, 4))
 def test_frequencies_in_other_units(problem, unit, modulus, density):
     elastic, _ = problem
-    other = elastic.restated(Placement(unit), modulus, density)
-    values = [vibration_modes(b.K, b.M, b.clamped()).eigenvalues[0] for b in (elastic, other)]
-    K, M = (dense(other.clamped().matrix(A)) for A in (other.K, other.M))
-    wrong = len(K) * (elastic.round_off + other.round_off)
+    rescaled = elastic.transform(Placement(unit), modulus, density)
+    values = [vibration_modes(b.K, b.M, b.clamp()).eigenvalues[0] for b in (elastic, rescaled)]
+    K, M = (dense(rescaled.clamp().matrix(A)) for A in (rescaled.K, rescaled.M))
+    wrong = len(K) * (elastic.round_off + rescaled.round_off)
     sizes = [wrong * np.linalg.norm(A, 2) for A in (K, M)]
 
     def lowest(mu):
@@ -283,37 +285,37 @@ def test_frequencies_in_other_units(problem, unit, modulus, density):
 @given(statics(("triangle", "quadrilateral")), LENGTH_UNITS, MODULI, powers_of_ten(-6, 6))
 def test_buckling_factors_have_no_unit(problem, unit, modulus, load):
     elastic, _ = problem
-    other, factors = elastic.restated(Placement(unit), modulus), []
-    for body, pressure in ((elastic, 1.0), (other, load * modulus)):
+    rescaled, factors = elastic.transform(Placement(unit), modulus), []
+    for body, pressure in ((elastic, 1.0), (rescaled, load * modulus)):
         top = boundary_measure(body.body.spaces.mesh, body.side(0, 1.0))
         f = assemble_vector(body.body.surface_load((-pressure, 0.0), top))
-        a = solve(body.K, f, body.clamped())
+        a = solve(body.K, f, body.clamp())
         stress = body.body.stress(as_function(body.space, a))
         K_sigma = assemble_matrix(body.body.initial_stress(stress))
         try:
-            factors.append(buckling(body.K, K_sigma, body.clamped()).factors[0])
+            factors.append(buckling(body.K, K_sigma, body.clamp()).factors[0])
         except NoModes:
             factors.append(None)
     event(f"buckles: {factors[0] is not None}")
     assert (factors[0] is None) == (factors[1] is None)
     assume(factors[0] is not None)
-    K, S = (dense(other.clamped().matrix(A)) for A in (other.K, K_sigma))
-    moved = other.error_of_solution(
-        other.clamped(), a.array, f.array, elastic.round_off + other.round_off
+    K, S = (dense(rescaled.clamp().matrix(A)) for A in (rescaled.K, K_sigma))
+    bound = rescaled.error_of_solution(
+        rescaled.clamp(), a.array, f.array, elastic.round_off + rescaled.round_off
     )[0]
     # stresses are wrong like slopes of displacements, and K_sigma like stresses
-    wrong_S = moved / np.abs(a.array).max() * np.linalg.norm(S, 2)
-    wrong_K = len(K) * (elastic.round_off + other.round_off) * np.linalg.norm(K, 2)
+    wrong_S = bound / np.abs(a.array).max() * np.linalg.norm(S, 2)
+    wrong_K = len(K) * (elastic.round_off + rescaled.round_off) * np.linalg.norm(K, 2)
     mu, error = eigenvalue_error(-S, K, lambda mu: np.argmax(mu.real), wrong_S, wrong_K)
     error += 1e-11 * abs(mu)
     assert_small(1 / factors[1] - mu, error)
     assert_small(load / factors[0] - 1 / factors[1], 2 * error)
 
 
-def test_frequencies_let_go_of_the_mesh():
+def test_vibration_modes_free_the_mesh():
     body = Elastic(structured_grid("triangle", [np.linspace(0, 1, 3)] * 2))
     form = weakref.ref(body.K.getAttr("assembled").form)
-    vibration_modes(body.K, body.M, body.clamped())
+    vibration_modes(body.K, body.M, body.clamp())
     del body
     gc.collect()
     assert form() is None

@@ -20,7 +20,7 @@ from pw_elements import (
 from pw_elements.elasticity import order_by_position
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
-from tests.library.properties import rim_of, unit_mesh
+from tests.library.properties import boundary_dofs, unit_mesh
 
 CELLS = [CellType.tetrahedron, CellType.hexahedron, CellType.triangle, CellType.quadrilateral]
 PLANE = [
@@ -33,16 +33,16 @@ PLANE = [
 ]
 
 
-def uneven(build=triangles, method=PW, state="plane stress", thickness=1.0):
-    """A block 2 x 1 with cells of uneven width."""
+def uneven_block(build=triangles, method=PW, state="plane stress", thickness=1.0):
+    """Create a block 2 x 1 with cells of uneven width."""
     mesh = build(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
     mesh = move_nodes(mesh, lambda x: x + 0.1 * np.sin(3 * x[:, :1]) * [1, 0, 0])
     return ElasticBody(mesh, method, state, 10.0, thickness=thickness)
 
 
-def pressed(body, where, pressure=3.0):
-    """Nodal forces of an even pressure, ordered like the surface's nodes."""
-    f = body.load(pressure * np.eye(body.dim)[-1], where)
+def uniform_pressure_forces(body, where, pressure=3.0):
+    """Return nodal forces of a uniform pressure in the order of the surface's nodes."""
+    f = body.traction_load(pressure * np.eye(body.dim)[-1], where)
     x = body.space.tabulate_dof_coordinates()
     nodes = np.flatnonzero(where(x.T))
     nodes = nodes[order_by_position(x[nodes])]
@@ -51,8 +51,8 @@ def pressed(body, where, pressure=3.0):
 
 @pytest.mark.parametrize(("side", "axis"), [(0, 1), (1, 0)])
 def test_forces_along_any_side_are_in_its_order(side, axis):
-    """Of one that does not extend along x, too: round-off once ordered it."""
-    body = uneven()
+    """This includes a side at constant x, where round-off must not decide the order."""
+    body = uneven_block()
     body.mesh.geometry.x[::2] *= 1 + 1e-15
     end = body.mesh.geometry.x[:, side].max()
     f = body.traction_load((2.0, 5.0), on_plane(side, end))
@@ -64,13 +64,13 @@ def test_forces_along_any_side_are_in_its_order(side, axis):
 @pytest.mark.parametrize(("build", "method", "state"), PLANE)
 def test_pressures_of_an_even_pressure(build, method, state):
     thickness = 1.0 if state == "axisymmetric" else 0.4
-    body = uneven(build, method, state, thickness)
+    body = uneven_block(build, method, state, thickness)
     surface = SurfaceNodes.from_body(body.body, on_plane(1, 0.0))
     end = 2 + 0.1 * np.sin(6)
     total = np.pi * end**2 if state == "axisymmetric" else thickness * end
     assert surface.weight_area.sum() == pytest.approx(total)
     assert surface.tributary_area.sum() == pytest.approx(total)
-    force = pressed(body, on_plane(1, 0.0))
+    force = uniform_pressure_forces(body, on_plane(1, 0.0))
     pressure = surface.pressure(force)
     on_axis = state == "axisymmetric" and method == GALERKIN  # has no weight there
     assert np.flatnonzero(np.isnan(pressure)).tolist() == [0] * on_axis
@@ -87,16 +87,16 @@ def test_sawtooth_of_an_even_pressure(method, expected):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 2))
     body = ElasticBody(mesh, method, "plane stress")
     surface = SurfaceNodes.from_body(body.body, on_plane(1, 0.0))
-    force = pressed(body, on_plane(1, 0.0))
+    force = uniform_pressure_forces(body, on_plane(1, 0.0))
     assert surface.sawtooth(force) == pytest.approx(expected)
-    uneven = abs(2 * expected / (expected + 1) - 2 / (expected + 1))
-    assert surface.unevenness(force) == pytest.approx(uneven, abs=1e-12)
+    uneven_block = abs(2 * expected / (expected + 1) - 2 / (expected + 1))
+    assert surface.unevenness(force) == pytest.approx(uneven_block, abs=1e-12)
     assert surface.unevenness(surface.pressure(force)) == pytest.approx(0, abs=1e-12)
     assert np.isnan(surface.sawtooth(force, np.zeros(len(force), dtype=bool)))
 
 
 def test_measures_leave_out_open_and_rim_nodes():
-    surface = SurfaceNodes.from_body(uneven().body, on_plane(1, 0.0))
+    surface = SurfaceNodes.from_body(uneven_block().body, on_plane(1, 0.0))
     force = np.array([9.0, 9, 1, 2, 1, 3, 1, 9, 9, 9, 9])
     assert surface.sawtooth(force, np.arange(11) < 7) == pytest.approx(2.5)
     assert surface.unevenness(np.arange(11.0)) == pytest.approx(0)
@@ -112,7 +112,7 @@ def test_faces_in_space(cell, method):
     assert surface.rim.sum() == 4 * 8
     assert len(surface.edges) == 4 * 5 * 2 + (16 if cell is CellType.tetrahedron else 0)
     assert surface.tributary_area.sum() == pytest.approx(6)
-    force = pressed(body, on_plane(2, 0.0))
+    force = uniform_pressure_forces(body, on_plane(2, 0.0))
     pressure = surface.pressure(force)
     weightless = np.isnan(pressure)
     assert pressure[~weightless] == pytest.approx(3.0)
@@ -137,18 +137,18 @@ def test_transferred_loads_are_those_of_the_weights(cell):
     state = "solid" if dim == 3 else "plane strain"
     bodies = [ElasticBody(mesh, method, state) for method in (GALERKIN, PW)]
     everywhere = lambda x: np.full(x.shape[1], True)  # noqa: E731
-    given, shared = (body.traction_load(np.arange(dim) + 1.0, everywhere) for body in bodies)
+    transferred, shared = (body.traction_load(np.arange(dim) + 1.0, everywhere) for body in bodies)
     T = force_transfer(bodies[0].space)
-    assert (T * given).array == pytest.approx(shared.array, abs=1e-14)
+    assert (T * transferred).array == pytest.approx(shared.array, abs=1e-14)
     even = T.createVecLeft()
     even.set(1.0)
-    given = T.createVecRight()
-    T.multTranspose(even, given)
-    assert given.array == pytest.approx(1.0, abs=1e-15)  # nothing is lost
+    transferred = T.createVecRight()
+    T.multTranspose(even, transferred)
+    assert transferred.array == pytest.approx(1.0, abs=1e-15)  # nothing is lost
 
 
 def test_edges_and_rim_of_a_line():
-    surface = SurfaceNodes.from_body(uneven().body, on_plane(1, 0.0))
+    surface = SurfaceNodes.from_body(uneven_block().body, on_plane(1, 0.0))
     assert surface.edges.tolist() == [[k, k - 1, k + 1] for k in (1, 3, 5, 7, 9)]
     assert np.flatnonzero(surface.rim).tolist() == [0, 10]
     halves = np.diff(surface.position[:, 0]) / 2
@@ -162,8 +162,8 @@ def side(x):
     return np.isclose(x[0], 0.0)
 
 
-def solved(cell, method, components=0, field=None, source=0.0):
-    """Reactions of div grad u = -source with u prescribed all around, u linear unless given."""
+def solve_poisson(cell, method, components=0, field=None, source=0.0):
+    """Solve div grad u = -source with u prescribed on the whole boundary; return reactions."""
     spaces = method(mesh := unit_mesh(cell, 3), components)
     U = spaces.trial
     u, v = ufl.TrialFunction(U), ufl.TestFunction(spaces.test)
@@ -177,7 +177,7 @@ def solved(cell, method, components=0, field=None, source=0.0):
     K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
     q = fem.Constant(mesh, np.full(components, source) if components else np.float64(source))
     f = assemble_vector(ufl.inner(q, v) * ufl.dx)
-    a = solve(K, f, Reduction.dirichlet(U, fem.dirichletbc(g, rim_of(U))))
+    a = solve(K, f, Reduction.dirichlet(U, fem.dirichletbc(g, boundary_dofs(U))))
     return spaces, reactions(K, a, f), f
 
 
@@ -185,8 +185,8 @@ def solved(cell, method, components=0, field=None, source=0.0):
 @pytest.mark.parametrize("components", [0, 2])
 def test_an_even_flux_is_exact_at_every_node(cell, components):
     expected = -SLOPE[0] * np.arange(1, components + 1) if components else -SLOPE[0]
-    new, r_new, _ = solved(cell, PW, components)
-    standard, r, _ = solved(cell, GALERKIN, components)
+    new, r_new, _ = solve_poisson(cell, PW, components)
+    standard, r, _ = solve_poisson(cell, GALERKIN, components)
     ways = [(new, r_new, "geometric"), (new, r_new, "weight")]
     ways.append((standard, force_transfer(standard.trial) * r, "geometric"))
     if cell != CellType.tetrahedron:
@@ -199,18 +199,18 @@ def test_an_even_flux_is_exact_at_every_node(cell, components):
 
 
 @pytest.mark.parametrize("method", [GALERKIN, PW])
-def test_all_that_enters_is_what_the_source_takes(method):
+def test_the_total_flux_balances_the_source(method):
     def field(x):
         return np.sin(3 * x[0]) * x[1]
 
-    spaces, r, f = solved(CellType.tetrahedron, method, field=field, source=-2.0)
+    spaces, r, f = solve_poisson(CellType.tetrahedron, method, field=field, source=-2.0)
     heat = nodal_flux(spaces, r, lambda x: x[0] > -1.0)
     assert heat.reaction.sum() == pytest.approx(-f.sum(), abs=1e-12)
     assert heat.surface.tributary_area.sum() == pytest.approx(6.0, rel=0.1)  # moved vertices
     assert (heat.flux * heat.surface.tributary_area).sum() == pytest.approx(-f.sum(), abs=1e-12)
 
 
-def test_a_depth_divides():
-    spaces, r, _ = solved(CellType.triangle, PW)
+def test_fluxes_are_divided_by_the_depth():
+    spaces, r, _ = solve_poisson(CellType.triangle, PW)
     thin, thick = (nodal_flux(spaces, r, side, depth=depth) for depth in (1.0, 4.0))
     assert np.allclose(thin.flux, 4 * thick.flux, rtol=1e-14)

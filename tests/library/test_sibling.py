@@ -1,4 +1,4 @@
-"""The symmetric sibling: a basis of the standard element's space, and contact in it."""
+"""Symmetric sibling: basis, spectrum, lumped mass, and contact."""
 
 from mpi4py import MPI
 
@@ -16,7 +16,7 @@ COMM, CELLS = MPI.COMM_SELF, ["triangle", "quadrilateral", "tetrahedron", "hexah
 
 
 class Block(ElasticBody):
-    """Of cells no two of which are alike, and what belongs to the sibling."""
+    """Block of cells of different shapes, with its sibling."""
 
     def __init__(self, cell, divisions=2, method=GALERKIN):
         n = (2 * divisions, divisions, divisions)
@@ -29,14 +29,14 @@ class Block(ElasticBody):
         super().__init__(mesh, method, "plane strain" if cell in CELLS[:2] else "solid", 10.0)
         self.sibling = Sibling.from_space(self.space)
 
-    def own(self, *conditions):
-        """Supports: component, marker and, where it is not zero, value of each."""
+    def make_sibling_supports(self, *conditions):
+        """Create the sibling's supports from (component, marker) or (component, marker, value)."""
         return self.sibling.dirichlet([prescribe(self.space, *c) for c in conditions])
 
-    def touched(self, pair):
-        """State of the block on its foot, and true displacements of the contact nodes."""
+    def solve_contact_pair(self, pair):
+        """Solve contact of the block; return state and displacements of the contact nodes."""
         K, up = self.sibling.matrix(self.K), self.dim - 1
-        foot = self.own(*((i, on_plane(up, 0.0)) for i in range(self.dim)))
+        foot = self.make_sibling_supports(*((i, on_plane(up, 0.0)) for i in range(self.dim)))
         (state,) = solve_contact(K, self.zero_load, foot, pair, self.space)
         u = self.sibling.displacement(state.displacement).array.reshape(-1, self.dim)
         return state, u[state.pairs[0].node]
@@ -55,21 +55,28 @@ def test_displacements_and_spectrum_are_galerkins(cell):
     block = Block(cell, 1)
     sibling, K, M = block.sibling, block.K, block.M
     f = block.traction_load(np.arange(1.0, block.dim + 1), on_plane(0, 0.0))
-    held = [(i, on_plane(1, 1.0), 0.1 * i) for i in range(block.dim)]
-    own, mass, supports = sibling.matrix(K), sibling.matrix(M), block.own(*held)
-    assert own.isSymmetric(1e-12)
-    assert sibling.matrix(assemble_matrix(block.body.stiffness(), blocked=True)).equal(own)
+    prescribed = [(i, on_plane(1, 1.0), 0.1 * i) for i in range(block.dim)]
+    sibling_K, mass, supports = (
+        sibling.matrix(K),
+        sibling.matrix(M),
+        block.make_sibling_supports(*prescribed),
+    )
+    assert sibling_K.isSymmetric(1e-12)
+    assert sibling.matrix(assemble_matrix(block.body.stiffness(), blocked=True)).equal(sibling_K)
     assert not (dense(supports.right).T @ supports.offset.array).any()
-    a, u = solve(own, sibling.load(f), supports), solve(K, f, block.make_supports(*held))
+    a, u = (
+        solve(sibling_K, sibling.load(f), supports),
+        solve(K, f, block.make_sibling_supports(*prescribed)),
+    )
     assert sibling.displacement(a).array == pytest.approx(u.array, abs=1e-11)
     assert sibling.coefficients(u).array == pytest.approx(a.array, abs=1e-11)
     expected = scipy.linalg.eigvalsh(dense(K), dense(M))
-    assert scipy.linalg.eigvalsh(dense(own), dense(mass)) == pytest.approx(expected, abs=1e-9)
+    assert scipy.linalg.eigvalsh(dense(sibling_K), dense(mass)) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_lumped_mass_falls_evenly(cell):
-    """Row sums are the integrals of the functions that share out a body force."""
+    """Row sums are integrals of the basis functions, which distribute a body force."""
     block = Block(cell, 1)
     mass = lumped_mass(block.sibling.matrix(block.M), block.space).getDiagonal()
     load = block.sibling.load(block.body_force_load(np.ones(block.dim)))
@@ -78,42 +85,53 @@ def test_lumped_mass_falls_evenly(cell):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_closed_edges_lie_on_a_curved_surface(cell):
-    """T^-T g puts the nodes of edges that are closed on it, nodal gaps would not."""
+    """The gaps T^-T g move all nodes of closed edges onto the surface; nodal gaps would not."""
     block = Block(cell, 3)
     dim = block.dim
     shape = Parabola((1.0, *[0.5] * (dim - 2), 1.0), 4.0)
     down = (*[0.0] * (dim - 1), -0.08)
-    state, u = block.touched(ContactPair(on_plane(dim - 1, 1.0), shape, motions=[Motion(down)]))
-    (found,) = state.pairs
-    gap = shape.gap(found.position - np.array(down)) - u[:, -1]
-    closed = found.status != OPEN
+    state, u = block.solve_contact_pair(
+        ContactPair(on_plane(dim - 1, 1.0), shape, motions=[Motion(down)])
+    )
+    (pair_state,) = state.pairs
+    gap = shape.gap(pair_state.position - np.array(down)) - u[:, -1]
+    closed = pair_state.status != OPEN
     assert closed.sum() > 3
     # nodes all of whose neighbours in the basis are closed
-    shares = dense(block.sibling.basis)[dim - 1 :: dim, dim - 1 :: dim][found.node]
-    open_ = np.setdiff1d(np.arange(shares.shape[1]), found.node[closed])
+    shares = dense(block.sibling.basis)[dim - 1 :: dim, dim - 1 :: dim][pair_state.node]
+    open_ = np.setdiff1d(np.arange(shares.shape[1]), pair_state.node[closed])
     inner = closed & (shares[:, open_] == 0).all(axis=1)
     assert inner.sum() > 2
     assert gap[inner] == pytest.approx(0.0, abs=1e-12)
     assert (gap[~inner] > 1e-6).any()
 
 
-def test_what_does_not_belong_together_is_refused():
+def test_mismatched_matrices_of_the_sibling_are_refused():
     block, new = Block("triangle", 1), Block("triangle", 1, PW)
     sibling, K, U, f = block.sibling, block.K, block.space, block.body_force_load((0.0, 1.0))
-    held, own = block.own((0, on_plane(1, 0.0)), (1, on_plane(1, 0.0))), sibling.matrix(K)
+    supports, sibling_K = (
+        block.make_sibling_supports((0, on_plane(1, 0.0)), (1, on_plane(1, 0.0))),
+        sibling.matrix(K),
+    )
     floor = ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)))
     middle = U.tabulate_dof_coordinates()[U.dofmap.list[0][3]]
     for attempt, words in (
-        (lambda: solve(own, f, held), "belongs to the symmetric sibling"),
-        (lambda: solve(K, sibling.load(f), held), "belongs to the symmetric sibling"),
-        (lambda: solve_contact(own, f, block.own(), floor, U), "belongs to the symmetric sibling"),
-        (lambda: sibling.matrix(own), "belongs to the sibling already"),
+        (lambda: solve(sibling_K, f, supports), "belongs to the symmetric sibling"),
+        (lambda: solve(K, sibling.load(f), supports), "belongs to the symmetric sibling"),
+        (
+            lambda: solve_contact(sibling_K, f, block.make_sibling_supports(), floor, U),
+            "belongs to the symmetric sibling",
+        ),
+        (lambda: sibling.matrix(sibling_K), "belongs to the sibling already"),
         (lambda: new.sibling.matrix(new.K), "other weight functions"),
         (
             lambda: Sibling.from_space(Q8(Block("quadrilateral").mesh).trial),
             "quadratic Lagrange spaces",
         ),
-        (lambda: block.own((0, lambda x: np.isclose(x.T, middle).all(axis=1))), "whole edges"),
+        (
+            lambda: block.make_sibling_supports((0, lambda x: np.isclose(x.T, middle).all(axis=1))),
+            "whole edges",
+        ),
     ):
         with pytest.raises(ValueError, match=words):
             attempt()

@@ -1,7 +1,7 @@
-"""The proof of K_PW = T K_Galerkin, in exact fractions, and a counterexample for each condition.
+"""Proof of K_PW = T K_Galerkin in exact fractions, and a counterexample for each condition.
 
-The functions are written out here; only the last test takes something from the library, which it
-compares. Nodes are numbered as in Basix: vertices, then the middles of the sides opposite them.
+The functions are defined here; only the last test uses the library, to compare its T. Nodes are
+numbered as in Basix: vertices, then the middles of the sides opposite them.
 """
 
 from itertools import combinations
@@ -35,7 +35,7 @@ def shapes(*variables):
 
 
 def transfer(dim):
-    """T: 3/4 of a mid-side's equation stay, an eighth goes to either end."""
+    """Return T: 3/4 of a mid-side's equation stay, an eighth goes to each end."""
     T = sp.diag(*[1] * (dim + 1), *[sp.Rational(3, 4)] * len(SIDES[dim]))
     for middle, ends in enumerate(SIDES[dim], start=dim + 1):
         for end in ends:
@@ -44,50 +44,55 @@ def transfer(dim):
 
 
 def triangle_weights():
-    """The corners of each sub-triangle, and the functions there by Eqs (15) to (20)."""
+    """Return the corners of each sub-triangle and the functions there, by Eqs (15) to (20)."""
     printed = {
         (1, 4, 6): (1 - 2 * X - 2 * Y, ZERO, ZERO, 2 * X, ZERO, 2 * Y),
         (4, 2, 5): (ZERO, 2 * X - 1, ZERO, 2 - 2 * X - 2 * Y, 2 * Y, ZERO),
         (6, 5, 3): (ZERO, ZERO, 2 * Y - 1, ZERO, 2 * X, 2 - 2 * X - 2 * Y),
         (4, 5, 6): (ZERO, ZERO, ZERO, 1 - 2 * Y, 2 * X + 2 * Y - 1, 1 - 2 * X),
     }
-    own = (1, 2, 3, 5, 6, 4)  # the paper's numbers of our nodes
-    place = dict(zip(own, points(2), strict=True))
-    return [([place[n] for n in sub], [w[n - 1] for n in own]) for sub, w in printed.items()]
+    paper_numbers = (1, 2, 3, 5, 6, 4)  # the paper's numbers of our nodes
+    position_of = dict(zip(paper_numbers, points(2), strict=True))
+    return [
+        ([position_of[n] for n in sub], [w[n - 1] for n in paper_numbers])
+        for sub, w in printed.items()
+    ]
 
 
 def tetrahedron_weights(diagonal):
-    """The same on four tetrahedra at the vertices, and on the octahedron cut along a diagonal."""
+    """Return `triangle_weights` of tetrahedra: four at the vertices, and the cut octahedron."""
     middles = {4 + k: set(ends) for k, ends in enumerate(SIDES[3])}
     subs = [(v, *(m for m, ends in middles.items() if v in ends)) for v in range(4)]
     ring = [m for m in middles if m not in diagonal]
     subs += [(*diagonal, a, b) for a, b in combinations(ring, 2) if middles[a] & middles[b]]
-    made = []
+    pieces = []
     for sub in subs:
         corners = [points(3)[n] for n in sub]
         basis = sp.Matrix([[1, X, Y, Z]]) * sp.Matrix([[1, *c] for c in corners]).inv()
-        made.append((corners, [basis[sub.index(n)] if n in sub else ZERO for n in range(10)]))
-    return made
+        pieces.append((corners, [basis[sub.index(n)] if n in sub else ZERO for n in range(10)]))
+    return pieces
 
 
 DIAGONALS = ((4, 9), (5, 8), (6, 7))  # middles of sides without a common end
 
 
 def integral(function, corners, variables):
-    """Of a polynomial over a simplex."""
+    """Integrate a polynomial over a simplex."""
     local = sp.symbols(f"s1:{len(corners)}")
     edges = sp.Matrix.hstack(*(corner - corners[0] for corner in corners[1:]))
-    place = corners[0] + edges * sp.Matrix(local)
-    moved = sp.sympify(function).subs(list(zip(variables, place, strict=True)), simultaneous=True)
+    position = corners[0] + edges * sp.Matrix(local)
+    integrand = sp.sympify(function).subs(
+        list(zip(variables, position, strict=True)), simultaneous=True
+    )
     total = sum(
         factor * sp.prod(map(sp.factorial, powers)) / sp.factorial(sum(powers) + len(local))
-        for powers, factor in sp.Poly(moved, *local).terms()
+        for powers, factor in sp.Poly(integrand, *local).terms()
     )
     return total * sp.sqrt((edges.T * edges).det())
 
 
 def defect(weights, variables, form):
-    """Integrals of form(weight function), less T times those of form(shape function)."""
+    """Return integrals of form(weight function) less T times those of form(shape function)."""
     N = shapes(*variables)
     new = sp.Matrix(
         [sum(integral(form(w[i]), c, variables) for c, w in weights) for i in range(len(N))]
@@ -102,7 +107,7 @@ def vanishes(weights, variables, *forms):
 
 
 def derivatives(variables, first, second, factor=1):
-    """Forms whose integrals are a matrix' columns: products of derivatives of w and of each N."""
+    """Return forms whose integrals are columns of a matrix: derivatives of w times those of N."""
     return [
         lambda w, n=n: factor * sp.diff(w, first) * sp.diff(n, second) for n in shapes(*variables)
     ]
@@ -117,18 +122,18 @@ def test_the_lemma():
     for a, b in SIDES[2]:
         ends, middle = (points(2)[a], points(2)[b]), (points(2)[a] + points(2)[b]) / 2
         for moment in (1, X + 2 * Y):  # which no side has as a constant
-            along = {}
+            side_moments = {}
             for half in ((ends[0], middle), (middle, ends[1])):
                 (functions,) = [w for corners, w in TRIANGLE if all(h in corners for h in half)]
                 for i, w in enumerate(functions):
-                    along[i] = along.get(i, 0) + integral(moment * w, half, (X, Y))
+                    side_moments[i] = side_moments.get(i, 0) + integral(moment * w, half, (X, Y))
             whole = sp.Matrix([integral(moment * n, ends, (X, Y)) for n in shapes(X, Y)])
-            assert sp.Matrix(list(along.values())) == transfer(2) * whole
+            assert sp.Matrix(list(side_moments.values())) == transfer(2) * whole
             assert any(whole)
 
 
 def test_the_stiffness_of_any_triangle_and_of_any_constant_law():
-    """Sides and nine moduli are symbols; every entry, times the determinant, is a polynomial."""
+    """Sides and nine moduli are symbols; each entry times the determinant is a polynomial."""
     jacobian = sp.Matrix(2, 2, sp.symbols("x1:3 y1:3"))
     D = sp.Matrix(3, 3, sp.symbols("d1:10"))
 
@@ -138,13 +143,13 @@ def test_the_stiffness_of_any_triangle_and_of_any_constant_law():
         return sp.Matrix([[gx, 0], [0, gy], [gy, gx]])
 
     def stiffness_of(pieces):
-        """Integrands are of degree two at most: the middles of the sides are exact."""
+        """Integrate by the middles of the sides, which is exact for degree two."""
         K = sp.zeros(12, 12)
         for corners, functions in pieces:
             for a, b in combinations(corners, 2):
                 left, right = (
-                    sp.Matrix.hstack(*(B(f, (a + b) / 2) for f in each))
-                    for each in (functions, shapes(X, Y))
+                    sp.Matrix.hstack(*(B(f, (a + b) / 2) for f in values_set))
+                    for values_set in (functions, shapes(X, Y))
                 )
                 K += integral(1, corners, (X, Y)) / 3 * left.T * D * right
         return K.applyfunc(sp.expand)
@@ -165,7 +170,7 @@ def test_the_stiffness_of_an_interval():
 
 
 def test_loads():
-    """A uniform body load and a force at a vertex; tractions, linear ones too, by the lemma."""
+    """f_PW = T f_G for uniform body loads and forces at vertices; the lemma covers tractions."""
     assert transfer(2)[:, :3] == sp.eye(6)[:, :3]
     assert not vanishes(TRIANGLE, (X, Y), lambda w: X * w)  # a linear body load
     assert transfer(2)[:, 3:] != sp.eye(6)[:, 3:]  # a force on a mid-side node
@@ -192,11 +197,11 @@ def test_constant_data_in_a_plane_body_with_straight_sides_are_needed(forms):
 
 @pytest.mark.parametrize("cuts", [DIAGONALS[:1], DIAGONALS], ids=str)
 def test_tetrahedra_have_no_such_matrix(cuts):
-    """A mid-side's new row is no multiple of its standard one, whatever the cut.
+    """A mid-side's row of the new element is no multiple of its standard row, for any cut.
 
-    Each tetrahedron could make it of other nodes' rows, but those belong to other elements, too:
-    what is made per element is not made of assembled rows. Compared is what a linear stress sees:
-    integrals of derivatives, times 1 and the coordinates.
+    Within one tetrahedron it could be combined from other nodes' rows, but not after assembly, as
+    those rows have parts of other elements. Compared are integrals of derivatives times 1 and the
+    coordinates, which multiply a linear stress.
     """
 
     def rows(variables, pieces):
@@ -208,8 +213,8 @@ def test_tetrahedra_have_no_such_matrix(cuts):
 
     def parallel(variables, pieces):
         standard = [(points(len(variables))[: len(variables) + 1], shapes(*variables))]
-        both = zip(rows(variables, pieces), rows(variables, standard), strict=True)
-        return [new.col_join(old).rank() == 1 for new, old in both]
+        pairs_of_rows = zip(rows(variables, pieces), rows(variables, standard), strict=True)
+        return [new.col_join(old).rank() == 1 for new, old in pairs_of_rows]
 
     assert parallel((X, Y), TRIANGLE) == [True] * 3
     pieces = [piece for cut in cuts for piece in tetrahedron_weights(cut)]
@@ -217,7 +222,7 @@ def test_tetrahedra_have_no_such_matrix(cuts):
 
 
 def test_neither_slip_nor_lift_off():
-    """T mixes forces of nodes that obey different laws: two elements' edge, one end different."""
+    """T couples nodes with different contact laws: at the end of the part that is closed."""
     edge = [1, 4, 2, 4, 1]  # standard nodal forces of a uniform pressure
     T = sp.Matrix(5, 5, lambda i, j: sp.Rational(1, 8) if i % 2 == 0 and abs(i - j) == 1 else 0)
     T += sp.diag(1, sp.Rational(3, 4), 1, sp.Rational(3, 4), 1)
@@ -233,5 +238,5 @@ def test_the_library_s_matrix_is_the_t_of_the_proof():
     U = Spaces.galerkin(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1))).trial
     T = force_transfer(U)
     for cell in U.dofmap.list:
-        own = T.getValues(2 * cell, 2 * cell)
-        assert own == pytest.approx(np.array(transfer(2), dtype=float), abs=0)
+        cell_T = T.getValues(2 * cell, 2 * cell)
+        assert cell_T == pytest.approx(np.array(transfer(2), dtype=float), abs=0)

@@ -1,4 +1,4 @@
-"""Reads VTX files by ADIOS2's own C library, with nothing of DOLFINx or of the library's."""
+"""Reader of VTX files by ADIOS2's C library, independent of DOLFINx and this package."""
 
 import ctypes
 from pathlib import Path
@@ -15,23 +15,23 @@ CALLS = ("init_serial", "declare_io", "open", "inquire_variable", "inquire_attri
 
 
 def library():
-    """The C library beside the one that DOLFINx has loaded; None if it is not installed."""
+    """Load the C library beside the one that DOLFINx has loaded; None if it is not installed."""
     import dolfinx  # noqa: F401
 
     maps = Path("/proc/self/maps")
     loaded = {line.split()[-1] for line in maps.read_text().splitlines() if "adios2" in line}
     for folder in {Path(name).parent for name in loaded}:
         for path in sorted(folder.glob("libadios2*_c.so*")):
-            found = ctypes.CDLL(str(path))
+            shared_library = ctypes.CDLL(str(path))
             for name in CALLS:
-                getattr(found, f"adios2_{name}").restype = ctypes.c_void_p
-            found.adios2_inquire_blockinfo.restype = ctypes.POINTER(ctypes.c_size_t)
-            return found
+                getattr(shared_library, f"adios2_{name}").restype = ctypes.c_void_p
+            shared_library.adios2_inquire_blockinfo.restype = ctypes.POINTER(ctypes.c_size_t)
+            return shared_library
     return None
 
 
-def stepped(path):
-    """The library, what is open of a file, and its parts, at one step after the other."""
+def read_steps(path):
+    """Yield the library, the open file and its variables at each step."""
     adios = library()
     handle = ctypes.c_void_p(adios.adios2_init_serial())
     io = ctypes.c_void_p(adios.adios2_declare_io(handle, b"reader"))
@@ -50,9 +50,9 @@ def stepped(path):
 
 
 def read(path):
-    """Each step's time and fields, (points, components), the blocks of all writers one by one."""
+    """Return time and fields (points, components) of each step, with the blocks of all writers."""
     steps = []
-    for adios, io, engine in stepped(path):
+    for adios, io, engine in read_steps(path):
         values = {}
         for name in NAMES.split():
             variable = ctypes.c_void_p(adios.adios2_inquire_variable(io, name.encode()))
@@ -67,9 +67,9 @@ def read(path):
 
 
 def scheme(path):
-    """The XML by which ParaView knows what there is."""
+    """Return the XML scheme that ParaView reads."""
     text, size = ctypes.create_string_buffer(10_000), ctypes.c_size_t()
-    for adios, io, _ in stepped(path):
+    for adios, io, _ in read_steps(path):
         attribute = ctypes.c_void_p(adios.adios2_inquire_attribute(io, b"vtk.xml"))
         assert adios.adios2_attribute_data(text, ctypes.byref(size), attribute) == 0
     return text.value.decode()
@@ -78,15 +78,15 @@ def scheme(path):
 def blocks(adios, engine, variable, step, kind):
     # {int Dims; size_t *Shape; int IsValue, IsReverseDims; size_t nblocks; ...}
     count = adios.adios2_inquire_blockinfo(engine, variable, ctypes.c_size_t(step))[3]
-    found = []
+    arrays = []
     for block in range(count):
         assert adios.adios2_set_block_selection(variable, ctypes.c_size_t(block)) == 0
         shape = (ctypes.c_size_t * 2)()
         assert adios.adios2_variable_count(shape, variable) == 0
         values = np.empty(tuple(shape), dtype=kind)
         assert adios.adios2_get(engine, variable, pointer(values), SYNC) == 0
-        found.append(values)
-    return np.concatenate(found) if found else None
+        arrays.append(values)
+    return np.concatenate(arrays) if arrays else None
 
 
 def pointer(array):

@@ -137,9 +137,10 @@ class _ContactCompliance:
         B = sparse.lil_matrix((m * dim, nodes.size))
         B[np.arange(m * dim), dofs.ravel()] = 1.0
         for k, pair in enumerate(pairs):
-            if pair.opposite is not None:
+            if pair.opposite_nodes is not None:
                 rows = np.arange(m * dim).reshape(m, dim)[self.pair == k]
-                B[rows.ravel(), (pair.opposite[:, None] * dim + np.arange(dim)).ravel()] = -1.0
+                opposite_dofs = pair.opposite_nodes[:, None] * dim + np.arange(dim)
+                B[rows.ravel(), opposite_dofs.ravel()] = -1.0
         surface_columns = np.zeros((m * dim, n_free))
         for column, (k, axis) in enumerate(np.argwhere(free)):
             surface_columns[np.flatnonzero(self.pair == k) * dim + axis, column] = -1.0

@@ -1,13 +1,13 @@
-"""States as fields, pictures and files."""
+"""Output of states: fields, time series, plots, files and reports of progress."""
 
 from pw_elements.contact.output.fields import ContactFields
 from pw_elements.contact.output.identity import (
-    Coefficients,
-    Identity,
+    Fingerprint,
+    ResidualCoefficients,
     ResidualProbe,
-    check_changed,
-    identify_problem,
-    identify_stiffness,
+    check_changed_parts,
+    fingerprint_problem,
+    fingerprint_stiffness,
 )
 from pw_elements.contact.output.pictures import plot
 from pw_elements.contact.output.progress import Callback, Progress, Reporter

@@ -1,8 +1,11 @@
-"""States as functions on the body.
+"""Results of a state as functions on the body: forces, pressures, gap, slip and status.
 
-    fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fields.status ...
+    fields = ContactFields.from_state(states[-1], body)
+    fields.pressure, fields.gap, fields.status
 
-Without the body, its trial space in place of it, there are no pressures.
+Given the trial space in place of the body, the fields have no pressures. The module guarantees that
+pressures times their areas are the normal nodal forces. It assumes a state of the same mesh, space
+and number of processes.
 """
 
 from collections.abc import Sequence
@@ -49,173 +52,271 @@ from pw_elements.spaces import (
     test_space,
 )
 
-# Largest difference of a node's positions in a state and in the space, over the largest coordinate
-_NEAR = 1e-9
-# Of squares of stresses and pressures, both linear
+# Largest distance of a node's positions in a state and in the space, over the largest coordinate
+_MAX_NODE_DISTANCE = 1e-9
+# Quadrature degree of squares of stresses and pressures, both linear
 _INDICATOR_DEGREE = 2
 STATE_REMEDY = "solve_contact gives a list of states, ContactProblem.step one of them"
-# Part of a node's area that has to face the other side for quotients by it. Where the pressure is
+# Least part of a node's area that has to face the other side for pressures. Where the pressure is
 # linear, they are off by up to 0.3 % at a quarter, 1 % at a twentieth, and 10 % at a 200th
-_TRUSTED = 0.1
+_MIN_COVERED_FRACTION = 0.1
 
 
 @dataclass(frozen=True)
 class SideResults:
-    """Results at the nodes (k) of one side of a pair; pressures are NaN without a body."""
+    """Results at the nodes (k) of one side of a pair; pressures are NaN without a body.
 
-    normal: Array  # (k, dim), into the side's own body; zero where it faces nothing
-    gap: Array  # (k,)
-    slip: Array  # (k, dim), of the nodes on the pair's own side
-    friction: Array  # (k,)
-    status: npt.NDArray[np.int8]  # (k,)
-    pressed: Array  # (k,), normal forces, compression positive
-    pressure: Array  # (k,), NaN where too little of a node's area faces a closed pair
-    traction: Array  # (k, dim), tangential; NaN where the pressure is
+    Args:
+        normal: (k, dim), into the body of the side; zero where a node faces nothing.
+        gap: (k,).
+        slip: (k, dim), of the nodes on the pair's own side.
+        friction: (k,), friction coefficients.
+        status: (k,).
+        normal_force: (k,), normal forces, compression positive.
+        pressure: (k,), NaN where too little of a node's area faces a closed pair.
+        traction: (k, dim), tangential; NaN where the pressure is NaN.
+    """
+
+    normal: Array
+    gap: Array
+    slip: Array
+    friction: Array
+    status: npt.NDArray[np.int8]
+    normal_force: Array
+    pressure: Array
+    traction: Array
 
     @property
-    def draw(self) -> float:
+    def tension_ratio(self) -> float:
         """Largest tensile nodal force over the largest compressive one; 0 without compression."""
-        pressed = self.pressed.max(initial=0.0)
-        return float(max(0.0, -self.pressed.min(initial=0.0)) / pressed) if pressed > 0 else 0.0
+        max_compression = self.normal_force.max(initial=0.0)
+        return (
+            float(max(0.0, -self.normal_force.min(initial=0.0)) / max_compression)
+            if max_compression > 0
+            else 0.0
+        )
 
 
 @dataclass(frozen=True)
-class Opposite:
-    """The deformable surface of a pair, whose m nodes it faces; k nodes, on every process.
+class OppositeSurface:
+    """The deformable surface (k nodes) that the m nodes of a pair face; the same on every process.
 
-    Its nodes have areas that are handed on as forces are: see the guide's page on theory ("Two
-    bodies"). Means are weighted with integrals of the products of both weights.
+    Its nodes receive areas in the same way as forces: see the guide's page on theory ("Two
+    bodies"). Means over the pair's nodes are weighted with integrals of the products of both
+    weights.
+
+    Args:
+        node: (k,), global numbers.
+        facing_area: (k,), integrals of the nodes' weights over the part that faces the pair.
+        means: (k, m), matrix of means over the pair's nodes; zero rows where nothing is faced.
+        force_transfer: (k, m), parts of the pair's forces that each node receives.
+        pair_fraction: (m,), fraction of the areas of the pair's nodes that faces the surface.
+        opposite_fraction: (k,), fraction of the nodes' areas that faces the pair; zero without a
+            body.
+        weight_area: (m,), areas of the pair's nodes.
+        surface: nodes of the surface; None without a body.
     """
 
-    node: Indices  # (k,), global numbers
-    facing: Array  # (k,), integrals of the nodes' weights over what they face
-    means: sp.csr_array  # (k, m), means over the pair's nodes; zero where nothing is faced
-    handed: sp.csr_array  # (k, m), parts of the pair's forces as above
-    covered: Array  # (m,), part of the pair's nodes' areas that faces it
-    share: Array  # (k,), part of the nodes' areas that faces the pair; zero without a body
-    own_area: Array  # (m,), of the pair's nodes
-    surface: SurfaceNodes | None  # None without a body
+    node: Indices
+    facing_area: Array
+    means: sp.csr_array
+    force_transfer: sp.csr_array
+    pair_fraction: Array
+    opposite_fraction: Array
+    weight_area: Array
+    surface: SurfaceNodes | None
 
-    def results(self, pair: PairState, own_area: Array | None = None) -> SideResults:
-        """Results at the nodes; of true pressures with areas (m,) of the deformed pair."""
-        area = self.own_area if own_area is None else own_area
-        vectors = -np.asarray(self.handed @ ((area * self.covered)[:, None] * pair.normal))
-        length = np.linalg.norm(vectors, axis=1)
-        normal = (vectors.T / np.where(length > 0, length, 1.0)).T
-        pressed = np.sum(pair.opposite_force * normal, axis=1)
-        statuses = self.means @ np.eye(HELD + 1)[pair.status]
-        closed = np.delete(statuses, OPEN, axis=1).any(axis=1)
-        over = np.where(closed, np.where(self.share < _TRUSTED, np.nan, length), np.inf)
+    def results(self, pair: PairState, weight_area: Array | None = None) -> SideResults:
+        """Return the results at the nodes of the surface.
+
+        Args:
+            pair: of the state.
+            weight_area: (m,), areas of the deformed pair's nodes, for true pressures; by default
+                those of the undeformed pair.
+        """
+        area = self.weight_area if weight_area is None else weight_area
+        area_vectors = -np.asarray(
+            self.force_transfer @ ((area * self.pair_fraction)[:, None] * pair.normal)
+        )
+        area_of_node = np.linalg.norm(area_vectors, axis=1)
+        normal = (area_vectors.T / np.where(area_of_node > 0, area_of_node, 1.0)).T
+        normal_force = np.sum(pair.opposite_force * normal, axis=1)
+        status_weights = self.means @ np.eye(HELD + 1)[pair.status]
+        is_closed = np.delete(status_weights, OPEN, axis=1).any(axis=1)
+        divisor = np.where(
+            is_closed,
+            np.where(self.opposite_fraction < _MIN_COVERED_FRACTION, np.nan, area_of_node),
+            np.inf,
+        )
         return SideResults(
             normal,
             self.means @ np.where(np.isfinite(pair.gap), pair.gap, 0.0),
             self.means @ pair.slip,
             self.means @ pair.friction,
-            statuses.argmax(axis=1).astype(np.int8),
-            pressed,
-            pressed / over,
-            ((pair.opposite_force - pressed[:, None] * normal).T / over).T,
+            status_weights.argmax(axis=1).astype(np.int8),
+            normal_force,
+            normal_force / divisor,
+            ((pair.opposite_force - normal_force[:, None] * normal).T / divisor).T,
         )
 
 
-def mortar_sides(
+def make_pair_sides(
     number: int, state: ContactState, body: Body | None, space: fem.FunctionSpace
-) -> tuple[SurfaceNodes | None, Opposite | None]:
-    """A pair's own surface, with a body, and what it faces, where that is deformable.
+) -> tuple[SurfaceNodes | None, OppositeSurface | None]:
+    """Return a pair's own surface nodes, with a body, and the deformable surface that it faces.
 
-    The space is that of the displacements. Areas of the own surface are of what faces the opposite
-    one, and NaN where that is too little for a pressure; nodes that face nothing have their whole
-    areas, and no forces. At large sliding the own surface has whole areas.
+    Areas of the own surface are those of the part that faces the opposite one, and NaN where this
+    part is too small for a pressure; nodes that face nothing have their whole areas, and no forces.
+    At large sliding the own surface has whole areas.
+
+    Args:
+        number: of the pair.
+        state: with the pair.
+        body: None without pressures.
+        space: of the displacements.
+
+    Raises:
+        ValueError: if a node belongs to no facet with all of its nodes in the pair, or two nodes of
+            the opposite surface coincide.
     """
-    pair, deformed = state.pairs[number], state.smallness is None
-    own = None if body is None else _surface(number, pair, body, space)
+    pair, is_deformed = state.pairs[number], state.smallness is None
+    surface = None if body is None else _make_pair_surface(number, pair, body, space)
     if not len(pair.opposite_node):
-        return own, None
+        return surface, None
     nodes = pair.node, pair.opposite_node
-    one, other = (gather_trace(space, facets_with_all_nodes(space, side)) for side in nodes)
-    revolved = body is not None and body.state is StressState.AXISYMMETRIC
-    if not deformed:
-        means, duals = _fixed(space, pair, one, other, revolved)
-        covered = np.asarray(duals.sum(axis=0))
-        handed = duals @ sp.diags_array(1 / np.where(covered > 0, covered, 1.0))
+    slave_trace, master_trace = (
+        gather_trace(space, facets_with_all_nodes(space, side)) for side in nodes
+    )
+    is_axisymmetric = body is not None and body.state is StressState.AXISYMMETRIC
+    if not is_deformed:
+        means, dual_integrals = _integrate_undeformed_sides(
+            space, pair, slave_trace, master_trace, is_axisymmetric
+        )
+        covered_area = np.asarray(dual_integrals.sum(axis=0))
+        force_transfer = dual_integrals @ sp.diags_array(
+            1 / np.where(covered_area > 0, covered_area, 1.0)
+        )
     else:
-        mortar = SlidingMortar(one, other, revolved)
-        moved = state.displacement.array_r.reshape(-1, mortar.x.shape[1])
-        x = mortar.x + gather_from_owners(space, mortar.nodes, moved)
+        mortar = SlidingMortar(slave_trace, master_trace, is_axisymmetric)
+        displacement = state.displacement.array_r.reshape(-1, mortar.x.shape[1])
+        x = mortar.x + gather_from_owners(space, mortar.nodes, displacement)
         x[mortar.n_slave_nodes :] += pair.translation
         slaves, masters = (np.searchsorted(np.sort(side), side) for side in nodes)
         mortar.allowed_components[slaves] = pair.normal != 0
-        met = mortar.linearise(x)
-        covered, handed = met.areas[slaves], met.master_fractions[slaves][:, masters].T
-        means = -met.distance_rows[slaves][:, mortar.n_slave_nodes + masters].T @ sp.diags_array(
-            covered
-        )
-        one, other = (
-            one.with_positions(x[: mortar.n_slave_nodes]),
-            other.with_positions(x[mortar.n_slave_nodes :]),
-        )
+        mortar_state = mortar.linearise(x)
+        covered_area = mortar_state.areas[slaves]
+        force_transfer = mortar_state.master_fractions[slaves][:, masters].T
+        rows = mortar_state.distance_rows[slaves][:, mortar.n_slave_nodes + masters]
+        means = -rows.T @ sp.diags_array(covered_area)
+        slave_trace = slave_trace.with_positions(x[: mortar.n_slave_nodes])
+        master_trace = master_trace.with_positions(x[mortar.n_slave_nodes :])
     facing = np.asarray(means.sum(axis=1))
     means = sp.diags_array(1 / np.where(facing > 0, facing, 1.0)) @ means
-    if own is None or body is None:
-        none = np.zeros(len(pair.opposite_node))
-        return None, Opposite(nodes[1], facing, means, handed, covered, none, 0 * covered, None)
-    whole, opposite_whole = (
-        compute_tributary_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
-        for trace, side in zip((one, other), nodes, strict=True)
+    if surface is None or body is None:
+        no_fractions = np.zeros(len(pair.opposite_node))
+        return None, OppositeSurface(
+            nodes[1],
+            facing,
+            means,
+            force_transfer,
+            covered_area,
+            no_fractions,
+            0 * covered_area,
+            None,
+        )
+    whole_areas_of_pair, opposite_whole_areas = (
+        compute_tributary_areas(trace, is_axisymmetric)[np.searchsorted(trace.nodes, side)]
+        for trace, side in zip((slave_trace, master_trace), nodes, strict=True)
     )
     opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite_node))
     if not np.array_equal(opposite.node, pair.opposite_node):
         raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
-    share, part = covered / whole, (handed @ covered) / opposite_whole
-    seen = Opposite(nodes[1], facing, means, handed, share, part, own.weight_area, opposite)
-    if not deformed:
-        counts = np.where(covered > 0, np.where(share < _TRUSTED, np.nan, share), 1.0)
-        areas = own.weight_area * counts, own.tributary_area * counts
-        own = replace(own, weight_area=areas[0], tributary_area=areas[1])
-    return own, seen
+    pair_fraction = covered_area / whole_areas_of_pair
+    opposite_fraction = (force_transfer @ covered_area) / opposite_whole_areas
+    opposite_side = OppositeSurface(
+        nodes[1],
+        facing,
+        means,
+        force_transfer,
+        pair_fraction,
+        opposite_fraction,
+        surface.weight_area,
+        opposite,
+    )
+    if not is_deformed:
+        area_factor = np.where(
+            covered_area > 0,
+            np.where(pair_fraction < _MIN_COVERED_FRACTION, np.nan, pair_fraction),
+            1.0,
+        )
+        areas = surface.weight_area * area_factor, surface.tributary_area * area_factor
+        surface = replace(surface, weight_area=areas[0], tributary_area=areas[1])
+    return surface, opposite_side
 
 
-def _fixed(
-    space: fem.FunctionSpace, pair: PairState, one: Trace, other: Trace, revolved: bool
+def _integrate_undeformed_sides(
+    space: fem.FunctionSpace,
+    pair: PairState,
+    slave_trace: Trace,
+    master_trace: Trace,
+    is_axisymmetric: bool,
 ) -> tuple[sp.csr_array, sp.csr_array]:
-    """Integrals (k, m) of the opposite's weights times the pair's, undeformed, and their duals."""
-    first, last = space.dofmap.index_map.local_range
-    mine = np.flatnonzero((pair.node >= first) & (pair.node < last))
-    overlap, k = Overlap.from_traces(one, other, pair.node[mine], revolved), len(pair.opposite_node)
-    at, w = overlap.functions[2]
+    """Return integrals (k, m) of opposite weights times the pair's weights and their duals.
+
+    Args:
+        space: of the displacements.
+        pair: with its m nodes and the k opposite ones.
+        slave_trace: trace of the pair's side.
+        master_trace: trace of the opposite side.
+        is_axisymmetric: whether the body is axisymmetric.
+    """
+    first_node, end_node = space.dofmap.index_map.local_range
+    owned = np.flatnonzero((pair.node >= first_node) & (pair.node < end_node))
+    overlap, n_opposite = (
+        Overlap.from_traces(slave_trace, master_trace, pair.node[owned], is_axisymmetric),
+        len(pair.opposite_node),
+    )
+    node, weight = overlap.functions[2]
     order = np.argsort(pair.opposite_node)
-    at = order[np.searchsorted(pair.opposite_node, at, sorter=order)]
+    node = order[np.searchsorted(pair.opposite_node, node, sorter=order)]
 
-    def gathered(tested: Array) -> sp.csr_array:
-        found = overlap.assemble_integrals(tested, at, w, (len(mine), k)).tocoo()
-        every = space.mesh.comm.allgather((found.col, mine[found.row], found.data))
-        row, column, value = (np.concatenate(parts) for parts in zip(*every, strict=True))
-        return sp.csr_array((value, (row, column)), shape=(k, len(pair.node)))
+    def gather_integrals(tested_functions: Array) -> sp.csr_array:
+        integrals = overlap.assemble_integrals(
+            tested_functions, node, weight, (len(owned), n_opposite)
+        ).tocoo()
+        parts_of_ranks = space.mesh.comm.allgather(
+            (integrals.col, owned[integrals.row], integrals.data)
+        )
+        row, column, value = (np.concatenate(parts) for parts in zip(*parts_of_ranks, strict=True))
+        return sp.csr_array((value, (row, column)), shape=(n_opposite, len(pair.node)))
 
-    return gathered(overlap.weight), gathered(overlap.dual)
+    return gather_integrals(overlap.weight), gather_integrals(overlap.dual)
 
 
-def _surface(number: int, pair: PairState, body: Body, space: fem.FunctionSpace) -> SurfaceNodes:
+def _make_pair_surface(
+    number: int, pair: PairState, body: Body, space: fem.FunctionSpace
+) -> SurfaceNodes:
+    """Return the surface nodes of a pair, or raise ValueError if a node has no facet."""
     surface = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.node))
     if not np.array_equal(surface.node, pair.node):
-        lone = pair.position[~np.isin(pair.node, surface.node)]
+        isolated = pair.position[~np.isin(pair.node, surface.node)]
         raise ValueError(
-            f"contact pair {number}: its nodes at {format_points(lone)} belong to no facet that "
-            "has all of its nodes in the pair, so that they have no pressure: let the pair end at "
-            "vertices, or give it the nodes of whole facets, fem.locate_dofs_topological"
+            f"contact pair {number}: its nodes at {format_points(isolated)} belong to no facet "
+            "that has all of its nodes in the pair, so that they have no pressure: let the pair "
+            "end at vertices, or give it the nodes of whole facets, fem.locate_dofs_topological"
         )
     return surface
 
 
-def own_results(surface: SurfaceNodes, pair: PairState) -> SideResults:
-    """Results at a pair's own nodes; quotients are zero at open nodes of NaN areas."""
-    none = np.isnan(surface.weight_area) & (pair.status == OPEN)
+def make_pair_results(surface: SurfaceNodes, pair: PairState) -> SideResults:
+    """Return the results at a pair's own nodes; zero at open nodes whose area is NaN."""
+    has_no_pressure = np.isnan(surface.weight_area) & (pair.status == OPEN)
     pressure, traction = (
-        np.where(none, 0.0, surface.pressure(force).T).T
+        np.where(has_no_pressure, 0.0, surface.pressure(force).T).T
         for force in (pair.force_normal, pair.force_tangential)
     )
-    known = pair.normal, pair.gap, pair.slip, pair.friction, pair.status, pair.force_normal
-    return SideResults(*known, pressure, traction)
+    nodal_values = pair.normal, pair.gap, pair.slip, pair.friction, pair.status, pair.force_normal
+    return SideResults(*nodal_values, pressure, traction)
 
 
 @dataclass(frozen=True)
@@ -224,21 +325,22 @@ class ContactFields:
 
     Fields of the contact surface are zero elsewhere, except for the gap, which is NaN, because zero
     would mean contact. ParaView draws NaN in a separate colour and ignores it in ranges. Where
-    nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors.
+    nodes match, the opposite nodes have the same scalars and the reversed vectors.
 
     Nodes of a deformable surface have pressures and tractions of their own forces, over the areas
-    that face the pair (see `Opposite`). The law is not stated there: gap and slip are means of
-    those of the pair's nodes that they face, and the status is the prevailing one; nodes that face
-    two pairs have the forces of both and the rest of the one that they face most. On both sides,
-    pressures and tractions are NaN at loaded nodes of whose area less than a tenth faces the other
-    side: the forces are right there, but not their quotients by such an area. At large sliding
-    the areas are those of the pair's own nodes, which hand them on as they do their forces.
+    that face the pair (see `OppositeSurface`). The contact law is not stated there: gap and slip
+    are means over the pair's nodes that they face, and the status is the most frequent one; nodes
+    that face two pairs have the forces of both, and the other fields of the pair that they face
+    most. On both sides, pressures and tractions are NaN at loaded nodes whose area faces the other
+    side by less than a tenth: the forces are right there, but not their quotients by such an area.
+    At large sliding the areas are those of the pair's own nodes, transferred in the same way as
+    their forces.
 
     Pressures are forces over areas and need the body (thickness, circumference); they are None if
-    only the space is given. `SurfaceNodes` explains the three measures of pressure. They
-    are nodal values: interpolated by the *test* functions, linearly between nodes where the weights
-    are linear, they integrate to the total force. The functions here interpolate by the trial
-    functions, and their integrals are only close to it.
+    only the space is given. `SurfaceNodes` explains the three measures of pressure. Pressures are
+    nodal values: interpolated by the *test* functions, linearly between nodes where the weights are
+    linear, they integrate to the total force. The functions here interpolate by the trial
+    functions, so that their integrals are only close to it.
 
     Pressures are nominal: over areas of the undeformed surface. At large strains the true pressure
     of node i, with its test function w_i and the deformation gradient F = I + grad u, is
@@ -252,21 +354,20 @@ class ContactFields:
         slip: vector, of this increment.
         status: scalar, OPEN (0), STICK (1), SLIP (2) or HELD (3); OPEN off the surface.
         pressure: scalar, compression positive: the normal nodal force over the integral of the
-            node's own test function (measure 2); NaN where a node has no weight.
-        tributary_pressure: scalar, the same over the node's tributary area (measure 3); `pressure`
-            at nodes of a deformable surface, whose weights are linear.
-        traction: vector, the tangential force of the surface on the body over the area that
-            `pressure` has.
+            node's test function (measure 2); NaN where this integral is zero.
+        tributary_pressure: scalar, the normal nodal force over the node's tributary area (measure
+            3); equal to `pressure` at nodes of a deformable surface, whose weights are linear.
+        traction: vector, the tangential force of the surface on the body over the area of
+            `pressure`.
         surfaces: `SurfaceNodes` of each pair, () without body; at small sliding with the areas that
             face a deformable surface.
         opposite: of each pair the deformable surface that it faces, or None; its `results` of a
             `PairState` are arrays (k, ...) at the nodes there, on every process.
-        body_pressure: scalar, the pressure that is an unknown of hybrid bodies, everywhere; None
-            of others. Where materials meet it is that of either side.
-        hybrid: mixed trial space of a hybrid body; None of others.
-        true_pressure: scalar, as above, the thickness being that of the body; None unless the
-            state is one of `ContactProblem.of_residual` and the body is given. NaN where `pressure`
-            is.
+        body_pressure: scalar, the pressure unknown of hybrid bodies, in the whole body; else None.
+            Where materials meet it has the value of one of them.
+        hybrid: mixed trial space of a hybrid body; else None.
+        true_pressure: scalar, as above, with the thickness of the body; None unless the state is
+            one of `ContactProblem.of_residual` and the body is given. NaN where `pressure` is NaN.
         body: the body, if it was given; else None.
     """
 
@@ -279,7 +380,7 @@ class ContactFields:
     tributary_pressure: fem.Function | None
     traction: fem.Function | None
     surfaces: tuple[SurfaceNodes, ...]
-    opposite: tuple[Opposite | None, ...]
+    opposite: tuple[OppositeSurface | None, ...]
     body_pressure: fem.Function | None = None
     hybrid: fem.FunctionSpace | None = None
     true_pressure: fem.Function | None = None
@@ -287,209 +388,244 @@ class ContactFields:
 
     @classmethod
     @check_same_arguments
-    def of(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
-        """Functions with the values of a state; every process calls it.
+    def from_state(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
+        """Create functions with the values of a state; collective.
 
         Args:
             state: of a contact problem on the space.
-            body: whose contact it is; its trial space serves all but the pressures.
+            body: of the contact problem, or its trial space, for all fields without pressures.
 
         Raises:
             TypeError: for arguments of the wrong type.
-            ValueError: for a state of another space, or if pressures are asked for and a node
-                belongs to no facet that has all of its nodes in the pair.
+            ValueError: for a state of another space, or, with a body, if a node belongs to no facet
+                that has all of its nodes in the pair.
         """
-        space = trial_space(body)
+        space = displacement_space(body)
         check_state(state, space)
         scalars = scalar_space(space)
-        known, whole = (body, body.spaces.trial) if isinstance(body, Body) else (None, body)
+        given_body, whole_space = (
+            (body, body.spaces.trial) if isinstance(body, Body) else (None, body)
+        )
 
-        def function(name: str, of: fem.FunctionSpace, wanted: bool) -> fem.Function | None:
-            return fem.Function(of, name=name) if wanted else None
+        def make_function(
+            name: str, functions: fem.FunctionSpace, is_wanted: bool
+        ) -> fem.Function | None:
+            return fem.Function(functions, name=name) if is_wanted else None
 
-        sides = [mortar_sides(k, state, known, space) for k in range(len(state.pairs))]
+        sides = [make_pair_sides(k, state, given_body, space) for k in range(len(state.pairs))]
         fields = cls(
             fem.Function(space, name="displacement"),
             fem.Function(space, name="contact_force"),
             fem.Function(scalars, name="gap"),
             fem.Function(space, name="slip"),
             fem.Function(scalars, name="status"),
-            function("pressure", scalars, known is not None),
-            function("tributary_pressure", scalars, known is not None),
-            function("traction", space, known is not None),
+            make_function("pressure", scalars, given_body is not None),
+            make_function("tributary_pressure", scalars, given_body is not None),
+            make_function("traction", space, given_body is not None),
             tuple(surface for surface, _ in sides if surface is not None),
             tuple(opposite for _, opposite in sides),
-            function("body_pressure", scalars, is_hybrid(whole)),
-            whole if is_hybrid(whole) else None,
-            function("true_pressure", scalars, known is not None and state.smallness is None),
-            known,
+            make_function("body_pressure", scalars, is_hybrid(whole_space)),
+            whole_space if is_hybrid(whole_space) else None,
+            make_function(
+                "true_pressure", scalars, given_body is not None and state.smallness is None
+            ),
+            given_body,
         )
         fields.fill(state)
         return fields
 
     @check_same_arguments
     def fill(self, state: ContactState) -> None:
-        """Gives the functions the values of another state.
+        """Set the functions to the values of another state of the same problem; collective.
 
         Args:
-            state: another one of the same problem.
+            state: of the same problem.
 
         Raises:
-            ValueError: for one of another space or other pairs.
+            ValueError: for a state of another space or with other pairs.
         """
         space = self.displacement.function_space
         check_state(state, space)
         pairs = state.pairs
-        known, given = ([part.node.tolist() for part in parts] for parts in (self.surfaces, pairs))
-        faced = [[] if side is None else side.node.tolist() for side in self.opposite]
-        if known not in ([], given) or faced != [pair.opposite_node.tolist() for pair in pairs]:
+        surface_nodes, pair_nodes = (
+            [part.node.tolist() for part in parts] for parts in (self.surfaces, pairs)
+        )
+        opposite_nodes = [[] if side is None else side.node.tolist() for side in self.opposite]
+        if surface_nodes not in ([], pair_nodes) or opposite_nodes != [
+            pair.opposite_node.tolist() for pair in pairs
+        ]:
             raise ValueError("the state has other contact nodes than the fields")
-        if state.smallness is None:  # who faces whom has changed
-            both = [mortar_sides(k, state, self.body, space) for k in range(len(pairs))]
-            object.__setattr__(self, "opposite", tuple(other for _, other in both))
+        if state.smallness is None:  # sides have slid: they face each other elsewhere
+            sides = [make_pair_sides(k, state, self.body, space) for k in range(len(pairs))]
+            object.__setattr__(self, "opposite", tuple(opposite for _, opposite in sides))
         as_function(space, state.displacement, out=self.displacement)
-        _spread(self.force, pairs, [pair.force_vector for pair in pairs])
+        _set_nodal_values(self.force, pairs, [pair.force_vector for pair in pairs])
         for pair in pairs:
-            here = _here(space, pair.opposite_node)
+            local = _find_local_nodes(space, pair.opposite_node)
             forces = self.force.x.array.reshape(-1, space.dofmap.index_map_bs)
-            forces[here[here >= 0]] += pair.opposite_force[here >= 0]
+            forces[local[local >= 0]] += pair.opposite_force[local >= 0]
         gaps = [np.where(np.isfinite(pair.gap), pair.gap, np.nan) for pair in pairs]
-        _spread(self.gap, pairs, gaps, np.nan)
-        _spread(self.slip, pairs, [pair.slip for pair in pairs])
-        _spread(self.status, pairs, [pair.status for pair in pairs])
-        own = [own_results(s, p) for s, p in zip(self.surfaces, pairs, strict=False)]
-        _spread(self.pressure, pairs, [side.pressure for side in own])
-        _spread(self.traction, pairs, [side.traction for side in own])
-        tributary = [
-            np.where(side.pressure == 0, 0.0, surface.tributary_pressure(side.pressed))
-            for side, surface in zip(own, self.surfaces, strict=True)
+        _set_nodal_values(self.gap, pairs, gaps, np.nan)
+        _set_nodal_values(self.slip, pairs, [pair.slip for pair in pairs])
+        _set_nodal_values(self.status, pairs, [pair.status for pair in pairs])
+        results = [
+            make_pair_results(surface, pair)
+            for surface, pair in zip(self.surfaces, pairs, strict=False)
         ]
-        _spread(self.tributary_pressure, pairs, tributary)
-        deformed = self._deformed(pairs)
-        true = [
-            np.where(np.isnan(side.pressure), np.nan, surface.pressure(side.pressed))
-            for side, surface in zip(own, deformed, strict=False)
+        _set_nodal_values(self.pressure, pairs, [side.pressure for side in results])
+        _set_nodal_values(self.traction, pairs, [side.traction for side in results])
+        tributary_pressures = [
+            np.where(side.pressure == 0, 0.0, surface.tributary_pressure(side.normal_force))
+            for side, surface in zip(results, self.surfaces, strict=True)
         ]
-        _spread(self.true_pressure, pairs, true)
-        self._fill_opposite(pairs, deformed)
+        _set_nodal_values(self.tributary_pressure, pairs, tributary_pressures)
+        deformed_surfaces = self._make_deformed_surfaces(pairs)
+        true_pressures = [
+            np.where(np.isnan(side.pressure), np.nan, surface.pressure(side.normal_force))
+            for side, surface in zip(results, deformed_surfaces, strict=False)
+        ]
+        _set_nodal_values(self.true_pressure, pairs, true_pressures)
+        self._fill_opposite(pairs, deformed_surfaces)
         if self.body_pressure is not None and self.hybrid is not None:
             self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
 
-    def _deformed(self, pairs: Sequence[PairState]) -> list[SurfaceNodes]:
-        """The pairs' own surfaces with areas as they are deformed, if true pressures are wanted."""
+    def _make_deformed_surfaces(self, pairs: Sequence[PairState]) -> list[SurfaceNodes]:
+        """Return the pairs' own surfaces with deformed areas, or none without true pressures."""
         if self.true_pressure is None or self.body is None:
             return []
         space, u = self.displacement.function_space, self.displacement
-        stretch = SurfaceNodes.stretch(u)
+        area_ratio = SurfaceNodes.stretch(u)
         if self.body.state is StressState.AXISYMMETRIC:
-            stretch *= 1 + u[0] / ufl.SpatialCoordinate(space.mesh)[0]
+            area_ratio *= 1 + u[0] / ufl.SpatialCoordinate(space.mesh)[0]
         facets = [facets_with_all_nodes(space, pair.node) for pair in pairs]
-        return [SurfaceNodes.from_body(self.body, where, stretch) for where in facets]
+        return [
+            SurfaceNodes.from_body(self.body, facets_of_pair, area_ratio)
+            for facets_of_pair in facets
+        ]
 
-    def _fill_opposite(self, pairs: Sequence[PairState], deformed: Sequence[SurfaceNodes]) -> None:
-        """Results at nodes that face pairs and are in none: of the pair that they face most."""
+    def _fill_opposite(
+        self, pairs: Sequence[PairState], deformed_surfaces: Sequence[SurfaceNodes]
+    ) -> None:
+        """Set the values at opposite nodes that belong to no pair.
+
+        A node that faces several pairs gets the values of the pair that it faces most.
+        """
         space = self.displacement.function_space
-        most = np.zeros(len(self.gap.x.array))
+        max_facing = np.zeros(len(self.gap.x.array))
         for pair in pairs:
-            here = _here(space, np.concatenate([pair.node, pair.faced_node]))
-            most[here[here >= 0]] = np.inf
-        for k, (other, pair) in enumerate(zip(self.opposite, pairs, strict=True)):
-            if other is None:
+            local = _find_local_nodes(space, np.concatenate([pair.node, pair.faced_node]))
+            max_facing[local[local >= 0]] = np.inf
+        for k, (opposite, pair) in enumerate(zip(self.opposite, pairs, strict=True)):
+            if opposite is None:
                 continue
-            seen, here = other.results(pair), _here(space, pair.opposite_node)
-            mine = (here >= 0) & (other.facing > most[here])
-            at = here[mine]
-            most[at] = other.facing[mine]
-            true = other.results(pair, deformed[k].weight_area).pressure if deformed else None
-            for out, values in (
-                (self.gap, seen.gap),
-                (self.status, seen.status),
-                (self.slip, -seen.slip),
-                (self.pressure, seen.pressure),
-                (self.tributary_pressure, seen.pressure),
-                (self.traction, seen.traction),
-                (self.true_pressure, true),
+            results, local = opposite.results(pair), _find_local_nodes(space, pair.opposite_node)
+            is_set = (local >= 0) & (opposite.facing_area > max_facing[local])
+            nodes = local[is_set]
+            max_facing[nodes] = opposite.facing_area[is_set]
+            true_pressure = (
+                opposite.results(pair, deformed_surfaces[k].weight_area).pressure
+                if deformed_surfaces
+                else None
+            )
+            for function, values in (
+                (self.gap, results.gap),
+                (self.status, results.status),
+                (self.slip, -results.slip),
+                (self.pressure, results.pressure),
+                (self.tributary_pressure, results.pressure),
+                (self.traction, results.traction),
+                (self.true_pressure, true_pressure),
             ):
-                if out is not None and values is not None:
-                    block = out.function_space.dofmap.index_map_bs
-                    out.x.array.reshape(-1, block)[at] = values[mine].reshape(-1, block)
+                if function is not None and values is not None:
+                    block = function.function_space.dofmap.index_map_bs
+                    function.x.array.reshape(-1, block)[nodes] = values[is_set].reshape(-1, block)
 
     @check_same_arguments
     def indicator(self) -> fem.Function:
-        """Error indicator, one value per cell, which says where to refine the contact surfaces.
+        """Return an error indicator per cell, for the refinement of contact surfaces.
 
-        Stresses have larger errors than nodal forces, so that the distance of both is about the
-        error of stresses: over the part of the pairs' own surfaces in cell K,
+        Stresses have larger errors than nodal forces, so that their difference is about the error
+        of the stresses. Over the part of the pairs' own surfaces in cell K,
 
             eta_K^2 = integral of (n·sigma n + p)^2,
 
-        with the nodal pressures p interpolated by the weight functions.
-
-        The root of the sum of squares is the error of all, in stress times root of area. It is zero
-        in cells off these surfaces, and where a node has no pressure.
+        with the nodal pressures p interpolated by the weight functions. The root of the sum of
+        squares is the total error, in stress times root of area. It is zero in cells off these
+        surfaces, and where a node has no pressure.
 
         Raises:
             ValueError: without the body, of a hybrid one, and at large strains, where the material
-                of a body is not that of the residual; where nodes have no weight, as the corners
-                of the standard 10-node tetrahedron.
+                of a body is not that of the residual; where nodes have no weight, such as the
+                corners of the standard 10-node tetrahedron.
         """
         if self.body is None or self.pressure is None or self.hybrid or self.true_pressure:
             raise ValueError(
                 "stresses follow from the displacements of a Body at small strains, one that is "
-                "not hybrid: give it to ContactFields.of, or integrate your own stress"
+                "not hybrid: give it to ContactFields.from_state, or integrate your own stress"
             )
-        if any(np.isnan(each.pressure(each.weight_area)).any() for each in self.surfaces):
+        if any(
+            np.isnan(surface_nodes.pressure(surface_nodes.weight_area)).any()
+            for surface_nodes in self.surfaces
+        ):
             raise ValueError(
                 "nodes of this element have no weight on the surface, so no pressure to compare "
                 "with stresses: Spaces.petrov_galerkin gives them one"
             )
         mesh, weights = self.body.spaces.mesh, test_space(self.pressure.function_space)
         facets = [
-            facets_with_all_nodes(self.displacement.function_space, s.node) for s in self.surfaces
+            facets_with_all_nodes(self.displacement.function_space, surface.node)
+            for surface in self.surfaces
         ]
-        surface = boundary_measure(mesh, np.unique(np.concatenate(facets)), _INDICATOR_DEGREE)
+        ds = boundary_measure(mesh, np.unique(np.concatenate(facets)), _INDICATOR_DEGREE)
         p, n = fem.Function(weights), ufl.FacetNormal(mesh)
         p.x.array[:] = self.pressure.x.array
         stress = self.body.stress(self.displacement)
-        sides = range(len(n))  # in axisymmetry stress has a hoop, too
-        pull = sum(n[i] * stress[i, j] * n[j] for i in sides for j in sides)
+        components = range(len(n))  # in axisymmetry stress has a hoop, too
+        normal_stress = sum(n[i] * stress[i, j] * n[j] for i in components for j in components)
         cells = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
-        squares = assemble_vector((pull + p) ** 2 * ufl.TestFunction(cells) * surface)
-        found = as_function(cells, squares, "error_indicator")
-        found.x.array[:] = np.sqrt(np.nan_to_num(found.x.array))
-        return found
+        squares = assemble_vector((normal_stress + p) ** 2 * ufl.TestFunction(cells) * ds)
+        eta = as_function(cells, squares, "error_indicator")
+        eta.x.array[:] = np.sqrt(np.nan_to_num(eta.x.array))
+        return eta
 
     def functions(self) -> list[fem.Function]:
-        """All functions, in the order of the attributes."""
+        """Return all functions, in the order of the attributes."""
         return [value for value in vars(self).values() if isinstance(value, fem.Function)]
 
 
-def _spread(
-    out: fem.Function | None,
+def _set_nodal_values(
+    function: fem.Function | None,
     pairs: Sequence[PairState],
     values: Sequence[npt.NDArray],
     elsewhere: float = 0.0,
 ) -> None:
-    """Fills a function with values (m,) or (m, dim) at the nodes of pairs."""
-    if out is None:
+    """Set a function to values (m,) or (m, dim) at the nodes of pairs, and to a constant elsewhere.
+
+    Matching nodes that face a pair get the same scalars and the reversed vectors.
+    """
+    if function is None:
         return
-    space = out.function_space
-    array = out.x.array.reshape(-1, space.dofmap.index_map_bs)
+    space = function.function_space
+    array = function.x.array.reshape(-1, space.dofmap.index_map_bs)
     array[:] = elsewhere
-    for pair, own in zip(pairs, values, strict=True):
-        columns = own.reshape(len(own), -1)
-        for nodes, sign in ((pair.node, 1.0), (pair.faced_node, 1.0 if own.ndim == 1 else -1.0)):
-            here = _here(space, nodes)
-            array[here[here >= 0]] = sign * columns[here >= 0]
+    for pair, nodal_values in zip(pairs, values, strict=True):
+        columns = nodal_values.reshape(len(nodal_values), -1)
+        for nodes, sign in (
+            (pair.node, 1.0),
+            (pair.faced_node, 1.0 if nodal_values.ndim == 1 else -1.0),
+        ):
+            local = _find_local_nodes(space, nodes)
+            array[local[local >= 0]] = sign * columns[local >= 0]
 
 
-def _here(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
-    """Local numbers (m,) of nodes, ghosts too; -1 for those of other processes, and no nodes."""
+def _find_local_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
+    """Return local numbers (m,) of nodes, with ghosts; -1 for other processes' nodes and none."""
     local = space.dofmap.index_map.global_to_local(np.maximum(nodes, 0))
     return np.where(nodes < 0, -1, local)
 
 
-def trial_space(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
+def displacement_space(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
+    """Return the space of displacements of a body or a trial space, or raise an error."""
     kinds = (Body, fem.FunctionSpace)
     arguments.check_type("body", body, kinds, "it has to be a Body, or its trial space")
     if not isinstance(body, Body):
@@ -498,14 +634,18 @@ def trial_space(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
 
 
 def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
-    first, last = space.dofmap.index_map.local_range
+    """Raise an error unless a state belongs to a space of displacements; collective."""
+    first_node, end_node = space.dofmap.index_map.local_range
     x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
     with collective_errors(space.mesh.comm):
         arguments.check_type("state", state, ContactState, STATE_REMEDY)
-        alike = state.displacement.getSizes() == vector_sizes(space)
-        for pair in state.pairs if alike else ():
-            mine = (pair.node >= first) & (pair.node < last)
-            away = np.abs(x[pair.node[mine] - first] - pair.position[mine])
-            alike &= bool(away.max(initial=0.0) <= _NEAR * np.abs(pair.position).max(initial=0.0))
-        if not alike:
+        is_same_space = state.displacement.getSizes() == vector_sizes(space)
+        for pair in state.pairs if is_same_space else ():
+            is_owned = (pair.node >= first_node) & (pair.node < end_node)
+            distance = np.abs(x[pair.node[is_owned] - first_node] - pair.position[is_owned])
+            is_same_space &= bool(
+                distance.max(initial=0.0)
+                <= _MAX_NODE_DISTANCE * np.abs(pair.position).max(initial=0.0)
+            )
+        if not is_same_space:
             raise ValueError("the state belongs to another space, or other processes, than this")

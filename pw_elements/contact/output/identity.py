@@ -1,12 +1,16 @@
-"""What tells a problem from others: numbers that its form, surfaces and laws give at fixed places.
+"""Fingerprint of a problem: values of its form, surfaces and laws at fixed probes.
 
-They are compared with a tolerance: neither the partition enters, nor the signatures of forms, which
-differ between versions of UFL. Loads, prescribed values and motions are none of them, for they
-change from step to step.
+Fingerprints are compared with a tolerance, so that neither the partition of the mesh nor the
+signature of a form, which depends on the version of UFL, matters. Loads, prescribed values and
+motions are left out, since they change from step to step.
 
-A form has fixed probes: sums, over all of its equations, of its values at smooth displacements
-times smooth weights. Its constants and functions are compared by their values, but those which
-loads have changed; the form itself then has the values of the file.
+The probes of a form are smooth displacements and smooth weights: the fingerprint has the sums over
+all equations of the form at these displacements times these weights. Constants and functions of the
+form are compared by their values, except for those that loads have changed; these have the values
+of the file while the form is evaluated.
+
+The module guarantees that the problem is unchanged after an evaluation. It assumes that forms,
+surfaces and laws are functions of their arguments alone.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -35,35 +39,39 @@ from pw_elements.contact.interface import (
 from pw_elements.contact.model import ContactPair, PairState
 from pw_elements.spaces import SubSpace, gather_from_owners, list_fields
 
-# Difference of numbers, over the largest of their part, that may be round-off
+# Largest difference of two fingerprints, over the values of their part, that counts as round-off
 _ROUND_OFF = 1e-8
-# Probes: angles over the body along each axis, and of each one at the lower corner
-_ANGLES = 2 * np.pi * np.array([[0.31, 0.17, 0.23], [0.83, -0.57, 0.41], [-0.47, 1.13, 0.89]])
-_FIRST_ANGLES = np.array([0.4, 1.1, 2.3])
-# Size of probing displacements over the body's diagonal: strains of some per cent
-_PROBING_DISPLACEMENT = 0.005
-# Parts of a problem that may be named as changed
-CHANGEABLE = (
+# Smooth probes are cosines: change of the phase over the body along each axis, and the phase at the
+# lower corner, of each probe
+_PHASE_CHANGES = (
+    2 * np.pi * np.array([[0.31, 0.17, 0.23], [0.83, -0.57, 0.41], [-0.47, 1.13, 0.89]])
+)
+_FIRST_PHASES = np.array([0.4, 1.1, 2.3])
+# Size of probing displacements over the body's diagonal, which makes strains of a few per cent
+_PROBE_DISPLACEMENT = 0.005
+# Parts of a problem that a user may declare as changed
+CHANGEABLE_PARTS = (
     *("constants", "friction", "interference", "pivot"),
     *("residual", "stiffness", "supports", "surface"),
 )
-_OF_RESIDUAL = " of the residual"
-# Size of one row of numbers, over that of all, below which it is round-off of sums
-_LEAST_ROW = 1e-3
+_RESIDUAL_SUFFIX = " of the residual"
+# Least scale of one row of values, over the largest value of all rows: sums have round-off
+_MIN_ROW_SCALE = 1e-3
 
-Numbers = dict[str, npt.NDArray]
+FingerprintValues = dict[str, npt.NDArray]
 
 
 @dataclass
-class Coefficients:
-    """Constants and functions of a residual, but its unknown and its history.
+class ResidualCoefficients:
+    """Constants and functions of a residual, except for its unknown.
 
     Args:
         constants: in the order in which they were made.
-        functions: likewise.
+        functions: in the order in which they were made.
         history: functions whose values belong to a state.
-        changed_constants: whether a load, or what a state was loaded with, has changed each.
-        changed_functions: likewise, by their values on this process.
+        changed_constants: whether a load has changed each since the problem was made, or before the
+            state was saved from which the problem continues.
+        changed_functions: the same for the functions' values on this process.
     """
 
     constants: list[fem.Constant]
@@ -79,161 +87,197 @@ class Coefficients:
     @classmethod
     def from_form(
         cls, form: ufl.Form, u: fem.Function, history: Sequence[fem.Function]
-    ) -> "Coefficients":
-        others = [f for f in form.coefficients() if isinstance(f, fem.Function) and f is not u]
-        kept = [f for f in others if any(f is one for one in history)]
-        return cls(list(form.constants()), [f for f in others if f not in kept], kept)
+    ) -> "ResidualCoefficients":
+        """Collect the coefficients of a form with the unknown u."""
+        functions = [f for f in form.coefficients() if isinstance(f, fem.Function) and f is not u]
+        history_functions = [f for f in functions if any(f is h for h in history)]
+        return cls(
+            list(form.constants()),
+            [f for f in functions if f not in history_functions],
+            history_functions,
+        )
 
     @contextmanager
-    def note_changes(self) -> Iterator[None]:
-        """Note which of them change in a block, which is a load's."""
-        constants = [np.array(one.value) for one in self.constants]
-        functions = [one.x.array.copy() for one in self.functions]
+    def record_changes(self) -> Iterator[None]:
+        """Record which constants and functions change in a block that applies a load."""
+        old_constants = [np.array(coefficient.value) for coefficient in self.constants]
+        old_functions = [coefficient.x.array.copy() for coefficient in self.functions]
         yield
-        for changed, before, arrays in (
-            (self.changed_constants, constants, [one.value for one in self.constants]),
-            (self.changed_functions, functions, [one.x.array for one in self.functions]),
+        for is_changed, old_values, new_values in (
+            (
+                self.changed_constants,
+                old_constants,
+                [coefficient.value for coefficient in self.constants],
+            ),
+            (
+                self.changed_functions,
+                old_functions,
+                [coefficient.x.array for coefficient in self.functions],
+            ),
         ):
-            differ = [not np.array_equal(*both) for both in zip(before, arrays, strict=True)]
-            changed |= np.array(differ, dtype=bool)
+            differs = [
+                not np.array_equal(*values) for values in zip(old_values, new_values, strict=True)
+            ]
+            is_changed |= np.array(differs, dtype=bool)
 
 
 @dataclass(frozen=True)
-class Identity:
-    """The numbers of a problem, by the names of its parts.
+class Fingerprint:
+    """Fingerprint of a problem, by the names of its parts.
 
     Args:
-        parts: numbers that do not depend on constants and functions of a residual.
-        residual: what does, None with a stiffness.
+        parts: values that do not depend on the constants and functions of a residual.
+        residual: probe of the residual, whose values depend on them; None with a stiffness.
     """
 
-    parts: Numbers
-    residual: "ResidualProbe | None" = None
+    parts: FingerprintValues
+    residual_probe: "ResidualProbe | None" = None
 
-    def numbers(self) -> Numbers:
-        """Return all that a file needs to tell the problem from others; collective."""
-        if self.residual is None:
+    def evaluate(self) -> FingerprintValues:
+        """Return all values that a file needs to identify the problem; collective."""
+        if self.residual_probe is None:
             return self.parts
-        coefficients = self.residual.coefficients()
-        return self.parts | coefficients | self.residual.evaluate(coefficients)
+        values = self.residual_probe.evaluate_coefficients()
+        return self.parts | values | self.residual_probe.evaluate_residual(values)
 
-    def refuse_another(
+    def refuse_other_problem(
         self, path: Path, stored: Mapping[str, npt.NDArray], changed: Collection[object]
     ) -> None:
-        """Raise ValueError unless a file's numbers are this problem's; collective.
+        """Raise ValueError unless a file's fingerprint is this problem's; collective.
 
         Args:
             path: of the file.
-            stored: what `numbers` gave when it was written, on all processes.
-            changed: names of `CHANGEABLE` parts, constants and functions that may differ.
+            stored: the values of `evaluate` when the file was written, the same on all processes.
+            changed: names of `CHANGEABLE_PARTS`, constants and functions that may differ.
         """
-        own, names = dict(self.parts), {one for one in changed if isinstance(one, str)}
-        if self.residual is not None:
-            own |= self.residual.coefficients()
-            names |= self.residual.names_of_changed(stored, changed)
-        others = {k: v for k, v in stored.items() if not k.startswith("residual")}
-        for name in own | others:
-            _compare(path, name, own.get(name), stored.get(name), names)
-        if self.residual is None:
+        values, ignored = dict(self.parts), {name for name in changed if isinstance(name, str)}
+        if self.residual_probe is not None:
+            values |= self.residual_probe.evaluate_coefficients()
+            ignored |= self.residual_probe.list_changed_names(stored, changed)
+        stored_parts = {
+            name: value for name, value in stored.items() if not name.startswith("residual")
+        }
+        for name in values | stored_parts:
+            _refuse_difference(path, name, values.get(name), stored.get(name), ignored)
+        if self.residual_probe is None:
             return
-        if "residual" not in names:
-            for name, values in self.residual.evaluate(stored).items():
-                _compare(path, name, values, stored.get(name), names, _said_of_versions(stored))
-        self.residual.take_changed(stored)
+        if "residual" not in ignored:
+            for name, residual_values in self.residual_probe.evaluate_residual(stored).items():
+                note = _version_note(stored)
+                _refuse_difference(path, name, residual_values, stored.get(name), ignored, note)
+        self.residual_probe.mark_changed(stored)
 
 
-def _compare(
+def _refuse_difference(
     path: Path,
     name: str,
     values: npt.NDArray | None,
     stored: npt.NDArray | None,
     changed: Collection[str],
-    more: str = "",
+    note: str = "",
 ) -> None:
-    """Raise ValueError, with `more` words, where numbers differ from a file's and must not."""
-    words, kind = name.partition("#")[0], name.partition("#")[0].partition(" of ")[0]
+    """Raise ValueError if one entry of a fingerprint differs from a file's and must not.
+
+    Args:
+        path: of the file.
+        name: of the entry.
+        values: of this problem, None without any.
+        stored: of the file, None without any.
+        changed: names of parts and coefficients that may differ.
+        note: end of the message.
+    """
+    part = name.partition("#")[0]
+    kind = part.partition(" of ")[0]
     if kind in ("changed", "version") or kind in changed:
         return
-    problem = f"{path} has the state of a problem with another {words}"
-    problem = problem.replace("another supports", "other supports")
+    refusal = f"{path} has the state of a problem with another {part}"
+    refusal = refusal.replace("another supports", "other supports")
     if values is None or stored is None or values.shape != stored.shape:
-        raise ValueError(problem + more)
-    coefficient = words.endswith(_OF_RESIDUAL)
-    if kind == "mean" or words in changed or (coefficient and "constants" in changed):
+        raise ValueError(refusal + note)
+    is_coefficient = part.endswith(_RESIDUAL_SUFFIX)
+    if kind == "mean" or part in changed or (is_coefficient and "constants" in changed):
         return
-    difference = _difference(values, stored)
+    difference = _relative_difference(values, stored)
     if difference <= _ROUND_OFF:
         return
-    size = f"it differs by {difference:.2g} of its size"
+    amount = f"it differs by {difference:.2g} of its size"
     if values.size == 1:
-        size = f"it is {values.item():.10g} here, and {stored.item():.10g} in the file"
-    if coefficient:
-        more = (
-            ". Set it to that value first, or name it, load(path, changed=[...]), if it is no "
-            "property of the body but a load"
+        amount = f"it is {values.item():.10g} here, and {stored.item():.10g} in the file"
+    if is_coefficient:
+        note = (
+            ". Set it to that value first; or, if it is a load and no property of the body, name "
+            "it: load(path, changed=[...])"
         )
-    elif kind in CHANGEABLE:
-        more += f". If that is meant, name it: load(path, changed=[{kind!r}])"
-    raise ValueError(f"{problem}: {size}{more}")
+    elif kind in CHANGEABLE_PARTS:
+        note += f". If the change is intended, name it: load(path, changed=[{kind!r}])"
+    raise ValueError(f"{refusal}: {amount}{note}")
 
 
-def check_changed(changed: object) -> None:
-    """Raise TypeError or ValueError for anything but things that `refuse_another` takes."""
+def check_changed_parts(changed: object) -> None:
+    """Raise TypeError or ValueError unless `changed` lists changeable parts or coefficients."""
     remedy = "give a list of names, constants and functions"
     arguments.check_type("changed", changed, (list, tuple, set, frozenset), remedy)
     assert isinstance(changed, Collection)
-    for one in changed:
+    for item in changed:
         kinds = (str, fem.Constant, fem.Function)
-        arguments.check_type("what has changed", one, kinds, remedy)
-        if isinstance(one, str) and one not in CHANGEABLE:
-            raise ValueError(f"changed {one!r}: the names are {', '.join(CHANGEABLE)}")
+        arguments.check_type("an item of changed", item, kinds, remedy)
+        if isinstance(item, str) and item not in CHANGEABLE_PARTS:
+            raise ValueError(f"changed {item!r}: the names are {', '.join(CHANGEABLE_PARTS)}")
 
 
-def _difference(values: npt.NDArray, stored: npt.NDArray) -> float:
-    """Return the largest difference of any row over its size, or over a part of all rows'."""
-    rows, others = np.atleast_2d(values), np.atleast_2d(stored)
-    least = _LEAST_ROW * np.abs(others[np.isfinite(others)]).max(initial=0.0)
-    return max(relative_difference(*both, least) for both in zip(rows, others, strict=True))
+def _relative_difference(values: npt.NDArray, stored: npt.NDArray) -> float:
+    """Return the largest difference of any row of values, over the size of the row.
+
+    A row's size counts as at least a part of that of all rows.
+    """
+    rows, stored_rows = np.atleast_2d(values), np.atleast_2d(stored)
+    min_scale = _MIN_ROW_SCALE * np.abs(stored_rows[np.isfinite(stored_rows)]).max(initial=0.0)
+    return max(
+        relative_difference(*pair, min_scale) for pair in zip(rows, stored_rows, strict=True)
+    )
 
 
-def _said_of_versions(stored: Mapping[str, npt.NDArray]) -> str:
+def _version_note(stored: Mapping[str, npt.NDArray]) -> str:
+    """Return a note if the file was written with another version of DOLFINx."""
     version = str(stored.get("version", ""))
     if version == dolfinx.__version__:
         return ""
     return (
-        f". The file is one of DOLFINx {version}, and here is {dolfinx.__version__}, which may "
+        f". The file was written with DOLFINx {version}, this is {dolfinx.__version__}, which may "
         "estimate other quadrature degrees: state them in the measures"
     )
 
 
-def identify_problem(
+def fingerprint_problem(
     interface: Interface,
     pairs: Sequence[ContactPair],
     states: Sequence[PairState],
     column: Indices,
     space: fem.FunctionSpace,
-) -> Numbers:
-    """Return the numbers of mesh, spaces, supports and pairs; collective.
+) -> FingerprintValues:
+    """Return the fingerprint of mesh, spaces, supports and pairs; collective.
 
     Args:
         interface: of the pairs.
         pairs: as the user states them.
-        states: of the undeformed body.
-        column: (n,), of each unknown of this process: -1 where it is prescribed, -2 where others
-            give it, else what it is among the free ones.
+        states: of the pairs of the undeformed body.
+        column: (n,), number of each unknown of this process among the free ones; -1 where it is
+            prescribed, -2 where others give it.
         space: of the unknowns.
     """
     probes, topology = _Probes(space), space.mesh.topology
-    elements = [(one.space.element.basix_element, one.space.dofmap) for one in probes.fields]
-    kinds = [(e.degree, int(e.family), dofmap.index_map_bs) for e, dofmap in elements]
-    held = [probes.sums((column == kind).astype(float)) for kind in (-1, -2)]
-    numbers: Numbers = {
+    elements = [(field.space.element.basix_element, field.space.dofmap) for field in probes.fields]
+    element_kinds = [(e.degree, int(e.family), dofmap.index_map_bs) for e, dofmap in elements]
+    supports = [probes.weighted_sums((column == status).astype(float)) for status in (-1, -2)]
+    numbers: FingerprintValues = {
         "mesh": np.array([topology.index_map(topology.dim).size_global, topology.dim], dtype=float),
-        "element": np.array(kinds, dtype=float),
-        "supports": np.ravel(held),
+        "element": np.array(element_kinds, dtype=float),
+        "supports": np.ravel(supports),
     }
-    x = probes.fields[0].space.tabulate_dof_coordinates()
-    owned = x[: probes.fields[0].space.dofmap.index_map.size_local, : space.mesh.geometry.dim]
+    positions = probes.fields[0].space.tabulate_dof_coordinates()
+    owned = positions[
+        : probes.fields[0].space.dofmap.index_map.size_local, : space.mesh.geometry.dim
+    ]
     size = max(np.abs(state.position).max() for state in states)
     for k, (pair, state) in enumerate(zip(pairs, states, strict=True)):
         facing = np.concatenate([state.opposite_node, state.faced_node[state.faced_node >= 0]])
@@ -250,104 +294,130 @@ def identify_problem(
             "opposite side": gather_from_owners(probes.fields[0].space, facing, owned).ravel(),
         }
         for name, values in pair_numbers.items():
-            kind, mark, rest = name.partition("#")
-            numbers[f"{kind} of contact pair {k}{mark}{rest}"] = values
+            status, separator, suffix = name.partition("#")
+            numbers[f"{status} of contact pair {k}{separator}{suffix}"] = values
     return numbers
 
 
-def identify_stiffness(K: PETSc.Mat, space: fem.FunctionSpace) -> Numbers:
+def fingerprint_stiffness(K: PETSc.Mat, space: fem.FunctionSpace) -> FingerprintValues:
     """Return sums of smooth weights times a stiffness (n, n) times smooth unknowns; collective.
 
-    Those of displacements and pressures are apart, since they have other units.
+    Sums of displacements and pressures are separate, since their units differ.
     """
     probes, image = _Probes(space), K.createVecLeft()
     numbers = {}
-    for k, unknowns in enumerate(probes.vectors):
+    for column_field, vectors in enumerate(probes.vectors):
         forces = []
-        for values in unknowns:
-            moved = K.createVecRight()
-            moved.setArray(values)
-            K.mult(moved, image)
-            forces.append(probes.sums(image.array_r))
-        for row in range(len(probes.fields)):
-            numbers[f"stiffness#{row}{k}"] = np.array(forces)[:, row]
+        for values in vectors:
+            vector = K.createVecRight()
+            vector.setArray(values)
+            K.mult(vector, image)
+            forces.append(probes.weighted_sums(image.array_r))
+        for row_field in range(len(probes.fields)):
+            numbers[f"stiffness#{row_field}{column_field}"] = np.array(forces)[:, row_field]
     return numbers
 
 
 class ResidualProbe:
-    """A residual at probing unknowns, and the constants and functions that it has."""
+    """Fingerprint of a residual: its values at smooth unknowns, and those of its coefficients.
 
-    def __init__(self, system: ResidualSystem, coefficients: Coefficients) -> None:
+    Args:
+        system: of the residual.
+        coefficients: its constants and functions.
+    """
+
+    def __init__(self, system: ResidualSystem, coefficients: ResidualCoefficients) -> None:
         self._system, self._coefficients = system, coefficients
         self._space: fem.FunctionSpace = system.u.function_space
 
-    def coefficients(self) -> Numbers:
-        """Return the values of constants, means and sums of functions, by name; collective.
+    def evaluate_coefficients(self) -> FingerprintValues:
+        """Return constants, means and sums of functions, by name; collective.
 
-        Whether loads have changed each of them is told, too.
+        Entries "changed#..." say which of them loads have changed.
         """
-        own, comm = self._coefficients, self._space.mesh.comm
-        numbers: Numbers = {"version": np.array(dolfinx.__version__)}
-        for k, constant in enumerate(own.constants):
-            numbers[f"constant {k}{_OF_RESIDUAL}"] = np.array(constant.value, dtype=float).ravel()
-        for k, function in enumerate(own.functions):
-            numbers[f"function {k}{_OF_RESIDUAL}"] = _sums_of(function)
-        for k, function in enumerate([*own.functions, *own.history]):
-            numbers[f"mean of function {k}"] = _mean_of(function)
-        changed_functions = own.changed_functions.copy()
+        coefficients, comm = self._coefficients, self._space.mesh.comm
+        numbers: FingerprintValues = {"version": np.array(dolfinx.__version__)}
+        for number, constant in enumerate(coefficients.constants):
+            numbers[f"constant {number}{_RESIDUAL_SUFFIX}"] = np.array(
+                constant.value, dtype=float
+            ).ravel()
+        for number, function in enumerate(coefficients.functions):
+            numbers[f"function {number}{_RESIDUAL_SUFFIX}"] = _function_sums(function)
+        for number, function in enumerate([*coefficients.functions, *coefficients.history]):
+            numbers[f"mean of function {number}"] = _function_mean(function)
+        changed_functions = coefficients.changed_functions.copy()
         comm.Allreduce(MPI.IN_PLACE, changed_functions, MPI.LOR)
-        numbers["changed#constants"] = own.changed_constants.copy()
+        numbers["changed#constants"] = coefficients.changed_constants.copy()
         numbers["changed#functions"] = changed_functions
         return numbers
 
-    def evaluate(self, values: Mapping[str, npt.NDArray]) -> Numbers:
+    def evaluate_residual(self, values: Mapping[str, npt.NDArray]) -> FingerprintValues:
         """Return sums of smooth weights times the residual at smooth unknowns; collective.
 
         Args:
-            values: what `coefficients` gave, here or when a file was written: constants have their
-                values from there meanwhile, functions their means.
+            values: of `evaluate_coefficients`, of this problem or a file. While the residual is
+                evaluated, constants have these values and functions their means.
         """
-        own, u, probes = self._coefficients, self._system.u, _Probes(self._space)
+        coefficients, u, probes = self._coefficients, self._system.u, _Probes(self._space)
         constants = [
-            (constant.value, values[f"constant {k}{_OF_RESIDUAL}"].reshape(constant.value.shape))
-            for k, constant in enumerate(own.constants)
+            (
+                constant.value,
+                values[f"constant {number}{_RESIDUAL_SUFFIX}"].reshape(constant.value.shape),
+            )
+            for number, constant in enumerate(coefficients.constants)
         ]
         functions = []
-        for k, function in enumerate([*own.functions, *own.history]):
-            mean = values[f"mean of function {k}"]
+        for number, function in enumerate([*coefficients.functions, *coefficients.history]):
+            mean = values[f"mean of function {number}"]
             functions.append((function.x.array.reshape(-1, mean.size), mean))
         sums = []
-        with _holding([*constants, *functions, (u.x.array, 0.0)]):
+        with _temporary_values([*constants, *functions, (u.x.array, 0.0)]):
             vector = self._system.assemble_residual()
-            sums.append(probes.sums(vector.array_r))
+            sums.append(probes.weighted_sums(vector.array_r))
             for unknowns in probes.small_unknowns():
                 vector.setArray(unknowns)
                 self._system.set_unknowns(vector)
-                sums.append(probes.sums(self._system.assemble_residual().array_r) - sums[0])
-        return {f"residual#{row}": np.array(sums)[:, row] for row in range(len(probes.fields))}
+                sums.append(
+                    probes.weighted_sums(self._system.assemble_residual().array_r) - sums[0]
+                )
+        return {
+            f"residual#{field}": np.array(sums)[:, field] for field in range(len(probes.fields))
+        }
 
-    def names_of_changed(
+    def list_changed_names(
         self, stored: Mapping[str, npt.NDArray], changed: Collection[object]
     ) -> set[str]:
-        """Return the names of constants and functions that need not be what they were."""
-        own, names = self._coefficients, set()
-        for kind, things in (("constant", own.constants), ("function", own.functions)):
-            flags = getattr(own, f"changed_{kind}s") | _flags(stored, f"{kind}s", len(things))
+        """Return the names of constants and functions that may differ from a file's."""
+        coefficients, names = self._coefficients, set()
+        for kind, items in (
+            ("constant", coefficients.constants),
+            ("function", coefficients.functions),
+        ):
+            is_changed = getattr(coefficients, f"changed_{kind}s") | _stored_flags(
+                stored, f"{kind}s", len(items)
+            )
             names |= {
-                f"{kind} {k}{_OF_RESIDUAL}"
-                for k, thing in enumerate(things)
-                if flags[k] or any(thing is one for one in changed)
+                f"{kind} {number}{_RESIDUAL_SUFFIX}"
+                for number, item in enumerate(items)
+                if is_changed[number] or any(item is declared for declared in changed)
             }
         return names
 
-    def take_changed(self, stored: Mapping[str, npt.NDArray]) -> None:
-        """Count as changed by loads what was so when a file was written."""
-        own = self._coefficients
-        own.changed_constants |= _flags(stored, "constants", len(own.constants))
-        own.changed_functions |= _flags(stored, "functions", len(own.functions))
+    def mark_changed(self, stored: Mapping[str, npt.NDArray]) -> None:
+        """Mark as changed by loads the coefficients that are so marked in a file."""
+        coefficients = self._coefficients
+        coefficients.changed_constants |= _stored_flags(
+            stored, "constants", len(coefficients.constants)
+        )
+        coefficients.changed_functions |= _stored_flags(
+            stored, "functions", len(coefficients.functions)
+        )
 
 
-def _flags(stored: Mapping[str, npt.NDArray], name: str, count: int) -> npt.NDArray[np.bool_]:
+def _stored_flags(
+    stored: Mapping[str, npt.NDArray], name: str, count: int
+) -> npt.NDArray[np.bool_]:
+    """Return flags (count,) of a file; False where it has none."""
     flags = stored.get(f"changed#{name}", np.empty(0))
     return flags.astype(bool) if flags.shape == (count,) else np.zeros(count, dtype=bool)
 
@@ -358,23 +428,28 @@ class _Probes:
     def __init__(self, space: fem.FunctionSpace) -> None:
         self.comm: MPI.Comm = space.mesh.comm
         self.fields: list[SubSpace] = list_fields(space)
-        self.vectors = [[one.embed(v) for v in _smooth(one.space)] for one in self.fields]
+        self.vectors = [
+            [field.embed(v) for v in _smooth_functions(field.space)] for field in self.fields
+        ]
 
-    def sums(self, values: Array) -> Array:
+    def weighted_sums(self, values: Array) -> Array:
         """Return sums (fields, probes) of values (n,) times the probes, over all processes."""
-        own = np.array([[np.dot(v, values) for v in vectors] for vectors in self.vectors])
-        self.comm.Allreduce(MPI.IN_PLACE, own, MPI.SUM)
-        return own
+        sums = np.array([[np.dot(v, values) for v in vectors] for vectors in self.vectors])
+        self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
+        return sums
 
     def small_unknowns(self) -> list[Array]:
-        """Return unknowns (n,) of one field each, displacements that turn no cell inside out."""
-        _, diagonal = _box(self.fields[0].space)
-        sizes = [_PROBING_DISPLACEMENT * diagonal, 1.0]
-        each = zip(sizes, self.vectors, strict=False)
-        return [size * v for size, vectors in each for v in vectors[1:]]
+        """Return probing unknowns (n,), each of one field.
+
+        Displacements are small enough to invert no cell.
+        """
+        _, diagonal = _bounding_box(self.fields[0].space)
+        sizes = [_PROBE_DISPLACEMENT * diagonal, 1.0]
+        sizes_and_vectors = zip(sizes, self.vectors, strict=False)
+        return [size * v for size, vectors in sizes_and_vectors for v in vectors[1:]]
 
 
-def _box(space: fem.FunctionSpace) -> tuple[Array, float]:
+def _bounding_box(space: fem.FunctionSpace) -> tuple[Array, float]:
     """Return the lower corner (3,) of the body's box, and its diagonal."""
     x, comm = space.mesh.geometry.x, space.mesh.comm
     ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
@@ -382,25 +457,26 @@ def _box(space: fem.FunctionSpace) -> tuple[Array, float]:
     return ends[0], float(np.linalg.norm(ends.sum(axis=0)))
 
 
-def _smooth(space: fem.FunctionSpace) -> list[Array]:
-    """Return values (owned unknowns,) of smooth functions, others for each component."""
-    lower, diagonal = _box(space)
+def _smooth_functions(space: fem.FunctionSpace) -> list[Array]:
+    """Return values (owned unknowns,) of smooth functions that differ between components."""
+    lower, diagonal = _bounding_box(space)
     owned, block = space.dofmap.index_map.size_local, space.dofmap.index_map_bs
     x = (space.tabulate_dof_coordinates()[:owned] - lower) / diagonal
     component = np.arange(block)
     return [
-        np.cos((x @ angles)[:, None] + first + 0.7 * component).ravel()
-        for angles, first in zip(_ANGLES, _FIRST_ANGLES, strict=True)
+        np.cos((x @ phase_change)[:, None] + first_phase + 0.7 * component).ravel()
+        for phase_change, first_phase in zip(_PHASE_CHANGES, _FIRST_PHASES, strict=True)
     ]
 
 
 def _owned_values(function: fem.Function) -> Array:
+    """Return a function's values (owned nodes, block)."""
     dofmap = function.function_space.dofmap
     owned, block = dofmap.index_map.size_local, dofmap.index_map_bs
     return np.asarray(function.x.array[: owned * block].reshape(owned, block))
 
 
-def _mean_of(function: fem.Function) -> Array:
+def _function_mean(function: fem.Function) -> Array:
     """Return the mean (block,) of a function's values; collective."""
     values, comm = _owned_values(function), function.function_space.mesh.comm
     total = np.append(values.sum(axis=0), float(len(values)))
@@ -408,27 +484,27 @@ def _mean_of(function: fem.Function) -> Array:
     return np.asarray(total[:-1] / max(total[-1], 1.0))
 
 
-def _sums_of(function: fem.Function) -> Array:
+def _function_sums(function: fem.Function) -> Array:
     """Return sums of a function's values, of their squares, and of values times probes."""
     space, values = function.function_space, _owned_values(function).ravel()
     sums = [values.sum(), np.linalg.norm(values) ** 2]
     try:
-        sums += [np.dot(values, probe) for probe in _smooth(space)]
-    except RuntimeError:  # of values that have no points, of a mixed space say
-        sums += [0.0] * len(_ANGLES)
-    own = np.array(sums)
-    space.mesh.comm.Allreduce(MPI.IN_PLACE, own, MPI.SUM)
-    return own
+        sums += [np.dot(values, probe) for probe in _smooth_functions(space)]
+    except RuntimeError:  # values without points, of a mixed space for example
+        sums += [0.0] * len(_PHASE_CHANGES)
+    total = np.array(sums)
+    space.mesh.comm.Allreduce(MPI.IN_PLACE, total, MPI.SUM)
+    return total
 
 
 @contextmanager
-def _holding(changes: Sequence[tuple[npt.NDArray, npt.NDArray | float]]) -> Iterator[None]:
-    """Set arrays to values in a block, and back after it."""
-    before = [array.copy() for array, _ in changes]
+def _temporary_values(changes: Sequence[tuple[npt.NDArray, npt.NDArray | float]]) -> Iterator[None]:
+    """Set arrays to values in a block, and restore them after it."""
+    old_values = [array.copy() for array, _ in changes]
     try:
         for array, values in changes:
             array[...] = values
         yield
     finally:
-        for (array, _), values in zip(changes, before, strict=True):
+        for (array, _), values in zip(changes, old_values, strict=True):
             array[...] = values

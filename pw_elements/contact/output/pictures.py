@@ -1,10 +1,13 @@
-"""Pictures of a state: pressure and shear along the contact line, or over the contact face.
+"""Plot a state: pressure and shear along the contact line, or over the contact face.
 
-Labels name no units:
+Labels have no units unless one is given:
 
     axes = plot(states[-1], body)
     axes.set(xlabel="x [mm]", ylabel="traction [MPa]")
     axes.figure.savefig("contact.png")
+
+The module guarantees that a plot has the values of `ContactFields`. It assumes that Matplotlib is
+installed.
 """
 
 from __future__ import annotations
@@ -19,7 +22,12 @@ from pw_elements.arrays import Indices
 from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK
-from pw_elements.contact.output.fields import SideResults, check_state, mortar_sides, own_results
+from pw_elements.contact.output.fields import (
+    SideResults,
+    check_state,
+    make_pair_results,
+    make_pair_sides,
+)
 from pw_elements.elasticity import Body, StressState, SurfaceNodes
 from pw_elements.pictures import SUB_TRIANGLES, check_axes
 
@@ -27,10 +35,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-_BLUE = "#0072B2"
-_ORANGE = "#D55E00"
-# Arrows shorter than this, over the longest one, are none
-_INVISIBLE = 1e-3
+_PRESSURE_COLOUR = "#0072B2"
+_SHEAR_COLOUR = "#D55E00"
+# Arrows that are shorter than this part of the longest one are left out
+_MIN_ARROW_LENGTH = 1e-3
 
 
 @check_same_arguments
@@ -43,34 +51,34 @@ def plot(
     opposite: bool = False,
     unit: str = "",
 ) -> Axes:
-    """Draws pressure and shear of one pair with Matplotlib; every process calls it.
+    """Plot pressure and shear of one pair with Matplotlib; collective.
 
-    In the plane and in axisymmetry they are drawn along the contact line: the pressure, the shear
-    traction on the body in the direction of the line, the bounds ± mu p between which it lies, and
-    the status of each node. In space the pressure is a colour on the undeformed face, seen along
-    the mean normal, arrows are shear tractions, and a line surrounds the nodes that stick.
+    In the plane and in axisymmetry the plot runs along the contact line: it has the pressure, the
+    shear traction on the body in the direction of the line, the bounds ± mu p of the shear, and the
+    status of each node. In space the pressure is a colour on the undeformed face, viewed along the
+    mean normal, arrows are shear tractions, and a line surrounds the nodes that stick.
 
-    Pressures are nodal forces over the integrals of the nodes' own test functions (measure 2 of
-    `SurfaceNodes`) on the undeformed surface, in units of the modulus. At large strains these
-    are named nominal, and `ContactFields` has the true ones.
+    Pressures are nodal forces divided by the integrals of the nodes' weight functions (measure 2 of
+    `SurfaceNodes`) over the undeformed surface, in units of the modulus. At large strains they are
+    labelled nominal; `ContactFields` has the true ones.
 
     Args:
-        state: whose contact is drawn.
-        body: whose contact it is.
+        state: with the contact forces.
+        body: of the contact problem.
         pair: number of the pair, from 0.
-        axes: to draw in; by default those of a new figure.
+        axes: to plot into; by default those of a new figure.
         along: coordinate (0 or 1) that is the abscissa of a line; by default the arc length from
             the end with the least coordinates. Not for faces in space.
-        opposite: whether to draw them on the deformable surface that the pair faces.
+        opposite: whether to plot the results of the deformable surface that the pair faces.
         unit: of tractions, for the labels, such as "MPa".
 
     Returns:
-        The axes. Each process has its own; let one of them save the figure.
+        The axes. Each process has its own; let one process save the figure.
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for a pair, coordinate or opposite surface that does not exist, and as
-            `ContactFields.of`.
+        ValueError: for a pair, coordinate or opposite surface that does not exist, and for the
+            reasons of `ContactFields.from_state`.
     """
     import matplotlib.pyplot as plt
 
@@ -82,108 +90,120 @@ def plot(
     check_state(state, body.spaces.displacements.trial)
     dim = body.spaces.mesh.geometry.dim
     if arguments.check_integer("pair", pair, 0) >= len(state.pairs):
-        raise ValueError(f"pair {pair}: the state has {len(state.pairs)}, counted from 0")
+        raise ValueError(f"pair {pair}: the state has {len(state.pairs)} pairs, counted from 0")
     if along is not None and (dim == 3 or arguments.check_integer("along", along, 0) > 1):
         raise ValueError(f"along = {along}: lines in the plane run along coordinate 0 or 1")
-    surface, side = _side(pair, state, body, opposite)
+    surface, side = _select_side(pair, state, body, opposite)
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
     name = "pressure" if state.smallness else "nominal pressure"
     if dim == 3:
-        _face(axes, surface, side, name, unit)
+        _plot_face(axes, surface, side, name, unit)
     else:
         names = "rz" if body.state is StressState.AXISYMMETRIC else "xy"
-        _line(axes, surface, side, along, name)
+        _plot_line(axes, surface, side, along, name)
         axes.set(xlabel="arc length" if along is None else names[along])
         axes.set(ylabel=f"traction [{unit}]" if unit else "traction")
     return axes
 
 
-def _side(
+def _select_side(
     number: int, state: ContactState, body: Body, opposite: bool
 ) -> tuple[SurfaceNodes, SideResults]:
-    own, other = mortar_sides(number, state, body, body.spaces.displacements.trial)
+    """Return nodes and results of a pair's part, or of the opposite surface."""
+    slave, master = make_pair_sides(number, state, body, body.spaces.displacements.trial)
     pair = state.pairs[number]
     if not opposite:
-        assert own is not None
-        return own, own_results(own, pair)
-    if other is None or other.surface is None:
-        raise ValueError(f"opposite = True: what pair {number} faces is no deformable surface")
-    return other.surface, other.results(pair)
+        assert slave is not None
+        return slave, make_pair_results(slave, pair)
+    if master is None or master.surface is None:
+        raise ValueError(f"opposite = True: pair {number} does not face a deformable surface")
+    return master.surface, master.results(pair)
 
 
-def _line(
+def _plot_line(
     axes: Axes, surface: SurfaceNodes, side: SideResults, along: int | None, name: str
 ) -> None:
+    """Plot pressure, shear and status along a contact line."""
     pressure, traction = side.pressure, side.traction
-    rough, bounds = bool(np.any(side.friction > 0)), rf"$\pm\mu\,\times$ {name}"
-    end = 0.0
-    for chain in _chains(surface.edges):
-        x, normal = surface.position[chain], side.normal[chain]
-        onwards = np.gradient(x, axis=0)
+    has_friction, bounds_label = bool(np.any(side.friction > 0)), rf"$\pm\mu\,\times$ {name}"
+    arc_length = 0.0
+    for chain in _order_line_nodes(surface.edges):
+        position, normal = surface.position[chain], side.normal[chain]
+        direction = np.gradient(position, axis=0)
         if along is None:
-            steps = np.linalg.norm(np.diff(x, axis=0), axis=1)
-            where = end + np.append(0.0, np.cumsum(steps))
-            end = where[-1]
+            lengths = np.linalg.norm(np.diff(position, axis=0), axis=1)
+            abscissa = arc_length + np.append(0.0, np.cumsum(lengths))
+            arc_length = abscissa[-1]
         else:
-            where = x[:, along]
-            onwards *= np.sign(onwards[:, along, None])
+            abscissa = position[:, along]
+            direction *= np.sign(direction[:, along, None])
         tangent = np.column_stack([normal[:, 1], -normal[:, 0]])
-        tangent *= np.sign(np.sum(tangent * onwards, axis=1, keepdims=True))
-        closed = side.status[chain] != OPEN
-        if rough:
+        tangent *= np.sign(np.sum(tangent * direction, axis=1, keepdims=True))
+        is_closed = side.status[chain] != OPEN
+        if has_friction:
             bound = side.friction[chain] * pressure[chain]
             shear = np.sum(traction[chain] * tangent, axis=1)
             sticks, slips = (side.status[chain] == status for status in (STICK, SLIP))
-            axes.fill_between(where, -bound, bound, color="0.88", lw=0, label=bounds)
-            axes.plot(where, shear, color=_ORANGE, lw=1)
-            style: dict[str, Any] = {"color": _ORANGE, "ls": "", "marker": "o", "ms": 4}
-            axes.plot(where[sticks], shear[sticks], label="shear, stick", **style)
-            axes.plot(where[slips], shear[slips], label="shear, slip", mfc="white", **style)
-        axes.plot(where, pressure[chain], color=_BLUE, lw=1)
-        axes.plot(where[closed], pressure[chain][closed], ".", color=_BLUE, label=name)
+            axes.fill_between(abscissa, -bound, bound, color="0.88", lw=0, label=bounds_label)
+            axes.plot(abscissa, shear, color=_SHEAR_COLOUR, lw=1)
+            style: dict[str, Any] = {"color": _SHEAR_COLOUR, "ls": "", "marker": "o", "ms": 4}
+            axes.plot(abscissa[sticks], shear[sticks], label="shear, stick", **style)
+            axes.plot(abscissa[slips], shear[slips], label="shear, slip", mfc="white", **style)
+        axes.plot(abscissa, pressure[chain], color=_PRESSURE_COLOUR, lw=1)
+        axes.plot(
+            abscissa[is_closed], pressure[chain][is_closed], ".", color=_PRESSURE_COLOUR, label=name
+        )
     axes.axhline(0.0, color="0.5", lw=0.5)
     handles, texts = axes.get_legend_handles_labels()
-    once = dict(zip(texts, handles, strict=True))
-    axes.legend(once.values(), once.keys(), frameon=False)
+    handle_of_text = dict(zip(texts, handles, strict=True))
+    axes.legend(handle_of_text.values(), handle_of_text.keys(), frameon=False)
 
 
-def _face(axes: Axes, surface: SurfaceNodes, side: SideResults, name: str, unit: str) -> None:
+def _plot_face(axes: Axes, surface: SurfaceNodes, side: SideResults, name: str, unit: str) -> None:
+    """Plot pressure, shear and the edges of contact and stick over a contact face."""
     from matplotlib.lines import Line2D
     from matplotlib.tri import Triangulation
 
     pressure = side.pressure
-    seen = np.delete(np.arange(3), np.abs(side.normal.sum(axis=0)).argmax())
-    x, y = surface.position[:, seen].T
-    known = np.isfinite(pressure)
+    plotted_axes = np.delete(np.arange(3), np.abs(side.normal.sum(axis=0)).argmax())
+    x, y = surface.position[:, plotted_axes].T
+    has_pressure = np.isfinite(pressure)
     triangles = surface.facets[:, SUB_TRIANGLES[surface.facets.shape[1]]].reshape(-1, 3)
-    face, weighed = (Triangulation(x, y, triangles) for _ in range(2))
-    weighed.set_mask(~known[triangles].all(axis=1))
-    shown = axes.tripcolor(weighed, np.where(known, pressure, 0.0), shading="gouraud", cmap="Blues")
-    beside = axes.inset_axes((1.04, 0.0, 0.04, 1.0))  # as tall as the face
-    axes.figure.colorbar(shown, cax=beside, label=name + (f" [{unit}]" if unit else ""))
+    face, pressure_face = (Triangulation(x, y, triangles) for _ in range(2))
+    pressure_face.set_mask(~has_pressure[triangles].all(axis=1))
+    colours = axes.tripcolor(
+        pressure_face, np.where(has_pressure, pressure, 0.0), shading="gouraud", cmap="Blues"
+    )
+    colour_bar = axes.inset_axes((1.04, 0.0, 0.04, 1.0))  # of the height of the face
+    axes.figure.colorbar(colours, cax=colour_bar, label=name + (f" [{unit}]" if unit else ""))
     legend = []
     edges = (((OPEN,), "edge of contact", "--"), ((STICK, HELD), "edge of stick", "-"))
     for statuses, text, style in edges:
-        inside = np.isin(side.status, statuses).astype(float)
-        if 0 < inside.sum() < len(inside):
-            axes.tricontour(face, inside, [0.5], colors="0.2", linestyles=style)
+        is_inside = np.isin(side.status, statuses).astype(float)
+        if 0 < is_inside.sum() < len(is_inside):
+            axes.tricontour(face, is_inside, [0.5], colors="0.2", linestyles=style)
             legend.append(Line2D([], [], color="0.2", ls=style, label=text))
-    traction = side.traction[:, seen]
-    size = np.linalg.norm(np.nan_to_num(traction), axis=1)
-    if np.any(side.friction > 0) and size.max() > 0:
+    traction = side.traction[:, plotted_axes]
+    shear_size = np.linalg.norm(np.nan_to_num(traction), axis=1)
+    if np.any(side.friction > 0) and shear_size.max() > 0:
         spacing = np.sqrt(np.ptp(x) * np.ptp(y) / len(x))
-        pulled = size > _INVISIBLE * size.max()
+        has_arrow = shear_size > _MIN_ARROW_LENGTH * shear_size.max()
         axes.quiver(
-            *(x[pulled], y[pulled], *traction[pulled].T),
-            color=_ORANGE,
+            *(x[has_arrow], y[has_arrow], *traction[has_arrow].T),
+            color=_SHEAR_COLOUR,
             angles="xy",
             scale_units="xy",
-            scale=size.max() / (1.5 * spacing),
+            scale=shear_size.max() / (1.5 * spacing),
         )
-        text = f"shear, at most {size.max():.3g} {unit}".rstrip()
-        arrow: dict[str, Any] = {"color": _ORANGE, "marker": r"$\rightarrow$", "ms": 12, "ls": ""}
+        text = f"shear, at most {shear_size.max():.3g} {unit}".rstrip()
+        arrow: dict[str, Any] = {
+            "color": _SHEAR_COLOUR,
+            "marker": r"$\rightarrow$",
+            "ms": 12,
+            "ls": "",
+        }
         legend.append(Line2D([], [], label=text, **arrow))
-    axes.set(aspect="equal", xlabel="xyz"[seen[0]], ylabel="xyz"[seen[1]])
+    axes.set(aspect="equal", xlabel="xyz"[plotted_axes[0]], ylabel="xyz"[plotted_axes[1]])
     if legend:
         axes.legend(
             handles=legend,
@@ -194,17 +214,24 @@ def _face(axes: Axes, surface: SurfaceNodes, side: SideResults, name: str, unit:
         )
 
 
-def _chains(edges: Indices) -> list[Indices]:
-    """Nodes of each connected part of a line in their order, corners and mid-side nodes."""
-    ends = np.concatenate([edges[:, [1, 0]], edges[:, [0, 2]]]).T
-    line = sp.csr_array((np.ones(ends.shape[1]), ends), shape=(ends.max() + 1,) * 2)
-    line = line + line.T
-    neighbours, (_, part) = np.diff(line.indptr), csgraph.connected_components(line)
+def _order_line_nodes(edges: Indices) -> list[Indices]:
+    """Return the nodes of each connected part of a line in their order.
+
+    Args:
+        edges: (edges, 3), numbers of both ends and of the mid-side node of each edge.
+
+    Returns:
+        Numbers of all nodes of a part; of a closed line the first one once more at the end.
+    """
+    segments = np.concatenate([edges[:, [1, 0]], edges[:, [0, 2]]]).T
+    graph = sp.csr_array((np.ones(segments.shape[1]), segments), shape=(segments.max() + 1,) * 2)
+    graph = graph + graph.T
+    n_neighbours, (_, part_of_node) = np.diff(graph.indptr), csgraph.connected_components(graph)
     chains = []
-    for k in np.unique(part[ends]):
-        nodes = np.flatnonzero(part == k)
-        # nodes count in the order of their positions: from an end, or anywhere on a closed line
-        first = nodes[neighbours[nodes].argmin()]
-        chain, _ = csgraph.depth_first_order(line, first)
-        chains.append(chain if neighbours[first] == 1 else np.append(chain, first))
+    for part in np.unique(part_of_node[segments]):
+        nodes = np.flatnonzero(part_of_node == part)
+        # nodes are sorted by position: start at the first end, or anywhere on a closed line
+        start = nodes[n_neighbours[nodes].argmin()]
+        chain, _ = csgraph.depth_first_order(graph, start)
+        chains.append(chain if n_neighbours[start] == 1 else np.append(chain, start))
     return chains

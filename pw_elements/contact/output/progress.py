@@ -1,4 +1,8 @@
-"""Reports of how far a contact computation is, to the log and to the user's function."""
+"""Report the progress of a contact computation, to the log and to the user's function.
+
+The module guarantees that nothing is counted if nobody listens, and that an error of the user's
+function on one process is raised on all. It assumes that all processes report together.
+"""
 
 import logging
 from collections.abc import Callable
@@ -18,16 +22,15 @@ from pw_elements.progress import log_on_root
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a contact computation is: after an iteration, or at the end of an increment.
+    """State of a contact computation after an iteration, or at the end of an increment.
 
     Args:
-        increment: number of increments before this one: they count from 0, as in the errors of
-            `solve_contact`.
+        increment: number of the increment, from 0, as in the errors of `solve_contact`.
         iteration: number of linear systems solved in this increment.
         violation: largest violation of the laws of contact and friction, over its tolerance.
-        open: number of open nodes of all pairs; after an iteration, as it was assumed.
-        stick: number of sticking ones.
-        slip: number of slipping ones.
+        open: number of open nodes of all pairs; after an iteration, in its active set.
+        stick: number of sticking nodes.
+        slip: number of slipping nodes.
         state: at the end of the increment; None after an iteration.
     """
 
@@ -47,53 +50,66 @@ Callback: TypeAlias = Callable[[Progress], object]
 
 
 class Reporter:
-    """Logs one increment and calls the user's callback; all processes make and use it together."""
+    """Log the progress of one increment and call the user's function with it; collective.
+
+    Args:
+        comm: communicator of the mesh.
+        increment: number of the increment, from 0.
+        callback: function of the user, None without any.
+
+    Attributes:
+        violation: of the last solution, as in `Progress`.
+    """
 
     def __init__(self, comm: MPI.Comm, increment: int, callback: Callback | None) -> None:
         self._comm, self._increment, self._callback = comm, increment, callback
-        self.violation = 0.0  # of the last solution, as in `Progress`
-        # whether any process wants to know of iterations, and of increments
+        self.violation = 0.0
+        # whether any process listens to iterations, and to increments
         is_logged = logging.getLogger("pw_elements.contact").isEnabledFor
         levels = (logging.DEBUG, logging.INFO)
-        wanted = [bool(callback or (comm.rank == 0 and is_logged(level))) for level in levels]
-        self._reports_iterations, self._reports_increments = np.any(comm.allgather(wanted), axis=0)
+        is_wanted = [bool(callback or (comm.rank == 0 and is_logged(level))) for level in levels]
+        self._reports_iterations, self._reports_increments = np.any(
+            comm.allgather(is_wanted), axis=0
+        )
 
     def report_iteration(self, iteration: int, active: ActiveSet, violation: float) -> None:
-        """Log an iteration and call the user's function, if anybody wants to know."""
+        """Log an iteration and call the user's function, if any process listens."""
         if not self._reports_iterations:
             return
         counts = self._comm.allreduce(np.bincount(active.status, minlength=HELD + 1))
-        now = self._progress(iteration, violation, counts)
-        words = f"iteration {iteration}: {now}, violation / tolerance {violation:.1e}"
-        self._tell(logging.DEBUG, words, now)
+        progress = self._make_progress(iteration, violation, counts)
+        message = f"iteration {iteration}: {progress}, violation / tolerance {violation:.1e}"
+        self._log_and_call(logging.DEBUG, message, progress)
 
     def report_increment(self, state: ContactState, seconds: float) -> None:
-        """Log the end of the increment and call the user's function, if anybody wants to know."""
+        """Log the end of the increment and call the user's function, if any process listens."""
         if not self._reports_increments:
             return
         status = np.concatenate([pair.status for pair in state.pairs])
         counts, report = np.bincount(status, minlength=HELD + 1), state.report
-        now = self._progress(state.iterations, self.violation, counts, state)
-        words = (
-            f"{now.iteration} iterations, {now}, residual {state.residuals.largest():.1e}, "
-            f"{report.method}, {report.factorisations} factorisations, {seconds:.2f} s"
+        progress = self._make_progress(state.iterations, self.violation, counts, state)
+        message = (
+            f"{progress.iteration} iterations, {progress}, "
+            f"residual {state.residuals.largest():.1e}, {report.method}, "
+            f"{report.factorisations} factorisations, {seconds:.2f} s"
         )
-        self._tell(logging.INFO, words, now)
+        self._log_and_call(logging.INFO, message, progress)
 
-    def _progress(
+    def _make_progress(
         self,
         iteration: int,
         violation: float,
         counts: npt.NDArray[np.intp],
         state: ContactState | None = None,
     ) -> Progress:
+        """Return the progress with the numbers of nodes of each status."""
         sticking = int(counts[STICK] + counts[HELD])
-        each = int(counts[OPEN]), sticking, int(counts[SLIP])
-        return Progress(self._increment, iteration, violation, *each, state)
+        numbers_of_nodes = int(counts[OPEN]), sticking, int(counts[SLIP])
+        return Progress(self._increment, iteration, violation, *numbers_of_nodes, state)
 
-    def _tell(self, level: int, words: str, now: Progress) -> None:
-        """Logs, and calls the user's function: what it raises on one process is raised on all."""
-        log_on_root(self._comm, level, f"increment {self._increment}: {words}", ".contact")
+    def _log_and_call(self, level: int, message: str, progress: Progress) -> None:
+        """Log a message and call the user's function; raise its error on all processes."""
+        log_on_root(self._comm, level, f"increment {self._increment}: {message}", ".contact")
         with collective_errors(self._comm):
             if self._callback is not None:
-                self._callback(now)
+                self._callback(progress)

@@ -1,4 +1,11 @@
-"""States in portable files: NumPy archives of plain numbers, independent of the partition."""
+"""Write and read states: NumPy archives of plain numbers, independent of the partition.
+
+A file has values at the nodes of each function with the positions of these nodes, the results of
+each contact pair, the fingerprint of the problem, and a digest of all of them. The module
+guarantees that a file is complete or not there at all, and that a state is read for the problem of
+its fingerprint alone, on any number of processes. It assumes that nodes of one position differ in
+the midpoints of their cells.
+"""
 
 import io
 import json
@@ -27,34 +34,39 @@ from pw_elements.contact.model import (
     ResidualScale,
     Smallness,
 )
-from pw_elements.contact.output.identity import Identity
-from pw_elements.contact.output.stored_values import check_arrays, check_numbers, check_pairs
+from pw_elements.contact.output.identity import Fingerprint
+from pw_elements.contact.output.stored_values import (
+    check_pair_results,
+    check_real_arrays,
+    check_state_numbers,
+)
 from pw_elements.files import ForeignEntry, replacing_file
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import list_fields
 
-# Names of the arrays of places that belong to values
-_FIELDS = {"displacement": "nodes", "pressure": "pressure_nodes"}
-# What of a state is written as it is, and by its own numbers
-_PLAIN = ("iterations", "unique", "increment", "free_motions")
-_OF_NUMBERS = {
+# Arrays of nodal values, and the arrays of the positions of their nodes
+_NODES_OF_FIELD = {"displacement": "nodes", "pressure": "pressure_nodes"}
+# Attributes of a state that are written as they are, and those that are records of numbers
+_PLAIN_ATTRIBUTES = ("iterations", "unique", "increment", "free_motions")
+_RECORD_TYPES = {
     "residuals": Residuals,
     "allowance": Residuals,
     "report": SolverReport,
     "scale": ResidualScale,
     "smallness": Smallness,
 }
-_KIND = "pw_elements contact state"
-_FORMAT = f"{_KIND} 8"
-# First array of a file, by which it is known for a state, whole or not: the digest of the others
-_MARK = f"{_KIND}, digest"
-_HEAD = 200  # bytes of a file that have the name of its first array
-# Before the names of what tells a problem from others
-_PROBLEM = "problem "
-# Largest displacement that is believed, over the body's diagonal
-_LARGEST_MOTION = 1e6
-# Largest distance of a node from its place in the file, over the body's extent
-_NEAR = 1e-8
+_FILE_KIND = "pw_elements contact state"
+_FORMAT = f"{_FILE_KIND} 8"
+# Name of a file's first array, the digest of all others, which marks even an unfinished state
+_DIGEST_NAME = f"{_FILE_KIND}, digest"
+# Bytes at the start of a file that have the name of its first array
+_HEAD_SIZE = 200
+# Prefix of the arrays of the problem's fingerprint
+_FINGERPRINT_PREFIX = "problem "
+# Largest plausible displacement over the body's diagonal
+_MAX_DISPLACEMENT = 1e6
+# Largest distance of a node from its position in the file, over the body's extent
+_MAX_NODE_DISTANCE = 1e-8
 
 
 def write_state(
@@ -62,220 +74,287 @@ def write_state(
     state: ContactState,
     space: fem.FunctionSpace,
     history: Sequence[fem.FunctionSpace],
-    problem: Identity,
+    fingerprint: Fingerprint,
 ) -> None:
-    """Writes a state whole or not at all, on one process, if it is a solution of a `problem`."""
-    path, identity = checked_path(path), problem.numbers()
+    """Write a state to a file, completely or not at all; process 0 writes.
+
+    Args:
+        path: of the file.
+        state: a solution of the problem.
+        space: of the unknowns.
+        history: spaces of the functions that belong to a state.
+        fingerprint: of the problem.
+
+    Raises:
+        ValueError: if the state is not a solution.
+        OSError: if the file cannot be written.
+    """
+    path, fingerprint_values = check_path(path), fingerprint.evaluate()
     if not state.converged:
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
     arrays: dict[str, npt.NDArray] = {}
-    known = [field.extract(state.unknowns).array_r for field in list_fields(space)]
-    parts = zip(_parts(space, history), [*known, *state.history], strict=True)
-    for (name, nodes, of), values in parts:
-        places = _places(of)
-        given = comm.gather((places, values.reshape(-1, of.dofmap.index_map_bs)[: len(places)]))
+    field_values = [field.extract(state.unknowns).array_r for field in list_fields(space)]
+    functions = zip(_list_functions(space, history), [*field_values, *state.history], strict=True)
+    for (name, position_name, function_space), values in functions:
+        positions = _node_positions(function_space)
+        parts_of_ranks = comm.gather(
+            (positions, values.reshape(-1, function_space.dofmap.index_map_bs)[: len(positions)])
+        )
         if comm.rank == 0:
-            each = zip(*given, strict=True)
-            arrays |= dict(zip((nodes, name), map(np.concatenate, each), strict=True))
+            arrays_of_function = zip(*parts_of_ranks, strict=True)
+            arrays |= dict(
+                zip((position_name, name), map(np.concatenate, arrays_of_function), strict=True)
+            )
     if comm.rank == 0:
         for k, pair in enumerate(state.pairs):
             arrays |= {f"{name}_{k}": values for name, values in vars(pair).items()}
-        numbers = {name: getattr(state, name) for name in _PLAIN}
-        told = {name: getattr(state, name) for name in _OF_NUMBERS}
-        numbers |= {name: None if part is None else vars(part) for name, part in told.items()}
-        numbers |= {"determinant_signs": sorted(state.determinant_signs)}
-        numbers |= {"format": _FORMAT, "pairs": len(state.pairs)}
-        arrays |= {f"{_PROBLEM}{name}": values for name, values in identity.items()}
-        arrays["state"] = np.array(json.dumps(numbers))
-        arrays["digest"] = _digest(arrays)
+        header = {name: getattr(state, name) for name in _PLAIN_ATTRIBUTES}
+        records = {name: getattr(state, name) for name in _RECORD_TYPES}
+        header |= {
+            name: None if record is None else vars(record) for name, record in records.items()
+        }
+        header |= {"determinant_signs": sorted(state.determinant_signs)}
+        header |= {"format": _FORMAT, "pairs": len(state.pairs)}
+        arrays |= {
+            f"{_FINGERPRINT_PREFIX}{name}": values for name, values in fingerprint_values.items()
+        }
+        arrays["state"] = np.array(json.dumps(header))
+        arrays["digest"] = _compute_digest(arrays)
     with collective_errors(comm):
         if arrays:
             try:
-                _write(path, arrays)
+                _write_file(path, arrays)
             except ForeignEntry:
                 raise
-            except OSError as failed:
-                raise type(failed)(f"the state cannot be written to {path}: {failed}") from failed
+            except OSError as error:
+                raise type(error)(f"the state cannot be written to {path}: {error}") from error
 
 
 def read_state(
     path: str | Path,
     space: fem.FunctionSpace,
     history: Sequence[fem.FunctionSpace],
-    problem: Identity,
-    own: ContactState,
-    stated: Sequence[ContactPair],
+    fingerprint: Fingerprint,
+    undeformed_state: ContactState,
+    contact_pairs: Sequence[ContactPair],
     stiffness: PETSc.Mat,
     changed: Collection[object] = (),
 ) -> ContactState:
-    """Reads a state of a `problem`: one process does, and hands out values of their nodes.
+    """Read a state of a problem: process 0 reads the file and distributes the values.
 
     Args:
         path: of the file.
         space: of the unknowns.
         history: spaces of the functions that belong to a state.
-        problem: whose state it has to be.
-        own: the problem's undeformed state.
-        stated: its pairs.
-        stiffness: (n, n), by which forces are too large to be any.
-        changed: what of the problem may be another one.
+        fingerprint: of the problem.
+        undeformed_state: the problem's undeformed state.
+        contact_pairs: the problem's contact pairs.
+        stiffness: (n, n), from which the largest plausible force follows.
+        changed: names of parts of the problem that may differ.
+
+    Raises:
+        OSError: if the file cannot be read.
+        ValueError: if it holds no state, or that of another problem.
     """
-    path, comm, parts = checked_path(path), space.mesh.comm, _parts(space, history)
+    path, comm, functions = check_path(path), space.mesh.comm, _list_functions(space, history)
     dim = space.mesh.geometry.dim
     arrays: dict[str, npt.NDArray] = {}
-    numbers: dict[str, Any] = {}
+    header: dict[str, Any] = {}
     pairs: list[dict[str, Any]] = []
     with collective_errors(comm):
         if comm.rank == 0:
-            arrays, numbers, pairs = _read(path, dim)
-            if missing := [name for name, _, _ in parts if name not in arrays]:
+            arrays, header, pairs = _read_file(path, dim)
+            if missing := [name for name, _, _ in functions if name not in arrays]:
                 raise ValueError(
                     f"{path} has the state of a problem without {missing[0].partition('_')[0]}"
                 )
             if f"history_{len(history)}" in arrays:
                 raise ValueError(f"{path} has the state of a problem with more history")
     values, rows = {}, {}
-    for name, nodes, of in parts:
-        values[name], rows[name] = _handed_out(path, name, arrays.get(nodes), arrays.get(name), of)
-    stored = {k.removeprefix(_PROBLEM): v for k, v in arrays.items() if k.startswith(_PROBLEM)}
-    problem.refuse_another(path, comm.bcast(stored), changed)
-    length = _LARGEST_MOTION * float(np.linalg.norm(extents(comm, space.mesh.geometry.x)))
-    largest = ResidualScale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
+    for name, position_name, function_space in functions:
+        values[name], rows[name] = _distribute_values(
+            path, name, arrays.get(position_name), arrays.get(name), function_space
+        )
+    stored = {
+        name.removeprefix(_FINGERPRINT_PREFIX): value
+        for name, value in arrays.items()
+        if name.startswith(_FINGERPRINT_PREFIX)
+    }
+    fingerprint.refuse_other_problem(path, comm.bcast(stored), changed)
+    length = _MAX_DISPLACEMENT * float(np.linalg.norm(extents(comm, space.mesh.geometry.x)))
+    max_scale = ResidualScale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
     fields = list_fields(space)
     with collective_errors(comm):
         if comm.rank == 0:
-            today = np.argsort(rows["displacement"])
-            moved = arrays["displacement"][rows["displacement"]]
+            global_nodes = np.argsort(rows["displacement"])
+            displacement = arrays["displacement"][rows["displacement"]]
             try:
-                _renumber(pairs, today)
-                check_pairs(pairs, own, stated, numbers, moved, largest)
-            except (ValueError, IndexError) as wrong:
-                raise ValueError(f"{path} holds no contact state: {wrong}") from None
-    numbers, pairs = comm.bcast((numbers, pairs))
+                _renumber_nodes(pairs, global_nodes)
+                check_pair_results(
+                    pairs, undeformed_state, contact_pairs, header, displacement, max_scale
+                )
+            except (ValueError, IndexError) as error:
+                raise ValueError(f"{path} holds no contact state: {error}") from None
+    header, pairs = comm.bcast((header, pairs))
     unknowns = PETSc.Vec().createMPI(fields[0].full_sizes, comm=comm)
-    spread = [field.embed(values[name]) for name, field in zip(_FIELDS, fields, strict=False)]
-    unknowns.setArray(np.sum(spread, axis=0))
-    state: dict[str, Any] = {name: numbers[name] for name in _PLAIN}
-    given = {name: numbers[name] for name in _OF_NUMBERS}
-    state |= {k: None if v is None else _OF_NUMBERS[k](**v) for k, v in given.items()}
-    state["free_motions"] = tuple((pair, axis) for pair, axis in numbers["free_motions"])
-    state["determinant_signs"] = frozenset(numbers["determinant_signs"])
+    field_vectors = [
+        field.embed(values[name]) for name, field in zip(_NODES_OF_FIELD, fields, strict=False)
+    ]
+    unknowns.setArray(np.sum(field_vectors, axis=0))
+    state: dict[str, Any] = {name: header[name] for name in _PLAIN_ATTRIBUTES}
+    records = {name: header[name] for name in _RECORD_TYPES}
+    state |= {
+        name: None if value is None else _RECORD_TYPES[name](**value)
+        for name, value in records.items()
+    }
+    state["free_motions"] = tuple((pair, axis) for pair, axis in header["free_motions"])
+    state["determinant_signs"] = frozenset(header["determinant_signs"])
     state["pairs"] = tuple(PairState(**pair) for pair in pairs)
-    functions = parts[len(fields) :]
-    state["history"] = tuple(_with_ghosts(of, values[name]) for name, _, of in functions)
+    functions = functions[len(fields) :]
+    state["history"] = tuple(
+        _fill_ghosts(function_space, values[name]) for name, _, function_space in functions
+    )
     return ContactState(fields[0].extract(unknowns), unknowns=unknowns, **state)
 
 
-def _renumber(pairs: Sequence[dict[str, Any]], today: npt.NDArray[np.intp]) -> None:
-    """Give the nodes of pairs, which are rows of the file, their global numbers of today."""
+def _renumber_nodes(pairs: Sequence[dict[str, Any]], global_nodes: npt.NDArray[np.intp]) -> None:
+    """Replace node numbers of pairs, which are rows of the file, by present global numbers."""
     for pair, name in product(pairs, ("node", "faced_node", "opposite_node")):
         rows = pair[name]
-        if rows.dtype.kind not in "iu" or rows.max(initial=-1) >= len(today):
-            raise ValueError(f"{name} has numbers of other nodes")
-        pair[name] = np.where(rows < 0, rows, today[rows])
+        if rows.dtype.kind not in "iu" or rows.max(initial=-1) >= len(global_nodes):
+            raise ValueError(f"{name} has numbers of other nodes than the file's")
+        pair[name] = np.where(rows < 0, rows, global_nodes[rows])
 
 
-def _read(
+def _read_file(
     path: Path, dim: int
 ) -> tuple[dict[str, npt.NDArray], dict[str, Any], list[dict[str, Any]]]:
-    """A file's arrays, the numbers of the state, and what makes its pairs."""
+    """Return a file's arrays, the numbers of the state, and the fields of its pairs.
+
+    Raises:
+        OSError: if the file cannot be read.
+        ValueError: if it holds no state of space dimension `dim`, or is damaged.
+    """
     try:
-        _refuse_irregular(path, "it is not read")
+        _refuse_irregular_file(path, "it is not read")
         data = path.read_bytes()
-    except OSError as failed:
-        raise type(failed)(f"the state cannot be read from {path}: {failed}") from failed
+    except OSError as error:
+        raise type(error)(f"the state cannot be read from {path}: {error}") from error
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = dict(archive)
-        digest = arrays.pop(_MARK, None)
-        numbers = json.loads(str(arrays["state"]))
-        if numbers["format"] != _FORMAT:
+        digest = arrays.pop(_DIGEST_NAME, None)
+        header = json.loads(str(arrays["state"]))
+        if header["format"] != _FORMAT:
             raise ValueError(
-                f"its format is {numbers['format']!r}, not {_FORMAT!r}: compute it once more"
+                f"its format is {header['format']!r}, not {_FORMAT!r}: compute the state again"
             )
-        if digest is None or digest.tobytes() != _digest(arrays).tobytes():
+        if digest is None or digest.tobytes() != _compute_digest(arrays).tobytes():
             raise ValueError("it has been changed since it was written")
-        check_arrays(arrays, ("state", f"{_PROBLEM}version"))
-        check_numbers(numbers, dim)
+        check_real_arrays(arrays, ("state", f"{_FINGERPRINT_PREFIX}version"))
+        check_state_numbers(header, dim)
         pairs = [
             {name: arrays[f"{name}_{k}"] for name in PairState.__dataclass_fields__}
-            for k in range(numbers["pairs"])
+            for k in range(header["pairs"])
         ]
-    except Exception as failed:  # of whatever kind: any bytes may be in a file
-        said = str(failed) or type(failed).__name__
-        raise ValueError(f"{path} holds no contact state: {said}") from None
-    return arrays, numbers, pairs
+    except Exception as error:  # of any type: the file may have any bytes
+        reason = str(error) or type(error).__name__
+        raise ValueError(f"{path} holds no contact state: {reason}") from None
+    return arrays, header, pairs
 
 
-def checked_path(path: str | Path) -> Path:
+def check_path(path: str | Path) -> Path:
+    """Return a path, or raise TypeError or ValueError unless the argument is one."""
     arguments.check_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
     if "\0" in str(path):
         raise ValueError(f"the path {str(path)!r} has a null character, which no file's name has")
     return Path(path)
 
 
-def _parts(
+def _list_functions(
     space: fem.FunctionSpace, history: Sequence[fem.FunctionSpace]
 ) -> list[tuple[str, str, fem.FunctionSpace]]:
-    """Arrays of values and of their places, and the space, of all functions of a state."""
-    fields = zip(_FIELDS.items(), list_fields(space), strict=False)
-    functions = [(f"history_{k}", f"history_nodes_{k}", of) for k, of in enumerate(history)]
-    return [(name, nodes, field.space) for (name, nodes), field in fields] + functions
+    """Return names of value and position arrays, and the space, of all functions of a state."""
+    fields = zip(_NODES_OF_FIELD.items(), list_fields(space), strict=False)
+    functions = [
+        (f"history_{number}", f"history_nodes_{number}", function_space)
+        for number, function_space in enumerate(history)
+    ]
+    return [
+        (name, position_name, field.space) for (name, position_name), field in fields
+    ] + functions
 
 
-def _with_ghosts(space: fem.FunctionSpace, own: Array) -> Array:
-    found = fem.Function(space)
-    found.x.array[: len(own)] = own
-    found.x.scatter_forward()
-    return found.x.array.copy()
+def _fill_ghosts(space: fem.FunctionSpace, owned: Array) -> Array:
+    """Return the values of a function on this process, with ghosts, from the owned ones."""
+    function = fem.Function(space)
+    function.x.array[: len(owned)] = owned
+    function.x.scatter_forward()
+    return function.x.array.copy()
 
 
-def _handed_out(
-    path: Path, name: str, stored: Array | None, values: Array | None, space: fem.FunctionSpace
+def _distribute_values(
+    path: Path,
+    name: str,
+    stored_positions: Array | None,
+    values: Array | None,
+    space: fem.FunctionSpace,
 ) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Values at this process' owned nodes, from a file's places and values, which process 0 read.
+    """Return the values at this process' owned nodes, and on process 0 the row of each global node.
 
-    Process 0 also gets the row of each global node in the file, its number there; others none.
+    Args:
+        path: of the file.
+        name: of the values.
+        stored_positions: (nodes, 2 dim), `_node_positions` in the file, on process 0.
+        values: (nodes, block), in the file, on process 0.
+        space: of the function.
+
+    Raises:
+        ValueError: if the nodes are not those of the space, or values are not real and finite.
     """
     comm, nearest = space.mesh.comm, np.empty(0, dtype=np.intp)
-    given, parts = comm.gather(_places(space)), None
+    parts_of_ranks, values_of_ranks = comm.gather(_node_positions(space)), None
     with collective_errors(comm):
-        if stored is not None and values is not None:
-            places = np.concatenate(given)
-            wrong = stored.shape != places.shape
-            if not wrong:
-                distance, nearest = cKDTree(stored).query(places)
-                extent = np.ptp(stored, axis=0).max()
-                wrong = distance.max() > _NEAR * extent or len(np.unique(nearest)) < len(nearest)
-            if wrong:
+        if stored_positions is not None and values is not None:
+            positions = np.concatenate(parts_of_ranks)
+            is_other_mesh = stored_positions.shape != positions.shape
+            if not is_other_mesh:
+                distance, nearest = cKDTree(stored_positions).query(positions)
+                extent = np.ptp(stored_positions, axis=0).max()
+                is_other_mesh = distance.max() > _MAX_NODE_DISTANCE * extent or len(
+                    np.unique(nearest)
+                ) < len(nearest)
+            if is_other_mesh:
                 raise ValueError(f"{path} has the state of another mesh")
-            shape = len(stored), space.dofmap.index_map_bs
+            shape = len(stored_positions), space.dofmap.index_map_bs
             try:
                 arguments.check_real_array(name, values, shape)
             except ValueError as error:
                 raise ValueError(f"{path} holds no contact state: {error}") from None
-            rows = np.split(nearest, np.cumsum([len(each) for each in given])[:-1])
-            parts = [values[each].ravel() for each in rows]
-    return comm.scatter(parts), nearest
+            rows = np.split(nearest, np.cumsum([len(part) for part in parts_of_ranks])[:-1])
+            values_of_ranks = [values[part].ravel() for part in rows]
+    return comm.scatter(values_of_ranks), nearest
 
 
-def _places(space: fem.FunctionSpace) -> Array:
-    """Position and mean midpoint of the cells around of each owned node, (nodes, 2 dim).
+def _node_positions(space: fem.FunctionSpace) -> Array:
+    """Return position and mean midpoint of the adjacent cells of each owned node, (nodes, 2 dim).
 
-    Both together tell nodes apart that coincide, such as those of two bodies that touch.
+    Together they distinguish nodes that coincide, such as those of two bodies that touch.
     """
     owned, dim = space.dofmap.index_map.size_local, space.mesh.geometry.dim
     x = space.tabulate_dof_coordinates()[:owned, :dim]
     return np.concatenate([x, average_cell_midpoints(space)[:owned]], axis=1)
 
 
-def _refuse_irregular(path: Path, otherwise: str) -> None:
+def _refuse_irregular_file(path: Path, consequence: str) -> None:
+    """Raise FileExistsError, with the consequence, for a folder, device and so on."""
     if path.exists() and not path.is_file():
-        raise FileExistsError(f"{path} is no regular file: {otherwise}")
+        raise FileExistsError(f"{path} is no regular file: {consequence}")
 
 
-def _digest(arrays: Mapping[str, npt.NDArray]) -> npt.NDArray[np.uint8]:
+def _compute_digest(arrays: Mapping[str, npt.NDArray]) -> npt.NDArray[np.uint8]:
+    """Return the digest of arrays with their names, types and shapes."""
     digest = blake2b(digest_size=16)
     for name, values in sorted(arrays.items()):
         digest.update(f"{name} {values.dtype} {values.shape} ".encode())
@@ -283,18 +362,19 @@ def _digest(arrays: Mapping[str, npt.NDArray]) -> npt.NDArray[np.uint8]:
     return np.frombuffer(digest.digest(), dtype=np.uint8)
 
 
-def _write(path: Path, arrays: dict[str, npt.NDArray]) -> None:
-    marked = {_MARK: arrays.pop("digest"), **arrays}
+def _write_file(path: Path, arrays: dict[str, npt.NDArray]) -> None:
+    """Write arrays to a file, the digest first; replace states alone."""
+    digest_and_arrays = {_DIGEST_NAME: arrays.pop("digest"), **arrays}
     with replacing_file(path, _holds_state) as stream:
-        np.savez_compressed(stream, allow_pickle=False, **marked)
+        np.savez_compressed(stream, allow_pickle=False, **digest_and_arrays)
 
 
 def _holds_state(path: Path) -> bool:
-    """Tell whether a file is a state, or was to be one: such files may be replaced."""
+    """Return whether a file is a state, finished or not: such files may be replaced."""
     with path.open("rb") as stream:
-        head = stream.read(_HEAD)
-    if not head or f"{_MARK}.npy".encode() in head:
+        head = stream.read(_HEAD_SIZE)
+    if not head or f"{_DIGEST_NAME}.npy".encode() in head:
         return True
     with suppress(Exception), np.load(path, allow_pickle=False) as archive:  # of earlier formats
-        return str(json.loads(str(archive["state"]))["format"]).startswith(_KIND)
+        return str(json.loads(str(archive["state"]))["format"]).startswith(_FILE_KIND)
     return False

@@ -1,16 +1,16 @@
-"""What is tried after the iteration has failed, and proofs and refusals where no state exists."""
+"""Fallbacks after the iteration has failed, and refusals of increments without a solution."""
 
 from pw_elements.contact.rescue.passing import (
-    find_passed,
+    find_passed_nodes,
     refuse_supports_through_each_other,
     refuse_tools_through_supports,
-    sample_ways,
+    sample_placements,
 )
-from pw_elements.contact.rescue.placing import SupportedPieces, ends_clear
+from pw_elements.contact.rescue.placing import SupportedPieces, ends_all_contact
 from pw_elements.contact.rescue.refusals import (
-    check_loose,
     prove_no_equilibrium,
-    rescue,
+    refuse_loose_body,
+    rescue_increment,
     solve_with_springs,
 )
 from pw_elements.contact.rescue.rigid import RigidMotions

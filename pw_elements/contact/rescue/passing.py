@@ -1,7 +1,11 @@
-"""Refusal of increments that drive bodies, or a tool and a body, through each other.
+"""Refuse increments that drive two bodies, or a rigid surface and a body, through each other.
 
-Supports and prescribed tools have known ways. Where one is led through the other no state is worth
-looking for; and where two bodies have passed each other in one step, what is found is none.
+The motions of supports and of prescribed rigid surfaces are known before an increment is solved.
+Where one of them is led through the other, there is no state to look for. Where two bodies have
+passed each other in one step, the state that satisfies all conditions is not a solution.
+
+The module guarantees that errors are raised on all processes. It assumes prescribed displacements
+and placements at samples that are closer to each other than the bodies are thick.
 """
 
 from collections.abc import Mapping
@@ -20,151 +24,176 @@ from pw_elements.contact.model import SurfacePassed
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.contact.rescue.placing import SupportedPieces
 
-# Depth of a support within a tool, and of a side within another one, over the extent of the side,
-# by which it has been driven through; and the offset along the side up to which it still meets it
-_SUPPORT_DEPTH, _DEPTH, _OFFSET = 0.1, 0.25, 0.5
-# Distance of a support from a tool, or from another one, over the same extent, that is none; places
-# on the way from a support to a contact node that are looked for within the body; and supports that
-# are looked at on each process
-_NO_ROOM, _BETWEEN, _MOST_REACHED = 1e-9, np.linspace(0.1, 0.9, 9), 100
+# Depths at which a support is through a rigid surface, and a slave node through the master, and the
+# tangential offset up to which supports of two bodies still meet; over the extent of the side
+_MAX_SUPPORT_DEPTH, _MAX_SLAVE_DEPTH, _MAX_MEETING_OFFSET = 0.1, 0.25, 0.5
+# Distance of a support from a rigid surface or another support that leaves no room for the body,
+# over the same extent
+_MIN_ROOM = 1e-9
+# Relative positions between a support and a contact node that are tested for lying in the body
+_SAMPLES_BETWEEN = np.linspace(0.1, 0.9, 9)
+# Supports that are tested on each process
+_MAX_TESTED_SUPPORTS = 100
 
 
 def refuse_tools_through_supports(
     interface: Interface,
-    motion: RigidSurfaceMotion,
+    surface_motion: RigidSurfaceMotion,
     positions: Array,
-    held: Mask,
-    number: Indices,
-    ways: Array,
-    paths: Array,
+    is_supported: Mask,
+    piece: Indices,
+    placements: Array,
+    support_paths: Array,
 ) -> None:
-    """Raise SurfacePassed if a rigid surface is led through nodes that are held, or up to them.
+    """Raise SurfacePassed if a rigid surface is led through fully supported nodes, or up to them.
 
-    What is led up to a support leaves no room for the body that lies between both. It does where
-    the straight way from the support to a contact node in front of it is in the body.
+    A surface that is led up to a support leaves no room for the body between both. The body is
+    between both where the straight line from the support to a contact node in front of it lies in
+    the body.
 
     Args:
-        interface: the contact points.
-        motion: of their surfaces.
-        positions: (n, dim), undeformed, of nodes of this process.
-        held: (n, dim), components that supports prescribe.
-        number: (n,), the connected piece that each node belongs to.
-        ways: (samples, pairs, dim + 1), placements of the surfaces; NaN where they are free.
-        paths: (samples, n, dim), prescribed displacements.
+        interface: the contact nodes.
+        surface_motion: rigid motion of their surfaces.
+        positions: (n, dim), undeformed positions of the nodes of this process.
+        is_supported: (n, dim), components that supports prescribe.
+        piece: (n,), number of the connected piece of each node.
+        placements: (samples, pairs, dim + 1), translations and angles of the surfaces; NaN where
+            they are free.
+        support_paths: (samples, n, dim), prescribed displacements.
+
+    Raises:
+        SurfacePassed: with the positions of the supports.
     """
-    fixed = held.all(axis=1)
+    is_fixed = is_supported.all(axis=1)
     for k, surface in enumerate(interface.surfaces):
-        if k in interface.mortars or np.isnan(ways[:, k]).any():
+        if k in interface.mortars or np.isnan(placements[:, k]).any():
             continue
-        seen = np.array(
+        in_surface_frame = np.array(
             [
-                motion.positions_in_surface_frame(k, ways[j, k], positions[fixed] + paths[j][fixed])
-                for j in range(len(ways))
+                surface_motion.positions_in_surface_frame(
+                    k, placements[j, k], positions[is_fixed] + support_paths[j][is_fixed]
+                )
+                for j in range(len(placements))
             ]
         )
-        count, other = int(fixed.sum()), interface.first_nodes[k]
+        n_supports, substitute = int(is_fixed.sum()), interface.first_nodes[k]
         with collective_errors(interface.comm), np.errstate(all="ignore"):
-            asked = [surface.gap(x if count else other) for x in seen]
-            gaps: Array = np.array([np.asarray(one, dtype=float)[:count] for one in asked])
+            # a user's surface may communicate: all processes ask it
+            answers = [surface.gap(x if n_supports else substitute) for x in in_surface_frame]
+            gaps: Array = np.array([np.asarray(gap, dtype=float)[:n_supports] for gap in answers])
         gaps = np.where(np.isnan(gaps), np.inf, gaps)
-        least, extent = gaps.min(axis=0, initial=np.inf), _extent(interface, k)
-        deep = least < -_SUPPORT_DEPTH * extent
-        places = interface.gathered(positions[fixed][deep & (gaps[0] > 0)])
-        if len(places):
+        min_gap, extent = gaps.min(axis=0, initial=np.inf), _smallest_extent(interface, k)
+        is_deep = min_gap < -_MAX_SUPPORT_DEPTH * extent
+        passed = interface.gathered(positions[is_fixed][is_deep & (gaps[0] > 0)])
+        if len(passed):
             raise SurfacePassed(
                 f"the motion of the surface of contact pair {k} leads it through the supports at "
-                f"{format_points(places)}: it passes through the body; end it before"
+                f"{format_points(passed)}: it passes through the body; end the motion before"
             )
-        room = _NO_ROOM * extent
-        reached = np.flatnonzero((least <= room) & (gaps[0] > room))
+        min_room = _MIN_ROOM * extent
+        reached = np.flatnonzero((min_gap <= min_room) & (gaps[0] > min_room))
         if not len(interface.gathered(reached)):
             continue
-        reached = reached[np.argsort(least[reached])[:_MOST_REACHED]]
-        pieces = SupportedPieces.fit(positions, held, number, paths, interface.comm)
+        reached = reached[np.argsort(min_gap[reached])[:_MAX_TESTED_SUPPORTS]]
+        pieces = SupportedPieces.fit(positions, is_supported, piece, support_paths, interface.comm)
         sample = gaps[:, reached].argmin(axis=0)
-        supports = positions[fixed][reached], seen[sample, reached], sample
-        places = _find_crushed(interface, motion, k, pieces, ways[:, k], *supports)
-        if len(places):
+        supports = positions[is_fixed][reached], in_surface_frame[sample, reached], sample
+        crushing = _find_supports_behind_nodes(
+            interface, surface_motion, k, pieces, placements[:, k], *supports
+        )
+        if len(crushing):
             raise SurfacePassed(
                 f"the motion of the surface of contact pair {k} leads it up to the supports at "
-                f"{format_points(places)}: no room is left for the body between both; end it before"
+                f"{format_points(crushing)}: no room is left for the body between both; end the "
+                "motion before"
             )
 
 
-def _find_crushed(
+def _find_supports_behind_nodes(
     interface: Interface,
-    motion: RigidSurfaceMotion,
+    surface_motion: RigidSurfaceMotion,
     pair: int,
     pieces: SupportedPieces,
-    way: Array,
+    placements: Array,
     supports: Array,
-    seen: Array,
+    supports_in_surface_frame: Array,
     sample: Indices,
 ) -> Array:
     """Return undeformed positions (k, dim), of all processes, of supports behind contact nodes.
 
     Args:
-        interface: the contact points.
-        motion: of their surfaces.
-        pair: whose surface has reached the supports.
-        pieces: of the body, as supports carry them along.
-        way: (samples, dim + 1), placements of the surface.
+        interface: the contact nodes.
+        surface_motion: rigid motion of their surfaces.
+        pair: number of the pair whose surface has reached the supports.
+        pieces: rigid motion of the body's pieces with their supports.
+        placements: (samples, dim + 1), translations and angle of the surface.
         supports: (s, dim), undeformed positions, of this process.
-        seen: (s, dim), the supports in the frame of the surface, where they are reached.
-        sample: (s,), when that is.
+        supports_in_surface_frame: (s, dim), their positions in the frame of the surface at the
+            sample where it reaches them.
+        sample: (s,), number of that sample.
     """
-    comm, mine = interface.comm, interface.pair == pair
-    x = interface.gathered(interface.position[mine])
-    of_node = interface.gathered(pieces.number[interface.own_nodes[mine]])
+    comm, in_pair = interface.comm, interface.pair == pair
+    x = interface.gathered(interface.position[in_pair])
+    piece_of_node = interface.gathered(pieces.number[interface.own_nodes[in_pair]])
     spacing = float(cKDTree(x).query(x, 2)[0][:, 1].max()) if len(x) > 1 else 0.0
     with collective_errors(comm), np.errstate(all="ignore"):
         # a user's surface may communicate: all processes ask it
-        asked = interface.surfaces[pair].normal(seen if len(seen) else interface.first_nodes[pair])
-        normal = np.asarray(asked, dtype=float)[: len(seen)]
-    moved, nodes, behind = pieces.move(x, of_node), [], []
+        answer = interface.surfaces[pair].normal(
+            supports_in_surface_frame
+            if len(supports_in_surface_frame)
+            else interface.first_nodes[pair]
+        )
+        normal = np.asarray(answer, dtype=float)[: len(supports_in_surface_frame)]
+    node_paths, nodes, behind = pieces.move(x, piece_of_node), [], []
     for j in range(len(supports)):
-        away = seen[j] - motion.positions_in_surface_frame(pair, way[sample[j]], moved[sample[j]])
-        depth = away @ normal[j]
-        beside = np.linalg.norm(away - depth[:, None] * normal[j], axis=1)
-        beside[(depth <= 0) | ~pieces.rigid[of_node]] = np.inf
-        nearest = int(beside.argmin())
-        if beside[nearest] <= spacing:
+        from_nodes = supports_in_surface_frame[j] - surface_motion.positions_in_surface_frame(
+            pair, placements[sample[j]], node_paths[sample[j]]
+        )
+        depth = from_nodes @ normal[j]
+        offset = np.linalg.norm(from_nodes - depth[:, None] * normal[j], axis=1)
+        offset[(depth <= 0) | ~pieces.is_rigid[piece_of_node]] = np.inf
+        nearest = int(offset.argmin())
+        if offset[nearest] <= spacing:
             nodes.append(x[nearest])
             behind.append(supports[j])
     ends = [interface.gathered(np.reshape(part, (-1, x.shape[1]))) for part in (behind, nodes)]
-    between = ends[0][:, None] + _BETWEEN[:, None] * (ends[1] - ends[0])[:, None]
-    inside = _lie_inside(interface.field.space.mesh, between.reshape(-1, x.shape[1]))
-    return np.asarray(ends[0][inside.reshape(len(ends[0]), len(_BETWEEN)).all(axis=1)])
+    between = ends[0][:, None] + _SAMPLES_BETWEEN[:, None] * (ends[1] - ends[0])[:, None]
+    is_inside = _lie_inside(interface.field.space.mesh, between.reshape(-1, x.shape[1]))
+    all_inside = is_inside.reshape(len(ends[0]), len(_SAMPLES_BETWEEN)).all(axis=1)
+    return np.asarray(ends[0][all_inside])
 
 
 def _lie_inside(mesh: Mesh, x: Array) -> Mask:
-    """Return which places (k, dim), the same on all processes, are in an undeformed body."""
+    """Return which points (k, dim), the same on all processes, lie in the undeformed body."""
     points = np.zeros((len(x), 3))
     points[:, : x.shape[1]] = x
     tree = geometry.bb_tree(mesh, mesh.topology.dim)
-    cells = geometry.compute_collisions_points(tree, points)
-    number = np.diff(geometry.compute_colliding_cells(mesh, cells, points).offsets)
-    mesh.comm.Allreduce(MPI.IN_PLACE, number, MPI.SUM)
-    return np.asarray(number > 0)
+    candidates = geometry.compute_collisions_points(tree, points)
+    n_cells = np.diff(geometry.compute_colliding_cells(mesh, candidates, points).offsets)
+    mesh.comm.Allreduce(MPI.IN_PLACE, n_cells, MPI.SUM)
+    return np.asarray(n_cells > 0)
 
 
 def refuse_supports_through_each_other(
     interface: Interface,
     references: Mapping[int, SlidingReference],
     positions: Array,
-    held: Mask,
-    paths: Array,
+    is_supported: Mask,
+    support_paths: Array,
 ) -> None:
-    """Raise SurfacePassed if supports of two bodies, which face each other, meet or change sides.
+    """Raise SurfacePassed if supports of two bodies in contact meet or pass each other.
 
     Args:
-        interface: the contact points.
-        references: of pairs of bodies, at the start.
-        positions: (n, dim), undeformed, of nodes of this process.
-        held: (n, dim), components that supports prescribe.
-        paths: (samples, n, dim), prescribed displacements, the first ones at the start.
+        interface: the contact nodes.
+        references: state of both sides of each pair of bodies at the start.
+        positions: (n, dim), undeformed positions of the nodes of this process.
+        is_supported: (n, dim), components that supports prescribe.
+        support_paths: (samples, n, dim), prescribed displacements, the first ones at the start.
+
+    Raises:
+        SurfacePassed: if they end less than a round-off apart along the normal, or beyond.
     """
-    comm, fixed = interface.comm, held.all(axis=1)
+    comm, is_fixed = interface.comm, is_supported.all(axis=1)
     for k, reference in references.items():
         if not reference.faced_master.any():
             continue
@@ -172,45 +201,50 @@ def refuse_supports_through_each_other(
         tangent = reference.tangents[reference.faced_master].mean(axis=0)
         tangent /= max(float(np.linalg.norm(tangent)), np.finfo(float).tiny)
         normal = np.array([tangent[1], -tangent[0]])
-        start = positions[fixed] + paths[0][fixed]
-        above = (start - slaves.mean(axis=0)) @ normal > 0
+        start = positions[is_fixed] + support_paths[0][is_fixed]
+        is_above = (start - slaves.mean(axis=0)) @ normal > 0
         means = []
-        for side in (above, ~above):
-            total = comm.allreduce(np.sum((positions + paths)[:, fixed][:, side], axis=1), MPI.SUM)
-            count = comm.allreduce(int(side.sum()), MPI.SUM)
-            means.append(total / max(count, 1))
-            if not count:
+        for side in (is_above, ~is_above):
+            total = comm.allreduce(
+                np.sum((positions + support_paths)[:, is_fixed][:, side], axis=1), MPI.SUM
+            )
+            n_supports = comm.allreduce(int(side.sum()), MPI.SUM)
+            means.append(total / max(n_supports, 1))
+            if not n_supports:
                 break
         else:
-            apart = means[0] - means[1]  # (samples, dim)
-            offset = np.abs((apart - apart[0]) @ tangent)
-            extent = _extent(interface, k)
-            distance = np.where(offset < _OFFSET * extent, apart @ normal, np.inf)
-            least, room = float(distance.min()), _NO_ROOM * extent
-            if least < -room:
+            separation = means[0] - means[1]  # (samples, dim)
+            offset = np.abs((separation - separation[0]) @ tangent)
+            extent = _smallest_extent(interface, k)
+            distance = np.where(offset < _MAX_MEETING_OFFSET * extent, separation @ normal, np.inf)
+            min_distance, min_room = float(distance.min()), _MIN_ROOM * extent
+            if min_distance < -min_room:
                 raise SurfacePassed(
                     f"the supports of both bodies of contact pair {k} pass each other by "
-                    f"{-least:.3g}: the bodies are driven through each other; end the motion before"
+                    f"{-min_distance:.3g}: the bodies are driven through each other; end the "
+                    "motion before"
                 )
-            if least <= room:
+            if min_distance <= min_room:
                 raise SurfacePassed(
                     f"the supports of both bodies of contact pair {k} are led up to each other: no "
                     "room is left for the bodies between them; end the motion before"
                 )
 
 
-def find_passed(interface: Interface, pair: int, start: Array, end: Array) -> Array:
-    """Return undeformed positions (p, dim) of slave nodes that go through the master's side.
+def find_passed_nodes(interface: Interface, pair: int, start: Array, end: Array) -> Array:
+    """Return undeformed positions (p, dim) of slave nodes that pass through the master.
 
-    On the straight path between positions (n, dim) of both sides, deeper than part of their extent.
+    They do so on the straight path between the positions (n, dim) of both sides, at the start and
+    the end, deeper than part of the extent of the smaller side.
     """
     mortar = interface.mortars[pair]
     depth = mortar.measure_penetration(start, end)
-    return np.asarray(mortar.x[: mortar.n_slave_nodes][depth > _DEPTH * _extent(interface, pair)])
+    is_passed = depth > _MAX_SLAVE_DEPTH * _smallest_extent(interface, pair)
+    return np.asarray(mortar.x[: mortar.n_slave_nodes][is_passed])
 
 
-def _extent(interface: Interface, pair: int) -> float:
-    """Return the largest extent of a pair's contact nodes, or of the smaller side of two bodies."""
+def _smallest_extent(interface: Interface, pair: int) -> float:
+    """Return the largest extent along an axis of a pair's nodes; of two bodies, the smaller one."""
     sides = [interface.in_order(pair, interface.position)]
     if pair in interface.mortars:
         mortar = interface.mortars[pair]
@@ -218,16 +252,28 @@ def _extent(interface: Interface, pair: int) -> float:
     return min(float(np.ptp(side, axis=0).max()) for side in sides)
 
 
-def sample_ways(q_start: Array, q_end: Array, path: Array, samples: int) -> tuple[Array, Array]:
-    """Return placements (samples + 1, pairs, dim + 1) of surfaces, and of a path."""
-    shares: Array = np.linspace(0, 1, samples + 1, dtype=float)
-    ways = np.array([(1 - s) * q_start + s * q_end for s in shares])
-    return ways, _interpolate(path, shares)
+def sample_placements(
+    q_start: Array, q_end: Array, path: Array, samples: int
+) -> tuple[Array, Array]:
+    """Return placements of surfaces and values of a path at equally spaced samples.
+
+    Args:
+        q_start: (pairs, dim + 1), placements at the start.
+        q_end: (pairs, dim + 1), placements at the end.
+        path: (k, ...), values at equally spaced points.
+        samples: number of intervals.
+
+    Returns:
+        (samples + 1, pairs, dim + 1) and (samples + 1, ...).
+    """
+    load_factors: Array = np.linspace(0, 1, samples + 1, dtype=float)
+    placements = np.array([(1 - factor) * q_start + factor * q_end for factor in load_factors])
+    return placements, _interpolate(path, load_factors)
 
 
-def _interpolate(path: Array, shares: Array) -> Array:
-    """Return values (k, ...) at shares (k,) of a path (samples + 1, ...) by straight pieces."""
-    place = shares * (len(path) - 1)
-    before = np.minimum(place.astype(int), len(path) - 2)
-    after = (place - before).reshape(-1, *[1] * (path.ndim - 1))
-    return np.asarray((1 - after) * path[before] + after * path[before + 1])
+def _interpolate(path: Array, ratios: Array) -> Array:
+    """Return values of a path (samples + 1, ...) at ratios (k,) of its length, linearly."""
+    position = ratios * (len(path) - 1)
+    lower = np.minimum(position.astype(int), len(path) - 2)
+    weight = (position - lower).reshape(-1, *[1] * (path.ndim - 1))
+    return np.asarray((1 - weight) * path[lower] + weight * path[lower + 1])

@@ -1,7 +1,10 @@
-"""Places of bodies that move rigidly with their supports, and tools and bodies that leave them.
+"""Rigid motion of bodies with their supports, and motions that end all contact.
 
-Where supports carry all pieces of a body along, and everything is clear of its opposite side at the
-end of a motion, the body has no contact there, whatever friction has done on the way.
+Where supports carry all pieces of a body along, and all contact nodes are clear of their opposite
+sides at the end of a motion, the body has no contact there, whatever its friction before.
+
+The module guarantees the same answers on all processes. It assumes that elastic deformation at the
+start bounds the distance of the nodes from their rigidly moved positions.
 """
 
 from dataclasses import dataclass, replace
@@ -18,217 +21,248 @@ from pw_elements.contact.interface import OUTWARDS, ROUND_OFF, Interface
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.spaces import gather_from_owners
 
-# Distance of supports from the rigid motion that fits them best, over their piece's extent, that is
-# none; and the least spread of supports, over the largest, that determines a rotation
-_RIGID_DISTANCE, _MIN_SPREAD = 1e-9, 1e-6
-# Depth on the way, over that at the start, up to which what leaves is not led deeper; and the
-# longest step between samples over the extent of the contact nodes, between which nothing is missed
-_MAX_DEPTH_GROWTH, _MAX_STEP = 1.25, 0.1
+# Largest distance of supports from their best-fitting rigid motion, over the piece's extent
+_MAX_MISFIT = 1e-9
+# Least spread of supports, over the largest one, that determines a rotation
+_MIN_RELATIVE_SPREAD = 1e-6
+# Largest depth on the way, over the depth at the start, of sides that separate
+_MAX_DEPTH_GROWTH = 1.25
+# Largest step between samples, over the extent of the contact nodes, that misses no contact
+_MAX_SAMPLE_STEP = 0.1
 
 
 @dataclass(frozen=True)
 class SupportedPieces:
-    """Connected pieces of a body as they move rigidly with their supports, at samples of a path.
+    """Connected pieces of a body that move rigidly with their supports, at samples of a path.
 
     Args:
-        number: (nodes,), the piece of each node of this process.
-        pivot: (pieces, dim), mean of the supports, undeformed.
-        place: (samples, pieces, dim), where it is.
-        rotation: (samples, pieces, dim, dim).
-        rigid: (pieces,), whether supports determine the motion and agree with it at all samples.
+        number: (nodes,), number of the piece of each node of this process.
+        pivot: (pieces, dim), mean undeformed position of a piece's supports.
+        pivot_path: (samples, pieces, dim), positions of the pivots.
+        rotation: (samples, pieces, dim, dim), rotation matrices.
+        is_rigid: (pieces,), whether the supports determine a rigid motion and follow it at all
+            samples.
     """
 
     number: Indices
     pivot: Array
-    place: Array
+    pivot_path: Array
     rotation: Array
-    rigid: Mask
+    is_rigid: Mask
 
     @classmethod
     def fit(
-        cls, positions: Array, held: Mask, number: Indices, paths: Array, comm: MPI.Comm
+        cls,
+        positions: Array,
+        is_supported: Mask,
+        piece: Indices,
+        support_paths: Array,
+        comm: MPI.Comm,
     ) -> "SupportedPieces":
-        """Fit rigid motions to the nodes that are held in all components.
+        """Fit rigid motions to the nodes that are supported in all components.
 
         Args:
-            positions: (n, dim), undeformed, of nodes of this process.
-            held: (n, dim), components that supports prescribe.
-            number: (n,), the piece that each node belongs to.
-            paths: (samples, n, dim), prescribed displacements.
-            comm: of the mesh.
+            positions: (n, dim), undeformed positions of the nodes of this process.
+            is_supported: (n, dim), components that supports prescribe.
+            piece: (n,), number of the piece of each node.
+            support_paths: (samples, n, dim), prescribed displacements.
+            comm: communicator of the mesh.
         """
         dim = positions.shape[1]
-        count = comm.allreduce(int(number.max(initial=-1)) + 1, MPI.MAX)
-        fixed = held.all(axis=1)
-        x, piece = positions[fixed], number[fixed]
+        n_pieces = comm.allreduce(int(piece.max(initial=-1)) + 1, MPI.MAX)
+        is_fixed = is_supported.all(axis=1)
+        x, piece_of_x = positions[is_fixed], piece[is_fixed]
 
-        def total(values: Array) -> Array:
-            sums = np.zeros((count, *values.shape[1:]))
-            np.add.at(sums, piece, values)
+        def sum_by_piece(values: Array) -> Array:
+            sums = np.zeros((n_pieces, *values.shape[1:]))
+            np.add.at(sums, piece_of_x, values)
             comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
             return sums
 
-        nodes = np.maximum(total(np.ones(len(x))), 1.0)[:, None]
-        pivot = total(x) / nodes
-        arm = x - pivot[piece]
-        spread = np.linalg.svd(total(arm[:, :, None] * arm[:, None]), compute_uv=False)
-        # in the plane two different supports determine a rotation, in space three
-        rigid = (spread[:, 0] > 0) & (spread[:, dim - 2] > _MIN_SPREAD**2 * spread[:, 0])
-        places, rotations = [], []
-        for path in paths:
-            at = x + path[fixed]
-            place = total(at) / nodes
-            left, _, right = np.linalg.svd(total((at - place[piece])[:, :, None] * arm[:, None]))
+        n_nodes = np.maximum(sum_by_piece(np.ones(len(x))), 1.0)[:, None]
+        pivot = sum_by_piece(x) / n_nodes
+        arm = x - pivot[piece_of_x]
+        spread = np.linalg.svd(sum_by_piece(arm[:, :, None] * arm[:, None]), compute_uv=False)
+        # two different supports determine a rotation in the plane, three in space
+        is_rigid = (spread[:, 0] > 0) & (
+            spread[:, dim - 2] > _MIN_RELATIVE_SPREAD**2 * spread[:, 0]
+        )
+        pivot_path, rotations = [], []
+        for displacement in support_paths:
+            moved_x = x + displacement[is_fixed]
+            moved_pivot = sum_by_piece(moved_x) / n_nodes
+            moved_arm = moved_x - moved_pivot[piece_of_x]
+            left, _, right = np.linalg.svd(sum_by_piece(moved_arm[:, :, None] * arm[:, None]))
             left[:, :, -1] *= np.sign(np.linalg.det(left @ right))[:, None]
-            places.append(place)
+            pivot_path.append(moved_pivot)
             rotations.append(left @ right)
-        pieces = cls(number, pivot, np.array(places), np.array(rotations), rigid)
-        supported = held.any(axis=1)
-        x, of_piece = positions[supported], number[supported]
-        away = np.abs(pieces.move(x, of_piece) - x - paths[:, supported])
-        farthest = np.zeros(count)
-        away = np.where(held[supported], away, 0.0).max(axis=(0, 2), initial=0.0)
-        np.maximum.at(farthest, of_piece, away)
-        comm.Allreduce(MPI.IN_PLACE, farthest, MPI.MAX)
-        longest = comm.allreduce(float(np.abs(paths).max(initial=0.0)), MPI.MAX)
-        extent = np.sqrt(spread[:, 0] / nodes[:, 0]) + longest
-        return replace(pieces, rigid=rigid & (farthest <= _RIGID_DISTANCE * extent))
+        pieces = cls(piece, pivot, np.array(pivot_path), np.array(rotations), is_rigid)
+        has_support = is_supported.any(axis=1)
+        supported_x, supported_piece = positions[has_support], piece[has_support]
+        displacement = support_paths[:, has_support]
+        misfit = np.abs(pieces.move(supported_x, supported_piece) - supported_x - displacement)
+        max_misfit = np.zeros(n_pieces)
+        misfit = np.where(is_supported[has_support], misfit, 0.0).max(axis=(0, 2), initial=0.0)
+        np.maximum.at(max_misfit, supported_piece, misfit)
+        comm.Allreduce(MPI.IN_PLACE, max_misfit, MPI.MAX)
+        max_displacement = comm.allreduce(float(np.abs(support_paths).max(initial=0.0)), MPI.MAX)
+        extent = np.sqrt(spread[:, 0] / n_nodes[:, 0]) + max_displacement
+        return replace(pieces, is_rigid=is_rigid & (max_misfit <= _MAX_MISFIT * extent))
 
     def move(self, x: Array, piece: Indices) -> Array:
-        """Return places (samples, k, dim) of points x (k, dim) of these pieces (k,)."""
+        """Return positions (samples, k, dim) of points x (k, dim) of the given pieces (k,)."""
         arm = x - self.pivot[piece]
         return np.asarray(
-            self.place[:, piece] + np.einsum("skab,kb->ska", self.rotation[:, piece], arm)
+            self.pivot_path[:, piece] + np.einsum("skab,kb->ska", self.rotation[:, piece], arm)
         )
 
 
 @dataclass(frozen=True)
-class _Way:
-    """A pair's nodes and opposite side at samples of a way, bodies being where supports put them.
+class _RigidSeparation:
+    """Distances between the two sides of a pair along a path, bodies moving rigidly with supports.
 
     Args:
-        depth: (samples,), of the nodes that are deepest in the opposite side; zero outside of it.
-        clearance: least distance of both sides at the end; infinite where nothing is faced.
-        deformation: largest distance of the start's nodes from where supports put them.
-        step: longest step of a node as the opposite side sees it.
+        depth: (samples,), largest depth of a node in the opposite side; zero outside of it.
+        clearance: least distance of both sides at the end; infinite if no node faces anything.
+        deformation: largest distance of a node at the start from its rigidly moved position.
+        max_step: longest step of a node between samples, relative to the opposite side.
         extent: of the nodes, or of the smaller side of two bodies.
-        outside: whether the opposite side has the body in front of it all the way, not behind it.
+        is_outside: whether no node is behind the opposite side at any sample.
     """
 
     depth: Array
     clearance: float
     deformation: float
-    step: float
+    max_step: float
     extent: float
-    outside: bool
+    is_outside: bool
 
 
-def ends_clear(
+def ends_all_contact(
     interface: Interface,
-    motion: RigidSurfaceMotion,
+    surface_motion: RigidSurfaceMotion,
     pieces: SupportedPieces,
-    ways: Array,
+    placements: Array,
     unknowns: PETSc.Vec,
 ) -> bool:
-    """Return whether a motion leads what is pressed together apart, past all elastic deformation.
+    """Return whether a motion separates all pairs by more than the elastic deformation.
 
-    This is so if bodies without deformation, which supports carry along, overlap their opposite
+    It does if the undeformed bodies, moved rigidly with their supports, overlap their opposite
     sides at the start, get no deeper into them on the way, nor behind them, and end farther away
     from them than any node is displaced by deformation at the start.
 
     Args:
-        interface: the contact points (m).
-        motion: of rigid surfaces.
-        pieces: at the samples.
-        ways: (samples, pairs, dim + 1), placements of the opposite sides; NaN where they are free.
+        interface: the contact nodes (m).
+        surface_motion: rigid motion of their surfaces.
+        pieces: rigid motion of the bodies' pieces, at the samples.
+        placements: (samples, pairs, dim + 1), translations and angles of the opposite sides; NaN
+            where they are free.
         unknowns: (n,), of the state at the start.
     """
-    if np.isnan(ways).any() or not pieces.rigid.all():
+    if np.isnan(placements).any() or not pieces.is_rigid.all():
         return False
-    each = []
+    separations = []
     for k in range(interface.pairs):
         if k in interface.mortars:
-            each.append(_follow_bodies(interface, pieces, k, ways[:, k, :-1], unknowns))
+            separations.append(
+                _measure_body_separation(interface, pieces, k, placements[:, k, :-1], unknowns)
+            )
         else:
-            each.append(_follow_tool(interface, motion, pieces, k, ways[:, k], unknowns))
-    depth = np.max([way.depth for way in each], axis=0)
-    deformation = max(way.deformation for way in each)
+            separations.append(
+                _measure_tool_separation(
+                    interface, surface_motion, pieces, k, placements[:, k], unknowns
+                )
+            )
+    depth = np.max([pair.depth for pair in separations], axis=0)
+    deformation = max(pair.deformation for pair in separations)
     return bool(
         depth[0] > ROUND_OFF * interface.extent
         and depth.max() <= _MAX_DEPTH_GROWTH * depth[0]
-        and all(way.clearance > deformation and way.outside for way in each)
-        and (len(ways) == 2 or all(way.step <= _MAX_STEP * way.extent for way in each))
+        and all(pair.clearance > deformation and pair.is_outside for pair in separations)
+        and (
+            len(placements) == 2
+            or all(pair.max_step <= _MAX_SAMPLE_STEP * pair.extent for pair in separations)
+        )
     )
 
 
-def _follow_tool(
+def _measure_tool_separation(
     interface: Interface,
-    motion: RigidSurfaceMotion,
+    surface_motion: RigidSurfaceMotion,
     pieces: SupportedPieces,
     pair: int,
-    way: Array,
+    placements: Array,
     unknowns: PETSc.Vec,
-) -> _Way:
-    """Follow a pair's nodes past a rigid surface at placements (samples, dim + 1)."""
-    comm, mine, surface = interface.comm, interface.pair == pair, interface.surfaces[pair]
-    x = interface.position[mine]
-    piece = pieces.number[interface.own_nodes[mine]]
-    moved = pieces.move(x, piece)
-    ahead = pieces.move(x + interface.outward[mine], piece)
-    seen, beyond = (
-        np.array([motion.positions_in_surface_frame(pair, way[j], y[j]) for j in range(len(way))])
-        for y in (moved, ahead)
+) -> _RigidSeparation:
+    """Measure a pair's nodes against its rigid surface at placements (samples, dim + 1)."""
+    comm, in_pair, surface = interface.comm, interface.pair == pair, interface.surfaces[pair]
+    x = interface.position[in_pair]
+    piece = pieces.number[interface.own_nodes[in_pair]]
+    node_paths = pieces.move(x, piece)
+    normal_ends = pieces.move(x + interface.outward[in_pair], piece)
+    in_surface_frame, ends_in_surface_frame = (
+        np.array(
+            [
+                surface_motion.positions_in_surface_frame(pair, placements[j], path[j])
+                for j in range(len(placements))
+            ]
+        )
+        for path in (node_paths, normal_ends)
     )
-    gap, normal = np.full(seen.shape[:2], np.inf), np.zeros(seen.shape)
+    gap, normal = np.full(in_surface_frame.shape[:2], np.inf), np.zeros(in_surface_frame.shape)
     with collective_errors(comm), np.errstate(all="ignore"):
         if len(x):
-            points = seen.reshape(-1, x.shape[1])
+            points = in_surface_frame.reshape(-1, x.shape[1])
             gap = np.asarray(surface.gap(points), dtype=float).reshape(gap.shape)
-            normal = np.asarray(surface.normal(points), dtype=float).reshape(seen.shape)
+            normal = np.asarray(surface.normal(points), dtype=float).reshape(normal.shape)
     depth = np.where(np.isnan(gap), np.inf, -gap).max(axis=1, initial=0.0)
     comm.Allreduce(MPI.IN_PLACE, depth, MPI.MAX)
-    outward = beyond - seen
-    pushed = np.sum(normal * outward, axis=2)
-    faces = pushed <= OUTWARDS * np.linalg.norm(outward, axis=2)
-    now = interface.at_points(unknowns)[mine] + x
-    return _Way(
+    outward = ends_in_surface_frame - in_surface_frame
+    normal_part = np.sum(normal * outward, axis=2)
+    is_pushed_inwards = normal_part <= OUTWARDS * np.linalg.norm(outward, axis=2)
+    deformed = interface.at_points(unknowns)[in_pair] + x
+    return _RigidSeparation(
         depth,
         comm.allreduce(gap[-1].min(initial=np.inf), MPI.MIN),
-        comm.allreduce(_farthest(now - moved[0]), MPI.MAX),
-        comm.allreduce(_farthest(np.diff(seen, axis=0)), MPI.MAX),
+        comm.allreduce(_max_length(deformed - node_paths[0]), MPI.MAX),
+        comm.allreduce(_max_length(np.diff(in_surface_frame, axis=0)), MPI.MAX),
         interface.extent,
-        comm.allreduce(bool(np.all(faces | (gap >= 0))), MPI.LAND),
+        comm.allreduce(bool(np.all(is_pushed_inwards | (gap >= 0))), MPI.LAND),
     )
 
 
-def _follow_bodies(
-    interface: Interface, pieces: SupportedPieces, pair: int, way: Array, unknowns: PETSc.Vec
-) -> _Way:
-    """Follow both sides of a pair of bodies, the opposite one being translated (samples, dim)."""
+def _measure_body_separation(
+    interface: Interface,
+    pieces: SupportedPieces,
+    pair: int,
+    translations: Array,
+    unknowns: PETSc.Vec,
+) -> _RigidSeparation:
+    """Measure two bodies against each other under translations (samples, dim) of the master."""
     mortar = interface.mortars[pair]
     slaves, x = mortar.n_slave_nodes, mortar.x
     owned = interface.field.space.dofmap.index_map.size_local
     piece = gather_from_owners(interface.field.space, mortar.nodes, pieces.number[:owned])
-    moved = pieces.move(x, piece)
-    now = x + interface.at_nodes(mortar.nodes, unknowns)
-    deformation = _farthest(now - moved[0])
-    moved[:, slaves:] += way[:, None]
+    node_paths = pieces.move(x, piece)
+    deformed = x + interface.at_nodes(mortar.nodes, unknowns)
+    deformation = _max_length(deformed - node_paths[0])
+    node_paths[:, slaves:] += translations[:, None]
     extent = min(float(np.ptp(side, axis=0).max()) for side in (x[:slaves], x[slaves:]))
-    seen = moved[:, :slaves] - moved[:, slaves:].mean(axis=1, keepdims=True)
-    depth, clearance = np.zeros(len(way)), np.inf
-    for j in range(len(moved)):
-        y: Array = moved[j]
-        facing = mortar.evaluate_for_verification(y)
-        gap = facing.measure_gaps(y)
+    relative_paths = node_paths[:, :slaves] - node_paths[:, slaves:].mean(axis=1, keepdims=True)
+    depth, clearance = np.zeros(len(translations)), np.inf
+    for j in range(len(node_paths)):
+        positions: Array = node_paths[j]
+        facing = mortar.evaluate_for_verification(positions)
+        gap = facing.measure_gaps(positions)
         depth[j] = max(0.0, -gap.min(initial=np.inf))
-        if j == len(moved) - 1:
-            distance = cKDTree(y[slaves:]).query(y[:slaves])[0].min()
+        if j == len(node_paths) - 1:
+            distance = cKDTree(positions[slaves:]).query(positions[:slaves])[0].min()
             clearance = min(
                 gap.min(initial=np.inf), distance - mortar.measure_shortest_facets().max()
             )
-    step = _farthest(np.diff(seen, axis=0))
-    return _Way(depth, clearance, deformation, step, extent, outside=True)
+    max_step = _max_length(np.diff(relative_paths, axis=0))
+    return _RigidSeparation(depth, clearance, deformation, max_step, extent, is_outside=True)
 
 
-def _farthest(vectors: Array) -> float:
+def _max_length(vectors: Array) -> float:
     return float(np.linalg.norm(vectors, axis=-1).max(initial=0.0))

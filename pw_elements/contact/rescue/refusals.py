@@ -1,14 +1,15 @@
-"""What is tried where the iteration of an increment has failed, and which refusal it is.
+"""Rescue an increment whose iteration has failed, or refuse it with the reason.
 
-Springs hold the contact points. They end where these were found last, get softer where a state is
-found, and stiffer where none is.
+Springs hold the contact nodes. Their ends follow the last solution with springs; they get softer
+after each solution, and stiffer after each failure.
 
-Statics alone may prove that no contact forces balance the loads: by a rigid motion in which they do
-work, with v_n >= mu |v_t| at every point that a surface faces. A linear program looks for it; the
-guide's page on theory has the argument ("Where the iteration fails").
+Statics alone may prove that no contact forces balance the loads, by a rigid motion in which the
+loads do work and v_n >= mu |v_t| at every node that a surface faces. A linear program looks for
+such a motion; the guide's page on theory has the argument ("Where the iteration fails").
 
-Only contact points are gathered, and the program runs on one process: 3 seconds for 10 000 points
-in space, 0.2 in the plane.
+The module guarantees that each proof is confirmed by plain arithmetic, and that errors are the same
+on all processes. It assumes an increment at small strains. Only contact nodes are gathered, and the
+program runs on one process: 3 seconds for 10 000 nodes in space, 0.2 in the plane.
 """
 
 import logging
@@ -50,213 +51,270 @@ from pw_elements.contact.nodes import (
     UndeformedKinematics,
     is_same_set,
 )
-from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
+from pw_elements.contact.rescue.rigid import (
+    NEGLIGIBLE_PART,
+    Basis,
+    RigidModes,
+    RigidMotions,
+    format_direction,
+)
 from pw_elements.progress import log_on_root
 from pw_elements.solvers import NotConverged, SingularSystem, SolverReport, group_connected_nodes
 
-# Stiffness of the first and of the softest springs, over the points' own
-_FIRST, _SOFTEST = 1e-2, 1e-13
-# How much softer they get where a state is found, and stiffer where none is
-_SOFTER, _STIFFER = 30.0, 5.0
-# After a failure the factor of softening is raised to this power, but stays above the least
-_SLOWER, _LEAST = 0.7, 2.0
-_FAILURES = 20
-# Iterations with springs, and without
-_MOST = 25
-_CONFIRMED = 12
-_LOOSE = (
-    "the loads are balanced without any contact force, and the body is loose: it can be where "
-    "nothing touches it, in many places; a support, or a load that presses it against something, "
-    "makes it one"
+# Stiffness of the first and of the softest springs, over the diagonal stiffness of the nodes
+_FIRST_STIFFNESS, _MIN_STIFFNESS = 1e-2, 1e-13
+# Factors by which springs get softer after a solution, and stiffer after a failure
+_SOFTENING, _STIFFENING = 30.0, 5.0
+# After a failure the softening factor is raised to this power, but not below the least factor
+_SOFTENING_EXPONENT, _MIN_SOFTENING = 0.7, 2.0
+_MAX_FAILURES = 20
+# Largest number of iterations with springs, and without springs from the state found with them
+_MAX_SPRING_ITERATIONS, _MAX_CONFIRMING_ITERATIONS = 25, 12
+_LOOSE_BODY_MESSAGE = (
+    "the loads are balanced without any contact force, and the body is loose: it is in equilibrium "
+    "wherever nothing touches it; a support, or a load that presses it against a surface, makes "
+    "its position unique"
 )
 
-# Work of the loads over the sum of its parts' magnitudes: none below
+# Work of the loads, over the sum of its parts' magnitudes, below which it counts as zero
 _ZERO_WORK = 1e-9
-# Contact forces over loads that would undo the proof where a cone is overstepped by round-off
-_HUGE = 1e3
-# Overstepping of a cone, a velocity over the largest one, that calls for a cut; rounds of cuts
-_OVERSTEPPING = 1e-10
-_MOST_CUTS = 40
-# What motion costs, so that only moves what the loads push
-_PRICE = 1e-7
-# Steps along a free translation, over the extent of the contact points, at which normals are
-# asked, and the change that tells a curved surface
-_TURNING_STEPS = (1e-4, 1e-2, 1.0)
-_TURNED = 1e-9
+# Contact forces over loads up to which a violated cone could take up the work of a proof
+_MAX_FORCE_RATIO = 1e3
+# Violation of a cone, over the largest velocity, that calls for a cut
+_MAX_CONE_VIOLATION = 1e-10
+_MAX_CUTS = 40
+# Price of motion in the linear program, so that only what the loads push moves
+_MOTION_PRICE = 1e-7
+# Steps along a free translation, over the extent of the contact nodes, at which normals are
+# evaluated, and the change of a normal that shows a curved surface
+_NORMAL_PROBE_STEPS = (1e-4, 1e-2, 1.0)
+_MAX_NORMAL_CHANGE = 1e-9
 _HIGHS_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
-_ENCLOSED = (
-    "Supports and contact enclose an incompressible body, whose volume has no room and whose "
-    "pressure no scale: leave a part of its surface free, or use nu below 1/2"
+_ENCLOSED_BODY_MESSAGE = (
+    "Supports and contact enclose an incompressible body: its volume cannot change and its "
+    "pressure is not determined; leave a part of its surface free, or use nu below 1/2"
 )
 
-# Makes an increment with springs of a share of the points' stiffness, which end where all unknowns
-# (n,) and the surfaces' translations (pairs, dim) are given
-Sprung = Callable[[float, PETSc.Vec, Array], LinearIncrement]
+# Make an increment with springs: of a stiffness relative to the diagonal stiffness of the nodes,
+# with ends at unknowns (n,) and translations (pairs, dim) of the surfaces
+SpringIncrementMaker = Callable[[float, PETSc.Vec, Array], LinearIncrement]
 
 
 @dataclass(frozen=True)
-class Points:
-    """Contact points of all processes (m) that a surface faces, or may come to face."""
+class NodeVelocities:
+    """Velocities in k rigid motions of the contact nodes (m) that a surface faces, or may face.
 
-    pair: Indices  # (m,)
-    steepest: Array  # (m,), slope of the cone of friction at zero
-    turning: Mask  # (m,), whether the normal turns with a free translation
-    normal: Array  # (m, k), v_n in each of k motions
-    tangential: Array  # (m, dim, k), v_t
+    The nodes are those of all processes.
 
-    def clusters(self) -> list[Indices]:
-        """Motions that have points in common, directly or by others."""
-        moved = self._moved().astype(float)
-        return group_connected_nodes(moved.T @ moved > 0)
+    Args:
+        pair: (m,), number of the contact pair.
+        friction_slope: (m,), slope of the friction limit at zero normal force, mu.
+        has_turning_normal: (m,), whether the normal changes with a free translation.
+        normal: (m, k), normal velocity v_n.
+        tangential: (m, dim, k), tangential velocity v_t.
+    """
 
-    def within(self, motions: Indices) -> "Points":
-        """The points that some of the motions move, and their velocities in these."""
-        some = self.where(np.any(self._moved()[:, motions], axis=1))
-        normal, tangential = some.normal[:, motions], some.tangential[..., motions]
-        return replace(some, normal=normal, tangential=tangential)
+    pair: Indices
+    friction_slope: Array
+    has_turning_normal: Mask
+    normal: Array
+    tangential: Array
 
-    def rows(self, along: Array) -> Array:
-        """v_n - mu v_t·d over the length of (1, mu), (m, k), for unit vectors d (m, dim)."""
-        sliding = np.einsum("ma,mak->mk", along, self.tangential)
-        mu = self.steepest[:, None]
+    def group_motions(self) -> list[Indices]:
+        """Return groups of motions that move common nodes, directly or through other motions."""
+        is_moved = self._is_moved().astype(float)
+        return group_connected_nodes(is_moved.T @ is_moved > 0)
+
+    def restrict(self, motions: Indices) -> "NodeVelocities":
+        """Return the nodes that some of the motions move, with their velocities in these."""
+        moved_nodes = self.select(np.any(self._is_moved()[:, motions], axis=1))
+        normal, tangential = moved_nodes.normal[:, motions], moved_nodes.tangential[..., motions]
+        return replace(moved_nodes, normal=normal, tangential=tangential)
+
+    def cone_rows(self, direction: Array) -> Array:
+        """Return rows (m, k) of v_n - mu v_t·d for unit vectors d (m, dim).
+
+        They are divided by the length of (1, mu).
+        """
+        sliding = np.einsum("ma,mak->mk", direction, self.tangential)
+        mu = self.friction_slope[:, None]
         return np.asarray((self.normal - mu * sliding) / np.sqrt(1 + mu**2))
 
-    def clearance(self, velocity: Array) -> Array:
-        """v_n - mu |v_t| over the length of (1, mu), (m,), in a motion (k,)."""
-        sliding = np.linalg.norm(self.tangential @ velocity, axis=1)
-        return (self.normal @ velocity - self.steepest * sliding) / np.sqrt(1 + self.steepest**2)
+    def cone_margin(self, motion: Array) -> Array:
+        """Return v_n - mu |v_t| over the length of (1, mu), (m,), in a motion (k,)."""
+        sliding = np.linalg.norm(self.tangential @ motion, axis=1)
+        margin = self.normal @ motion - self.friction_slope * sliding
+        return np.asarray(margin / np.sqrt(1 + self.friction_slope**2))
 
-    def where(self, mask: Mask) -> "Points":
-        return Points(*(values[mask] for values in vars(self).values()))
+    def select(self, mask: Mask) -> "NodeVelocities":
+        """Return the nodes of a mask (m,)."""
+        return NodeVelocities(*(values[mask] for values in vars(self).values()))
 
-    def _moved(self) -> Mask:
+    def _is_moved(self) -> Mask:
+        """Return which nodes each motion moves, (m, k)."""
         return (self.normal != 0) | np.any(self.tangential != 0, axis=1)
 
 
-def proof(points: Points, power: Array, size: Array) -> tuple[Array, Array] | None:
-    """A motion in which loads do work that no contact force takes away, by arithmetic.
+def find_proof(nodes: NodeVelocities, power: Array, size: Array) -> tuple[Array, Array] | None:
+    """Return a motion in which loads do work that no contact force takes up, if one is proved.
 
-    With it are the least forces to be added for a balance. `size` (k,) are the magnitudes of which
-    the `power` is made.
+    Args:
+        nodes: velocities of the contact nodes.
+        power: (k,), work of the loads in each motion.
+        size: (k,), sum of the magnitudes of its parts.
+
+    Returns:
+        The motion (k,), and the least forces (k,) that would have to be added for a balance.
     """
-    for price in (_PRICE, 0.0):  # it hides work next to the limit, and makes HiGHS give up at times
-        velocity, least = escape(points, power, price)
-        if proves_imbalance(points, power, size, velocity):
-            return velocity, least
+    # the price hides work next to the limit of friction, and makes HiGHS give up at times
+    for price in (_MOTION_PRICE, 0.0):
+        motion, missing = find_escape_motion(nodes, power, price)
+        if proves_imbalance(nodes, power, size, motion):
+            return motion, missing
     return None
 
 
-def proves_imbalance(points: Points, power: Array, size: Array, velocity: Array) -> bool:
-    """Check by arithmetic that no contact forces take away the work of loads in a motion (k,).
+def proves_imbalance(nodes: NodeVelocities, power: Array, size: Array, motion: Array) -> bool:
+    """Return whether, by plain arithmetic, no contact forces take up the loads' work in a motion.
 
-    Where the motion oversteps a cone, forces along it would do so if they were large enough: the
-    work has to exceed what forces `_HUGE` times as large as the loads can take away.
+    Where the motion (k,) violates a cone, large enough forces along it would take up the work: the
+    work has to exceed that of forces `_MAX_FORCE_RATIO` times as large as the loads.
     """
-    overstepping = float(np.max(-points.clearance(velocity), initial=0.0))
-    least_work = max(_ZERO_WORK, _HUGE * overstepping) * float(size @ np.abs(velocity))
-    return bool(power @ velocity > least_work)
+    violation = float(np.max(-nodes.cone_margin(motion), initial=0.0))
+    min_work = max(_ZERO_WORK, _MAX_FORCE_RATIO * violation) * float(size @ np.abs(motion))
+    return bool(power @ motion > min_work)
 
 
-def escape(points: Points, power: Array, price: float = _PRICE) -> tuple[Array, Array]:
-    """The motion (k,) in which loads do most work and no contact force takes any away.
+def find_escape_motion(
+    nodes: NodeVelocities, power: Array, price: float = _MOTION_PRICE
+) -> tuple[Array, Array]:
+    """Return the motion in which loads do most work and no contact force takes any up.
 
-    Its components are one at most; with it are the least forces (k,) to be added for a balance.
+    A linear program with cuts of the friction cones finds it.
+
+    Args:
+        nodes: velocities of the contact nodes.
+        power: (k,), work of the loads in each motion.
+        price: of motion, over the largest power.
+
+    Returns:
+        The motion (k,), whose components are one at most, and the least forces (k,) that would have
+        to be added for a balance. Zeros if the program fails.
     """
     k, scale = len(power), np.abs(power).max() or 1.0
-    costs = np.concatenate([-power, power]) / scale + price  # of each way in each motion
-    axes = np.eye(points.tangential.shape[1])
-    rows = [points.rows(np.tile(d, (len(points.pair), 1))) for d in (*axes, *-axes)]
-    for _ in range(_MOST_CUTS):
-        limits = np.unique(np.vstack(rows), axis=0)
+    costs = np.concatenate([-power, power]) / scale + price  # of both directions of each motion
+    axes = np.eye(nodes.tangential.shape[1])
+    rows = [nodes.cone_rows(np.tile(d, (len(nodes.pair), 1))) for d in (*axes, *-axes)]
+    for _ in range(_MAX_CUTS):
+        cuts = np.unique(np.vstack(rows), axis=0)
         best = linprog(
             costs,
-            A_ub=np.hstack([-limits, limits]),
-            b_ub=np.zeros(len(limits)),
+            A_ub=np.hstack([-cuts, cuts]),
+            b_ub=np.zeros(len(cuts)),
             bounds=(0, 1),
             options=_HIGHS_TOLERANCES,
         )
         if not best.success:
             return np.zeros(k), np.zeros(k)
-        velocity = best.x[:k] - best.x[k:]
-        beyond = points.where(points.clearance(velocity) < -_OVERSTEPPING)
-        sliding: Array = beyond.tangential @ velocity
-        size = np.linalg.norm(sliding, axis=1, keepdims=True)
-        if not size.any():
+        motion = best.x[:k] - best.x[k:]
+        violating = nodes.select(nodes.cone_margin(motion) < -_MAX_CONE_VIOLATION)
+        sliding: Array = violating.tangential @ motion
+        speed = np.linalg.norm(sliding, axis=1, keepdims=True)
+        if not speed.any():
             break
-        rows.append(beyond.where(size[:, 0] > 0).rows((sliding / size)[size[:, 0] > 0]))
-    least = best.upper.marginals
-    return velocity, scale * (least[:k] - least[k:])
+        is_sliding = speed[:, 0] > 0
+        rows.append(violating.select(is_sliding).cone_rows((sliding / speed)[is_sliding]))
+    multipliers = best.upper.marginals
+    return motion, scale * (multipliers[:k] - multipliers[k:])
 
 
-def gather_points(increment: Increment, kinematics: LinearisedKinematics, works: Array) -> Points:
-    """Points of all processes, in an order independent of them; `works` are (m, dim, k)."""
-    interface, free = increment.interface, np.isnan(increment.prescribed)
-    faced = np.isfinite(kinematics.gap) | np.any(free, axis=1)[interface.pair]
-    acted_on = (interface.equation >= 0) | interface.held_components
-    works = np.where(acted_on[..., None], works, 0.0)
+def gather_node_velocities(
+    increment: Increment, kinematics: LinearisedKinematics, works: Array
+) -> NodeVelocities:
+    """Return velocities of the contact nodes of all processes, in an order independent of them.
+
+    Args:
+        increment: the equations of the increment.
+        kinematics: with the frames of the contact nodes.
+        works: (m, dim, k), motions of this process' nodes in which contact forces do work.
+    """
+    interface, is_free = increment.interface, np.isnan(increment.prescribed)
+    is_faced = np.isfinite(kinematics.gap) | np.any(is_free, axis=1)[interface.pair]
+    has_force = (interface.equation >= 0) | interface.held_components
+    works = np.where(has_force[..., None], works, 0.0)
     tangents = kinematics.frame[:, 1:]
     values = (
         interface.pair,
         interface.cone.max_coefficient,
-        _find_turning(increment, kinematics),
+        _find_turning_normals(increment, kinematics),
         np.einsum("na,nak->nk", kinematics.frame[:, 0], works),
         np.einsum("nta,ntb,nbk->nak", tangents, tangents, works),
-        faced,
+        is_faced,
     )
-    *points, some = (
+    *fields, is_faced = (
         np.concatenate([interface.in_order(k, part) for k in range(interface.pairs)])
         for part in values
     )
-    return Points(*points).where(some)
+    return NodeVelocities(*fields).select(is_faced)
 
 
-def _find_turning(increment: Increment, kinematics: LinearisedKinematics) -> Mask:
-    """Return the points (m,) whose normals turn with a free translation of their surface."""
-    interface, free = increment.interface, np.isnan(increment.prescribed)
-    here, turning = interface.normals(kinematics.q0), np.zeros(len(interface.pair), dtype=bool)
-    for axis in np.flatnonzero(free.any(axis=0)):
-        for step in (sign * part * interface.extent for part in _TURNING_STEPS for sign in (-1, 1)):
-            moved = kinematics.q0.copy()
-            moved[free[:, axis], axis] += step
+def _find_turning_normals(increment: Increment, kinematics: LinearisedKinematics) -> Mask:
+    """Return the nodes (m,) whose normals turn with a free translation of their surface."""
+    interface, is_free = increment.interface, np.isnan(increment.prescribed)
+    normals = interface.normals(kinematics.q0)
+    is_turning = np.zeros(len(interface.pair), dtype=bool)
+    for axis in np.flatnonzero(is_free.any(axis=0)):
+        for step in (
+            sign * part * interface.extent for part in _NORMAL_PROBE_STEPS for sign in (-1, 1)
+        ):
+            translations = kinematics.q0.copy()
+            translations[is_free[:, axis], axis] += step
             try:
-                change = np.abs(interface.normals(moved) - here).max(axis=1)
+                change = np.abs(interface.normals(translations) - normals).max(axis=1)
             except Exception:  # a user's surface may not know its normals so far away
-                change = np.where(free[interface.pair, axis], np.inf, 0.0)
-            turning |= ~(change <= _TURNED)
-    return turning
+                change = np.where(is_free[interface.pair, axis], np.inf, 0.0)
+            is_turning |= ~(change <= _MAX_NORMAL_CHANGE)
+    return is_turning
 
 
 def prove_no_equilibrium(
     increment: Increment, load: PETSc.Vec, kinematics: LinearisedKinematics, rigid: RigidMotions
 ) -> NoEquilibrium | None:
-    """Return the refusal with its proof, if there is one, under a reduced load.
+    """Return the refusal of an increment if statics prove that there is no equilibrium.
 
-    It is the same on all processes.
+    Args:
+        increment: the equations of the increment.
+        load: reduced load vector.
+        kinematics: with the frames of the contact nodes.
+        rigid: rigid motions of the body and its surfaces.
+
+    Returns:
+        The same error on all processes, or None without a proof.
     """
-    basis, works = rigid.virtual()
-    work, size = rigid.power(load, increment.totals)
-    points = gather_points(increment, kinematics, works)
+    basis, works = rigid.find_virtual_motions()
+    work, size = rigid.measure_work(load, increment.totals)
+    nodes = gather_node_velocities(increment, kinematics, works)
     error: NoEquilibrium | None = None
     comm = increment.system.comm
     with collective_errors(comm):
         if comm.rank == 0:
-            error = _proved(points, basis, work, size, rigid.modes)
+            error = _combine_proofs(nodes, basis, work, size, rigid.modes)
     return comm.bcast(error)
 
 
-def check_loose(
+def refuse_loose_body(
     increment: Increment,
     end: NewtonState,
     rigid: RigidMotions,
     before: ContactState,
-    spent: Callable[[], tuple[int, SolverReport]],
+    measure_cost: Callable[[], tuple[int, SolverReport]],
 ) -> None:
-    """Raise NotUnique for a solution in which a body is clear of all contact forces and loose."""
-    if not (motions := rigid.loose(end.nodes, end.allowance)):
+    """Raise NotUnique if a solution leaves a body loose, clear of all contact forces."""
+    if not (motions := rigid.describe_loose_motions(end.nodes, end.allowance)):
         return
-    failure = NotUnique(f"{_LOOSE}. Nothing stops a {', '.join(motions)}")
-    failure.state = _make_unsolved_state(increment, end, before, spent())
+    failure = NotUnique(f"{_LOOSE_BODY_MESSAGE}. Nothing stops a {', '.join(motions)}")
+    failure.state = _make_unsolved_state(increment, end, before, measure_cost())
     raise failure
 
 
@@ -277,174 +335,211 @@ def _make_unsolved_state(
     )
 
 
-def rescue(
+def rescue_increment(
     failure: ContactFailed | NotConverged,
     increment: Increment,
-    proved: Callable[[], NoEquilibrium | None],
+    prove: Callable[[], NoEquilibrium | None],
     remedy: Callable[[], NewtonState | None] | None,
     before: ContactState,
-    spent: Callable[[], tuple[int, SolverReport]],
+    measure_cost: Callable[[], tuple[int, SolverReport]],
 ) -> NewtonState:
-    """The solution of an increment whose iteration has failed, or the refusal that says why.
+    """Return the solution of an increment whose iteration has failed, or raise the reason.
 
-    A remedy is tried if there is one. A failure to converge stays one, unless statics explain it.
+    The remedy is tried unless statics prove that there is no equilibrium, the solver has not
+    converged, or the solution is known not to be unique.
+
+    Args:
+        failure: of the iteration.
+        increment: the equations of the increment.
+        prove: looks for a proof that there is no equilibrium.
+        remedy: another method of solution, None without any; it returns None where it fails, too.
+        before: state at the start of the increment.
+        measure_cost: returns iterations and solver report of the increment so far.
+
+    Raises:
+        NoEquilibrium: if it is proved.
+        NotConverged: if the solver has not converged.
+        NotUnique: if a solution has a singular tangent.
+        NotFound: otherwise; with the state that came nearest to a solution.
     """
-    if proof := proved():
+    if proof := prove():
         raise proof from None
     if isinstance(failure, NotConverged):
         raise failure
     if remedy is not None and not isinstance(failure, NotUnique):
         try:
-            found = remedy()
+            solution = remedy()
         except NotUnique as unique:
-            failure, found = unique, None
-        if found is not None:
-            return found
-    near, state = "", None
+            failure, solution = unique, None
+        if solution is not None:
+            return solution
+    nearest, state = "", None
     if increment.nearest is not None:
-        state = _make_unsolved_state(increment, increment.nearest, before, spent())
-        share = f"{increment.nearest.violation * TOLERANCE:.1g}"
-        near = f" The state that came nearest violates the law by {share} of its largest force."
+        state = _make_unsolved_state(increment, increment.nearest, before, measure_cost())
+        violation = f"{increment.nearest.violation * TOLERANCE:.1g}"
+        nearest = (
+            f" The state that came nearest violates the law by {violation} of its largest force."
+        )
     if not isinstance(failure, NotUnique):
-        enclosed = f" {_ENCLOSED}." if increment.system.tangent.encloses() else ""
+        enclosed = f" {_ENCLOSED_BODY_MESSAGE}." if increment.system.tangent.encloses() else ""
         advice = "Smaller increments, or pressing before pushing, may find one"
         if state is not None and isinstance(failure, LastContactLost):
             advice = describe_exhausted_friction(state) or advice
         failure = NotFound(
-            f"{failure}. That is no proof that there is no solution.{enclosed}{near} {advice}"
+            f"{failure}. This does not prove that there is no solution.{enclosed}{nearest} {advice}"
         )
     failure.state = state
     raise failure from None
 
 
-def _proved(
-    points: Points, basis: Basis, work: Array, size: Array, modes: RigidModes
+def _combine_proofs(
+    nodes: NodeVelocities, basis: Basis, work: Array, size: Array, modes: RigidModes
 ) -> NoEquilibrium | None:
-    """One refusal with the proofs of all clusters of motions, None if there is no proof."""
+    """Return one refusal with the proofs of all groups of motions, None if none has a proof.
+
+    Args:
+        nodes: velocities of the contact nodes in the motions of the basis.
+        basis: of the rigid motions.
+        work: (modes,), of the loads in each mode.
+        size: (modes,), sum of the magnitudes of its parts.
+        modes: of rigid motion.
+    """
     motion, missing, words = np.zeros(len(work)), np.zeros(len(work)), []
-    for cluster in points.clusters():
-        touched, motions = points.within(cluster), basis.motions[cluster]
-        if touched.turning.any():
+    for group in nodes.group_motions():
+        moved_nodes, motions = nodes.restrict(group), basis.motions[group]
+        if moved_nodes.has_turning_normal.any():
             continue
-        found = proof(touched, motions @ work, np.abs(motions) @ size)
-        if found is None:
+        proof = find_proof(moved_nodes, motions @ work, np.abs(motions) @ size)
+        if proof is None:
             continue
-        velocity, lacking = found
-        motion += velocity @ motions
-        lacking[np.abs(lacking) <= NOTHING * np.abs(lacking).max()] = 0.0
-        missing[basis.pivot[cluster]] = lacking
-        words.append(modes.name(velocity @ motions) + _contacts(touched, velocity))
+        escape, lacking = proof
+        motion += escape @ motions
+        lacking[np.abs(lacking) <= NEGLIGIBLE_PART * np.abs(lacking).max()] = 0.0
+        missing[basis.pivot[group]] = lacking
+        words.append(modes.describe(escape @ motions) + _describe_contacts(moved_nodes, escape))
     if not words:
         return None
-    (moved, turned, surface), (force, moment, push) = modes.parts(motion), modes.parts(missing)
-    rate, couple = turned / modes.length[:, None], moment * modes.length[:, None]
-    lacks = MissingForce(force, couple, push)
+    translation, rotation, surface = modes.split(motion)
+    force, moment, surface_force = modes.split(missing)
+    missing_force = MissingForce(force, moment * modes.length[:, None], surface_force)
     error = NoEquilibrium(
         f"no contact forces balance the loads: {'; '.join(words)}. At least "
-        f"{_amount(modes.centre, lacks)} would have to be added to the loads"
+        f"{_describe_missing_force(modes.centre, missing_force)} would have to be added to the "
+        "loads"
     )
-    error.velocity = RigidVelocity(modes.centre, moved, rate, surface, float(motion @ work))
-    error.missing = lacks
+    error.velocity = RigidVelocity(
+        modes.centre, translation, rotation / modes.length[:, None], surface, float(motion @ work)
+    )
+    error.missing = missing_force
     return error
 
 
-def _contacts(points: Points, velocity: Array) -> str:
-    """Says what the body does at each pair in a motion (k,)."""
-    sliding, clear = points.tangential @ velocity, points.clearance(velocity)
+def _describe_contacts(nodes: NodeVelocities, motion: Array) -> str:
+    """Return in words on which pairs the body slides, and from which it lifts, in a motion (k,)."""
+    sliding, margin = nodes.tangential @ motion, nodes.cone_margin(motion)
     speed = np.linalg.norm(sliding, axis=1)
-    nothing = NOTHING * max(speed.max(initial=0.0), clear.max(initial=0.0))
+    negligible = NEGLIGIBLE_PART * max(speed.max(initial=0.0), margin.max(initial=0.0))
     words = []
-    for k in np.unique(points.pair):
-        slides = (points.pair == k) & (clear <= nothing) & (speed > nothing)
+    for k in np.unique(nodes.pair):
+        slides = (nodes.pair == k) & (margin <= negligible) & (speed > negligible)
         if slides.any():
-            along = sliding[slides] / speed[slides, None]
-            one = np.all(along @ along[0] > 1 - NOTHING)
-            words.append(f"slides {f'along {direction(along[0])} ' if one else ''}on pair {k}")
-        elif np.any(clear[points.pair == k] > nothing):
+            directions = sliding[slides] / speed[slides, None]
+            is_common = np.all(directions @ directions[0] > 1 - NEGLIGIBLE_PART)
+            direction = f"along {format_direction(directions[0])} " if is_common else ""
+            words.append(f"slides {direction}on pair {k}")
+        elif np.any(margin[nodes.pair == k] > negligible):
             words.append(f"lifts off pair {k}")
     return f", by which the body {' and '.join(words)}" if words else ""
 
 
-def _amount(centre: Array, missing: MissingForce) -> str:
+def _describe_missing_force(centre: Array, missing: MissingForce) -> str:
+    """Return the forces and moments in words; with the centres (pieces, dim) of several pieces."""
     words = []
     for k in range(len(centre)):
-        place = format_points(centre[k : k + 1])
-        on = f" on the body around {place}" if len(centre) > 1 else ""
+        location = format_points(centre[k : k + 1])
+        body = f" on the body around {location}" if len(centre) > 1 else ""
         if missing.force[k].any():
-            words.append(f"a force of {_numbers(missing.force[k])}{on}")
+            words.append(f"a force of {_format_vector(missing.force[k])}{body}")
         if missing.moment[k].any():
-            words.append(f"a moment of {_numbers(missing.moment[k])} about {place}{on}")
+            words.append(f"a moment of {_format_vector(missing.moment[k])} about {location}{body}")
     for k in range(len(missing.surface)):
         if missing.surface[k].any():
-            words.append(f"a force of {_numbers(missing.surface[k])} of the surface of pair {k}")
+            force = _format_vector(missing.surface[k])
+            words.append(f"a force of {force} of the surface of pair {k}")
     return " and ".join(words)
 
 
-def _numbers(values: Array) -> str:
-    words = ", ".join(f"{value:.4g}" for value in values)
-    return f"({words})" if len(values) > 1 else words
+def _format_vector(values: Array) -> str:
+    components = ", ".join(f"{value:.4g}" for value in values)
+    return f"({components})" if len(values) > 1 else components
 
 
 def solve_with_springs(
     increment: LinearIncrement,
-    with_springs: Sprung,
+    with_springs: SpringIncrementMaker,
     kinematics: UndeformedKinematics,
     *,
-    first: tuple[ActiveSet, LinearisedKinematics, PETSc.Vec],
+    start: tuple[ActiveSet, LinearisedKinematics, PETSc.Vec],
     make_update: Callable[[], ActiveSetUpdate],
     max_iterations: int,
-    left: Callable[[], float],
+    remaining_systems: Callable[[], float],
 ) -> NewtonState | None:
-    """Solve an increment by springs at the contact points that get softer and softer.
+    """Solve an increment with springs at the contact nodes that get softer and softer.
 
     Args:
         increment: without springs.
-        with_springs: makes the increment with springs of a share of the points' stiffness.
+        with_springs: makes the increment with springs of a given stiffness and given ends.
         kinematics: of the body.
-        first: active set, kinematics and all unknowns (n,) from which it starts.
-        make_update: how active sets of the increment without springs follow each other.
-        max_iterations: the most linear systems solved in one iteration.
-        left: how many may still be solved in all.
+        start: active set, kinematics and all unknowns (n,) at the start.
+        make_update: makes the update of active sets of the increment without springs.
+        max_iterations: largest number of linear systems in one iteration.
+        remaining_systems: returns how many linear systems may still be solved in all.
 
     Returns:
-        The solution without springs, or None.
+        The solution without springs, or None if there is none.
 
     Raises:
-        NotUnique: where tangents are singular at a solution.
+        NotUnique: if the tangent is singular at a solution.
     """
 
-    def at_most(some: int) -> int:
-        return int(max(1, min(some, max_iterations, left())))
+    def limit_iterations(n: int) -> int:
+        return int(max(1, min(n, max_iterations, remaining_systems())))
 
-    (active, linearised, unknowns), comm = first, increment.interface.comm
-    q, stiffness, softening, n_failures = linearised.q0, _FIRST, _SOFTER, 0
+    (active, linearised, unknowns), comm = start, increment.interface.comm
+    q, stiffness, softening, n_failures = linearised.q0, _FIRST_STIFFNESS, _SOFTENING, 0
     previous: ActiveSet | None = None
-    words = f"by springs, for what {left():.0f} linear systems take at most"
+    words = f"by springs, at the cost of at most {remaining_systems():.0f} linear systems"
     log_on_root(comm, logging.INFO, words, ".contact")
-    while stiffness > _SOFTEST and n_failures < _FAILURES and left() > 0:
-        held_by_springs = with_springs(stiffness, unknowns, q)
+    while stiffness > _MIN_STIFFNESS and n_failures < _MAX_FAILURES and remaining_systems() > 0:
+        spring_increment = with_springs(stiffness, unknowns, q)
         update = ActiveSetUpdate(_no_free_motions, increment.interface)
         try:
-            sprung = solve_increment(
-                held_by_springs,
+            spring_state = solve_increment(
+                spring_increment,
                 active,
                 linearised,
                 update,
-                max_iterations=at_most(_MOST),
-                after_iteration=_say_nothing,
+                max_iterations=limit_iterations(_MAX_SPRING_ITERATIONS),
+                after_iteration=_ignore_iteration,
             )
         except ContactFailed as failed:
             log_on_root(
-                comm, logging.INFO, f"not with springs of {stiffness:.0e}: {failed}", ".contact"
+                comm,
+                logging.INFO,
+                f"no solution with springs of {stiffness:.0e}: {failed}",
+                ".contact",
             )
-            n_failures, softening = n_failures + 1, max(_LEAST, softening**_SLOWER)
-            stiffness *= _STIFFER
+            n_failures, softening = (
+                n_failures + 1,
+                max(_MIN_SOFTENING, softening**_SOFTENING_EXPONENT),
+            )
+            stiffness *= _STIFFENING
             continue
-        unknowns, q = sprung.unknowns, sprung.q
-        linearised = kinematics.linearise(q, sprung.displacement, sprung.force)
-        state = increment.evaluate(sprung.reduced, q, linearised)
+        unknowns, q = spring_state.unknowns, spring_state.q
+        linearised = kinematics.linearise(q, spring_state.displacement, spring_state.force)
+        state = increment.evaluate(spring_state.reduced, q, linearised)
         increment.record(state)
-        active = sprung.nodes.active_set
+        active = spring_state.nodes.active_set
         is_steady = previous is not None and is_same_set(previous, active, comm)
         if state.violation <= 1 or is_steady:
             try:
@@ -453,20 +548,21 @@ def solve_with_springs(
                     active,
                     linearised,
                     make_update(),
-                    max_iterations=at_most(_CONFIRMED),
-                    after_iteration=_say_nothing,
+                    max_iterations=limit_iterations(_MAX_CONFIRMING_ITERATIONS),
+                    after_iteration=_ignore_iteration,
                 )
                 log_on_root(comm, logging.INFO, f"solved by springs of {stiffness:.0e}", ".contact")
                 return solution
             except ContactFailed as failed:
-                words = f"not from springs of {stiffness:.0e}: {failed}"
+                words = f"no solution from springs of {stiffness:.0e}: {failed}"
                 log_on_root(comm, logging.INFO, words, ".contact")
                 if state.violation <= 1:
                     if isinstance(failed.__cause__, SingularSystem):
                         (force,) = increment.max_over_ranks(np.abs(state.force))
-                        loose = force <= state.round_off
-                        raise NotUnique(_LOOSE if loose else f"at a solution, {failed}") from failed
-                    return state  # which the iteration leaves by round-off
+                        is_loose = force <= state.round_off
+                        message = _LOOSE_BODY_MESSAGE if is_loose else f"at a solution, {failed}"
+                        raise NotUnique(message) from failed
+                    return state  # the iteration has left it by round-off alone
         previous, stiffness = active, stiffness / softening
     return None
 
@@ -476,5 +572,5 @@ def _no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG
     return []
 
 
-def _say_nothing(iteration: int, active: ActiveSet, violation: float) -> None:
-    """Ignore an iteration with springs."""
+def _ignore_iteration(iteration: int, active: ActiveSet, violation: float) -> None:
+    """Report nothing of an iteration."""

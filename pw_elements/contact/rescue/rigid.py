@@ -1,6 +1,10 @@
-"""Rigid motions under supports: which ones are free, and what loads and contact do in them.
+"""Rigid motions under supports: which ones are free, and the work of loads and contact in them.
 
-Modes are motions of the connected pieces of a body and of surfaces; there are words for each.
+A rigid motion is a vector of mode amplitudes. Modes are translations and rotations of the connected
+pieces of a body, and free translations of rigid surfaces. Messages describe motions in words.
+
+The module guarantees the same motions and words on all processes. It assumes a body at small
+strains: rotations are linearised about the undeformed positions.
 """
 
 from collections.abc import Sequence
@@ -32,271 +36,332 @@ from pw_elements.contact.system import ContactSystem, border_columns, local_rows
 from pw_elements.solvers import RigidComponents, destroy_objects, null_space, qr_triangle
 
 _AXES = "xyz"
-# Part of a motion, over its largest one, that is none
-NOTHING = 1e-6
-# The same, in what is solved for
-_NO_PART = 1e-12
-# By how much a mode's part of motions may be larger before it comes first
-_PREFERRED = 1e3
+# Part of a motion, over its largest one, that counts as zero in words and proofs
+NEGLIGIBLE_PART = 1e-6
+# Part of a motion, over its largest one, that is round-off of the basis
+_BASIS_ROUND_OFF = 1e-12
+# Ratio of amplitudes up to which a mode of a preferred kind is taken as the pivot of a motion
+_PIVOT_PREFERENCE = 1e3
 
-# Stiffness of a motion, over what it would be for an arbitrary one, that is no more than round-off:
-# something is to be proved by it
+# Stiffness of a motion, over that of an arbitrary one, that is zero to round-off, for proofs
 _ZERO_STIFFNESS = 1e-11
-# The same, as good as none
+# Stiffness of a motion, over that of an arbitrary one, below which it counts as free
 _FREE_STIFFNESS = 1e-8
 
 
 @dataclass(frozen=True)
 class Basis:
-    """Independent rigid motions (k, modes); each has a pivot (k,), a mode that no other has."""
+    """Independent rigid motions (k, modes), each with a pivot (k,): a mode that no other has."""
 
     motions: Array
     pivot: Indices
 
 
 class RigidModes:
-    """Translations and rotations of each connected piece, and free translations of surfaces.
+    """Modes of rigid motion: of each connected piece, and free translations of surfaces.
 
-    Motions are vectors of all modes: those of one piece after another, see `RigidComponents`, then
-    the surfaces' translations.
+    A motion (modes,) has the amplitudes of one piece after another, as in `RigidComponents`, and
+    then the translations of the surfaces.
+
+    Attributes:
+        centre: (pieces, dim), mean position of a piece's nodes.
+        length: (pieces,), radius of gyration, over which rotations are measured.
+        free: pair and axis of each free translation of a surface.
+        modes_per_piece: number of translations and rotations.
+        n_piece_modes: number of modes of all pieces.
+        n_modes: number of all modes.
+        mover: (modes,), number of the piece that a mode moves; a further one per surface mode.
     """
 
-    def __init__(self, pieces: RigidComponents, free: FreeMotions, pairs: int) -> None:
+    def __init__(self, pieces: RigidComponents, free: FreeMotions, n_pairs: int) -> None:
         self.centre, self.length = pieces.centre, pieces.length
-        self.free, self._pairs = free, pairs
-        self.each = pieces.modes.shape[2]
-        self.of_pieces = len(pieces.centre) * self.each
-        self.number = self.of_pieces + len(free)
-        # the piece (modes,) that moves, or a number of its own for each of the surfaces' modes
+        self.free, self._n_pairs = free, n_pairs
+        self.modes_per_piece = pieces.modes.shape[2]
+        self.n_piece_modes = len(pieces.centre) * self.modes_per_piece
+        self.n_modes = self.n_piece_modes + len(free)
         n_pieces = len(pieces.centre)
-        of_piece, surfaces = np.repeat(np.arange(n_pieces), self.each), np.arange(len(free))
-        self.group: Indices = np.concatenate([of_piece, n_pieces + surfaces])
+        piece = np.repeat(np.arange(n_pieces), self.modes_per_piece)
+        self.mover: Indices = np.concatenate([piece, n_pieces + np.arange(len(free))])
 
-    def parts(self, motion: Array) -> tuple[Array, Array, Array]:
-        """Translations (pieces, dim), rotations (pieces, 1 or 3), and surfaces' (pairs, dim).
+    def split(self, motion: Array) -> tuple[Array, Array, Array]:
+        """Return translations and rotations of pieces, and translations of surfaces.
 
-        Rotations are over the length; in space they are vectors along the axis.
+        Args:
+            motion: (modes,).
+
+        Returns:
+            (pieces, dim); (pieces, 1 or 3), angles times the length, in space vectors along the
+            axis; (pairs, dim).
         """
         dim = self.centre.shape[1]
-        pieces = motion[: self.of_pieces].reshape(len(self.centre), -1)
-        turning = pieces[:, dim:]
+        pieces = motion[: self.n_piece_modes].reshape(len(self.centre), -1)
+        rotations = pieces[:, dim:]
         if dim == 3:  # planes xy, xz, yz
-            turning = turning[:, ::-1] * [1.0, -1.0, 1.0]
-        surfaces = np.zeros((self._pairs, dim))
-        for at, value in zip(self.free, motion[self.of_pieces :], strict=True):
-            surfaces[at] = value
-        return pieces[:, :dim], turning, surfaces
+            rotations = rotations[:, ::-1] * [1.0, -1.0, 1.0]
+        surfaces = np.zeros((self._n_pairs, dim))
+        for pair_and_axis, value in zip(self.free, motion[self.n_piece_modes :], strict=True):
+            surfaces[pair_and_axis] = value
+        return pieces[:, :dim], rotations, surfaces
 
-    def simplest(self, motions: Array) -> Basis:
-        """Another basis of the motions (k, modes), the one that takes the fewest words.
+    def make_simplest_basis(self, motions: Array) -> Basis:
+        """Return the basis of the space of motions (k, modes) that takes the fewest words.
 
-        Each of its motions has a mode that none of the others has, a rotation if possible. So
-        what turns does not also move along what is free anyhow, and translations are along axes.
+        Each of its motions has a mode that none of the others has, a rotation if possible. So a
+        rotation is not combined with translations that are free in any case, and translations are
+        along axes.
         """
-        turns = np.arange(self.of_pieces) % self.each >= self.centre.shape[1]
-        rank = np.concatenate([np.where(turns, 0, 1), np.full(len(self.free), 2)])
-        _, pivots = qr(motions / _PREFERRED**rank, mode="r", pivoting=True)
+        is_rotation = np.arange(self.n_piece_modes) % self.modes_per_piece >= self.centre.shape[1]
+        rank = np.concatenate([np.where(is_rotation, 0, 1), np.full(len(self.free), 2)])
+        _, pivots = qr(motions / _PIVOT_PREFERENCE**rank, mode="r", pivoting=True)
         pivot = np.array(sorted(pivots[: len(motions)], key=lambda k: (rank[k], k)), dtype=int)
         rows = np.asarray(np.linalg.solve(motions[:, pivot], motions), dtype=float)
-        return Basis(np.where(np.abs(rows) <= _NO_PART, 0.0, rows), pivot)
+        return Basis(np.where(np.abs(rows) <= _BASIS_ROUND_OFF, 0.0, rows), pivot)
 
-    def name(self, motion: Array) -> str:
-        """What moves how in a motion (modes,), in words."""
-        translation, turning, surface = self.parts(motion)
-        nothing, words = NOTHING * np.abs(motion).max(), []
-        around = [
+    def describe(self, motion: Array) -> str:
+        """Return in words how each piece and surface moves in a motion (modes,)."""
+        translation, rotation, surface = self.split(motion)
+        negligible, words = NEGLIGIBLE_PART * np.abs(motion).max(), []
+        locations = [
             f" around {format_points(self.centre[k : k + 1])}" for k in range(len(self.centre))
         ]
-        for k, place in enumerate(around):
-            who = f"the body{place if len(around) > 1 else ''}"
-            if np.abs(turning[k]).max(initial=0.0) > nothing:
-                words.append(f"{self._rotation(k, translation[k], turning[k])} of {who}")
-            elif np.abs(translation[k]).max() > nothing:
-                words.append(f"translation {direction(translation[k])} of {who}")
+        for k, location in enumerate(locations):
+            body = f"the body{location if len(locations) > 1 else ''}"
+            if np.abs(rotation[k]).max(initial=0.0) > negligible:
+                words.append(f"{self._describe_rotation(k, translation[k], rotation[k])} of {body}")
+            elif np.abs(translation[k]).max() > negligible:
+                words.append(f"translation {format_direction(translation[k])} of {body}")
         for k in range(len(surface)):
-            if np.abs(surface[k]).max() > nothing:
-                words.append(f"translation {direction(surface[k])} of the surface of pair {k}")
+            if np.abs(surface[k]).max() > negligible:
+                direction = format_direction(surface[k])
+                words.append(f"translation {direction} of the surface of pair {k}")
         return " with ".join(words)
 
-    def _rotation(self, k: int, moved: Array, turned: Array) -> str:
-        dim = len(moved)
-        v, w = np.pad(moved, (0, 3 - dim)), np.pad(turned, (3 - len(turned), 0))
+    def _describe_rotation(self, k: int, translation: Array, rotation: Array) -> str:
+        """Return pole or axis of the rotation of piece k in words."""
+        dim = len(translation)
+        v, w = np.pad(translation, (0, 3 - dim)), np.pad(rotation, (3 - len(rotation), 0))
         pole = self.centre[k] + self.length[k] * np.cross(w, v)[:dim] / (w @ w)
         if dim == 2:
             return f"rotation about {format_points(pole[None])}"
-        axis = direction(w * np.sign(w[np.argmax(np.abs(w))]))
-        along = " with a translation along it" if abs(v @ w) > NOTHING * (w @ w) else ""
-        return f"rotation about the axis along {axis} through {format_points(pole[None])}{along}"
+        axis = format_direction(w * np.sign(w[np.argmax(np.abs(w))]))
+        is_screw = abs(v @ w) > NEGLIGIBLE_PART * (w @ w)
+        screw = " with a translation along it" if is_screw else ""
+        return f"rotation about the axis along {axis} through {format_points(pole[None])}{screw}"
 
 
-def direction(vector: Array) -> str:
-    """The axis along a vector (dim,), with a sign, or else its unit vector."""
+def format_direction(vector: Array) -> str:
+    """Return the name of the axis along a vector (dim,) with its sign, or else its unit vector."""
     vector = vector / np.linalg.norm(vector)
     main = int(np.argmax(np.abs(vector)))
-    if np.linalg.norm(np.delete(vector, main)) <= NOTHING:
+    if np.linalg.norm(np.delete(vector, main)) <= NEGLIGIBLE_PART:
         return ("-" if vector[main] < 0 else "") + _AXES[main]
     return format_points(vector[None])
 
 
 class RigidMotions:
-    """Rigid motions of the pieces of a supported body, of a stiffness K (n, n), and of surfaces."""
+    """Rigid motions of the pieces of a supported body and of surfaces that are free to move.
+
+    Args:
+        system: linear systems of the contact nodes.
+        K: stiffness (n, n), all rows and columns free.
+        space: trial space of the displacements.
+
+    Attributes:
+        modes: of these motions.
+    """
 
     def __init__(self, system: ContactSystem, K: PETSc.Mat, space: fem.FunctionSpace) -> None:
         self._system, self._K, self._space = system, K, space
         pieces = RigidComponents.from_space(space)
         self.modes = RigidModes(pieces, system.free, system.interface.pairs)
-        self._at = system.interface.field.owned_unknowns.ravel()
-        self._held = qr_triangle(self._resisted(pieces, transposed=False), system.comm)
-        self._relative = self._at_points(pieces, works=False)
-        if isinstance(self._held, np.ndarray):  # of few modes
-            self._relative = self._relative.toarray()
+        self._displacement_rows = system.interface.field.owned_unknowns.ravel()
+        # R of a QR factorisation: the motions that it takes to zero are free under the supports
+        self._support_rows = qr_triangle(
+            self._assemble_resistance(pieces, transposed=False), system.comm
+        )
+        # (m dim, modes), relative motions of the contact nodes
+        self._relative_motions = self._assemble_relative_motions(pieces, for_work=False)
+        if isinstance(self._support_rows, np.ndarray):  # of few modes
+            self._relative_motions = self._relative_motions.toarray()
 
-    def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
-        """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
-        free = self._free(active, frame)
+    def describe_free_motions(self, active: ActiveSet, frame: Array) -> list[str]:
+        """Describe the motions that an active set in its frames (m, dim, dim) leaves free."""
+        free = self._find_free_motions(active, frame)
         if not len(free):
             return []
-        return [self.modes.name(motion) for motion in self.modes.simplest(free).motions]
+        return [
+            self.modes.describe(motion) for motion in self.modes.make_simplest_basis(free).motions
+        ]
 
-    def slides(self, nodes: ContactNodes, lost: float) -> bool:
-        """Whether friction is used up, to within a force `lost`: a body may slide for ever then."""
+    def is_friction_exhausted(self, nodes: ContactNodes, allowance: float) -> bool:
+        """Return whether friction is used up, to within a force: a body may slide on for ever."""
         comm, shear, active = self._system.comm, nodes.force[:, 1:], nodes.active_set
         size, limit = np.linalg.norm(shear, axis=1), nodes.friction_limits[0]
-        used = nodes.cone.has_friction & (active.status != OPEN) & (size > lost)
-        used &= size >= limit - lost
-        if not comm.allreduce(bool(used.any()), MPI.LOR):
+        is_at_limit = nodes.cone.has_friction & (active.status != OPEN) & (size > allowance)
+        is_at_limit &= size >= limit - allowance
+        if not comm.allreduce(bool(is_at_limit.any()), MPI.LOR):
             return False
-        direction = shear / np.where(used, size, 1.0)[:, None]
+        direction = shear / np.where(is_at_limit, size, 1.0)[:, None]
         sliding = replace(
             active,
             status=np.full_like(active.status, SLIP),
             direction=direction,
-            **{name: np.ones(len(used)) for name in ("turning", "slope", "intercept")},
+            **{name: np.ones(len(is_at_limit)) for name in ("turning", "slope", "intercept")},
         )
-        free = self._free(select_nodes(~used, active, sliding), nodes.frame)
-        moved = (self._relative @ free.T).reshape(*nodes.frame.shape[:2], len(free))
-        along = np.einsum("nab,na,nbk->nk", nodes.frame[:, 1:], direction, moved)
-        along = along[used & (active.status == STICK)]
-        ends = comm.allgather([along.max(initial=0.0), -along.min(initial=0.0)])
-        # a single motion has to go against all friction of what does not slip yet, or its reverse
-        return len(free) > 1 or (len(free) == 1 and np.max(ends, axis=0).min() <= _FREE_STIFFNESS)
+        free = self._find_free_motions(select_nodes(~is_at_limit, active, sliding), nodes.frame)
+        motions = (self._relative_motions @ free.T).reshape(*nodes.frame.shape[:2], len(free))
+        slip = np.einsum("nab,na,nbk->nk", nodes.frame[:, 1:], direction, motions)
+        slip = slip[is_at_limit & (active.status == STICK)]
+        extremes = comm.allgather([slip.max(initial=0.0), -slip.min(initial=0.0)])
+        # a single motion, or its reverse, has to oppose all friction of nodes that do not slip yet
+        return len(free) > 1 or (
+            len(free) == 1 and np.max(extremes, axis=0).min() <= _FREE_STIFFNESS
+        )
 
-    def loose(self, nodes: ContactNodes, lost: float) -> list[str]:
-        """Names of motions of pieces that no contact force holds, and that no surface stops.
+    def describe_loose_motions(self, nodes: ContactNodes, allowance: float) -> list[str]:
+        """Describe a motion of pieces without contact force that no surface stops, if any.
 
-        Forces up to `lost` are none. Points that touch without a force stop a motion into their
-        surface, and no other one.
+        Forces up to the allowance count as zero. Nodes that touch a surface without a force stop a
+        motion into this surface, and no other one.
         """
         comm, (m, dim, _) = self._system.comm, nodes.frame.shape
-        pressed = nodes.force[:, 0] > lost
-        at_pressed = sp.diags_array(np.repeat(pressed.astype(float), dim)) @ abs(self._relative)
-        held = comm.allreduce(np.asarray(at_pressed.sum(axis=0)).ravel(), MPI.SUM) > 0
-        held[self.modes.of_pieces :] = True
-        group = self.modes.group
-        held = np.isin(group, group[held])
-        if held.all():
+        is_pressed = nodes.force[:, 0] > allowance
+        at_pressed = sp.diags_array(np.repeat(is_pressed.astype(float), dim)) @ abs(
+            self._relative_motions
+        )
+        is_held = comm.allreduce(np.asarray(at_pressed.sum(axis=0)).ravel(), MPI.SUM) > 0
+        is_held[self.modes.n_piece_modes :] = True
+        mover = self.modes.mover
+        is_held = np.isin(mover, mover[is_held])
+        if is_held.all():
             return []
-        fixed = np.eye(self.modes.number)[held]
-        dense = isinstance(self._held, np.ndarray)
+        held_rows = np.eye(self.modes.n_modes)[is_held]
+        is_dense = isinstance(self._support_rows, np.ndarray)
         free = null_space(
-            _stacked([self._held, fixed if dense else sp.csr_array(fixed)]), _FREE_STIFFNESS
+            _stack_rows([self._support_rows, held_rows if is_dense else sp.csr_array(held_rows)]),
+            _FREE_STIFFNESS,
         )
         if not len(free):
             return []
-        moved = (self._relative @ free.T).reshape(m, dim, len(free))
-        touching = np.isfinite(nodes.gap) & (nodes.scale * nodes.gap <= lost) & ~pressed
-        opening = np.einsum("na,nak->nk", nodes.frame[:, 0], moved)[touching]
+        motions = (self._relative_motions @ free.T).reshape(m, dim, len(free))
+        is_touching = np.isfinite(nodes.gap) & (nodes.scale * nodes.gap <= allowance) & ~is_pressed
+        opening = np.einsum("na,nak->nk", nodes.frame[:, 0], motions)[is_touching]
         opening = np.concatenate(comm.allgather(opening))
-        motion = comm.bcast(unstopped(opening) if comm.rank == 0 else None)
-        return [] if motion is None else [self.modes.name(motion @ free)]
+        motion = comm.bcast(find_unstopped_motion(opening) if comm.rank == 0 else None)
+        return [] if motion is None else [self.modes.describe(motion @ free)]
 
-    def virtual(self) -> tuple[Basis, Array]:
-        """Motions in which no forces but loads and contact's do work, whatever the strains.
+    def find_virtual_motions(self) -> tuple[Basis, Array]:
+        """Return the motions in which loads and contact forces alone do work, at any strains.
 
-        A basis of k of them, each of a single piece or surface, and the motions (m, dim, k)
-        relative to surfaces in which forces at the contact points do work.
+        Returns:
+            A basis of k motions, each of a single piece or surface; and the motions (m, dim, k) of
+            the contact nodes, relative to their surfaces, in which contact forces do work.
         """
-        pieces, group = RigidComponents.from_space(self._space), self.modes.group
-        hold = qr_triangle(self._resisted(pieces, transposed=True), self._system.comm)
-        alone = [hold @ sp.diags_array((group == k).astype(float)) for k in np.unique(group)]
-        free = null_space(_stacked([hold[:0], *alone]), _ZERO_STIFFNESS)
-        chosen = self.modes.simplest(free)
-        works = self._at_points(pieces, works=True) @ chosen.motions.T
-        return chosen, works.reshape(*self._system.interface.position.shape, works.shape[1])
+        pieces, mover = RigidComponents.from_space(self._space), self.modes.mover
+        resistance = qr_triangle(
+            self._assemble_resistance(pieces, transposed=True), self._system.comm
+        )
+        by_mover = [
+            resistance @ sp.diags_array((mover == k).astype(float)) for k in np.unique(mover)
+        ]
+        free = null_space(_stack_rows([resistance[:0], *by_mover]), _ZERO_STIFFNESS)
+        basis = self.modes.make_simplest_basis(free)
+        works = self._assemble_relative_motions(pieces, for_work=True) @ basis.motions.T
+        return basis, works.reshape(*self._system.interface.position.shape, works.shape[1])
 
-    def power(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
-        """Work (modes,) of reduced loads and forces on free surfaces, and its parts' magnitudes."""
-        column = self._columns()
-        forces, kept = np.zeros(len(column)), column >= 0
-        forces[kept] = load.array_r[column[kept] - load.getOwnershipRange()[0]]
+    def measure_work(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
+        """Return work of forces in each mode (modes,), and the sum of its parts' magnitudes.
+
+        Args:
+            load: reduced load vector.
+            totals: (free,), forces on the free surfaces.
+        """
+        column = self._reduced_columns()
+        forces, is_kept = np.zeros(len(column)), column >= 0
+        forces[is_kept] = load.array_r[column[is_kept] - load.getOwnershipRange()[0]]
         pieces = RigidComponents.from_space(self._space)
         motions = pieces.mode_matrix(pieces.modes, len(self.modes.free))
-        parts = np.array([motions.T @ forces, abs(motions).T @ np.abs(forces)])
-        self._system.comm.Allreduce(MPI.IN_PLACE, parts, MPI.SUM)
-        parts[:, self.modes.of_pieces :] = totals, np.abs(totals)
-        return parts[0], parts[1]
+        work_and_size = np.array([motions.T @ forces, abs(motions).T @ np.abs(forces)])
+        self._system.comm.Allreduce(MPI.IN_PLACE, work_and_size, MPI.SUM)
+        work_and_size[:, self.modes.n_piece_modes :] = totals, np.abs(totals)
+        return work_and_size[0], work_and_size[1]
 
-    def _free(self, active: ActiveSet, frame: Array) -> Array:
-        """The motions (k, modes) that an active set in its frames (m, dim, dim) leaves free."""
+    def _find_free_motions(self, active: ActiveSet, frame: Array) -> Array:
+        """Return the motions (k, modes) that an active set in frames (m, dim, dim) leaves free."""
         m, dim = frame.shape[:2]
-        constraints, relative = (
+        constraints, motions = (
             assemble_node_equations(active, np.ones(m))[1] @ frame,
-            self._relative,
+            self._relative_motions,
         )
-        if isinstance(relative, np.ndarray):
-            rows = constraints @ relative.reshape(m, dim, relative.shape[1])
-            rows = rows.reshape(relative.shape)
+        if isinstance(motions, np.ndarray):
+            rows = constraints @ motions.reshape(m, dim, motions.shape[1])
+            rows = rows.reshape(motions.shape)
         else:
-            turned = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
-            rows = sp.csr_array(turned @ relative)
-        held = _stacked([self._held, qr_triangle(rows, self._system.comm)])
-        return null_space(held, _FREE_STIFFNESS)
+            blocks = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
+            rows = sp.csr_array(blocks @ motions)
+        all_rows = _stack_rows([self._support_rows, qr_triangle(rows, self._system.comm)])
+        return null_space(all_rows, _FREE_STIFFNESS)
 
-    def _columns(self) -> Indices:
-        return find_reduced_columns(self._system.reduction.right)[self._at]
+    def _reduced_columns(self) -> Indices:
+        """Return the reduced unknown of each displacement; -1 if prescribed, -2 if combined."""
+        return find_reduced_columns(self._system.reduction.right)[self._displacement_rows]
 
-    def _resisted(self, pieces: RigidComponents, transposed: bool) -> sp.csr_array:
-        """Displacements in the pieces' modes at supports, and the forces that these cause.
+    def _assemble_resistance(self, pieces: RigidComponents, transposed: bool) -> sp.csr_array:
+        """Return displacements at supports in each mode, and the forces that it causes elsewhere.
 
-        There are forces in axisymmetry, say, where only a translation along the axis is without
-        strain. K^T m tells of which modes no state of strain changes the balance of forces; where
-        it is unsymmetric, they may be fewer.
+        There are forces in axisymmetry, for example, where a translation along the axis alone is
+        free of strain. The transposed stiffness gives the modes in which no state of strain does
+        work; where it is unsymmetric, they may be fewer.
+
+        Returns:
+            (owned displacements, modes); a free motion is taken to zero.
         """
-        free = self._columns() != -1
-        return pieces.resistance(self._K, free, self._at, transposed, len(self.modes.free))
+        is_free = self._reduced_columns() != -1
+        return pieces.resistance(
+            self._K, is_free, self._displacement_rows, transposed, len(self.modes.free)
+        )
 
-    def _at_points(self, pieces: RigidComponents, works: bool) -> sp.csr_array:
-        """Relative motions (m dim, modes) of the points, or those in which their forces do work."""
+    def _assemble_relative_motions(self, pieces: RigidComponents, for_work: bool) -> sp.csr_array:
+        """Return the relative motions (m dim, modes) of the contact nodes in each mode.
+
+        With `for_work` they are those in which forces at the contact nodes do work, H^T in place of
+        G.
+        """
         system, modes = self._system, self.modes
         interface, comm, field = system.interface, system.comm, system.interface.field
-        own = pieces.mode_matrix(pieces.modes, len(modes.free))
+        owned_motions = pieces.mode_matrix(pieces.modes, len(modes.free))
+        n_owned = len(self._displacement_rows)
         spread = sp.csr_array(
-            (np.ones(len(self._at)), (self._at, np.arange(len(self._at)))),
-            (field.full_sizes[0], len(self._at)),
+            (np.ones(n_owned), (self._displacement_rows, np.arange(n_owned))),
+            (field.full_sizes[0], n_owned),
         )
-        full = sp.csr_array(spread @ own)  # (unknowns, modes)
-        places = (x.astype(PETSc.IntType) for x in (full.indptr, full.indices))
-        sizes = field.full_sizes, (modes.number if comm.rank == 0 else 0, modes.number)
-        motions = PETSc.Mat().createAIJ(sizes, csr=(*places, full.data), comm=comm)
-        product = interface.force.transposeMatMult if works else interface.motion.matMult
-        moved = product(motions)
-        dim, of_pieces = interface.position.shape[1], local_rows(moved, 0)
-        destroy_objects(motions, moved)
-        surfaces = border_columns(modes.free, interface.pair, dim)
-        still = sp.csr_array((len(interface.pair) * dim, modes.of_pieces))
-        return sp.csr_array(of_pieces - sp.hstack([still, surfaces]))
+        full = sp.csr_array(spread @ owned_motions)  # (unknowns, modes)
+        pattern = (x.astype(PETSc.IntType) for x in (full.indptr, full.indices))
+        sizes = field.full_sizes, (modes.n_modes if comm.rank == 0 else 0, modes.n_modes)
+        motions = PETSc.Mat().createAIJ(sizes, csr=(*pattern, full.data), comm=comm)
+        multiply = interface.force.transposeMatMult if for_work else interface.motion.matMult
+        at_nodes = multiply(motions)
+        dim, of_pieces = interface.position.shape[1], local_rows(at_nodes, 0)
+        destroy_objects(motions, at_nodes)
+        of_surfaces = border_columns(modes.free, interface.pair, dim)
+        no_surface_motion = sp.csr_array((len(interface.pair) * dim, modes.n_piece_modes))
+        return sp.csr_array(of_pieces - sp.hstack([no_surface_motion, of_surfaces]))
 
 
-def unstopped(opening: Array) -> Array | None:
-    """Return a motion z (k,) that closes no gap, `opening` (m, k) @ z >= 0; None if all do."""
+def find_unstopped_motion(opening: Array) -> Array | None:
+    """Return a combination z (k,) of motions that closes no gap, or None if each closes one.
+
+    Args:
+        opening: (m, k), opening of each gap in each motion; opening @ z >= 0 is required.
+    """
     k = opening.shape[1]
-    for way in (*np.eye(k), *-np.eye(k)):
-        found = linprog(-way, A_ub=-opening, b_ub=np.zeros(len(opening)), bounds=(-1, 1))
-        if found.success and found.x @ way > NOTHING:
-            return np.asarray(found.x, dtype=float)
+    for direction in (*np.eye(k), *-np.eye(k)):
+        best = linprog(-direction, A_ub=-opening, b_ub=np.zeros(len(opening)), bounds=(-1, 1))
+        if best.success and best.x @ direction > NEGLIGIBLE_PART:
+            return np.asarray(best.x, dtype=float)
     return None
 
 
-def _stacked(parts: Sequence[sp.csr_array | Array]) -> sp.csr_array | Array:
-    dense = isinstance(parts[0], np.ndarray)
-    return np.vstack(parts) if dense else sp.vstack(parts, "csr")
+def _stack_rows(parts: Sequence[sp.csr_array | Array]) -> sp.csr_array | Array:
+    is_dense = isinstance(parts[0], np.ndarray)
+    return np.vstack(parts) if is_dense else sp.vstack(parts, "csr")

@@ -1,4 +1,8 @@
-"""An increment in parts, which are halved where they fail and grow again where they succeed."""
+"""Solve an increment in substeps, which are halved after a failure and grow after a success.
+
+The module guarantees that each substep is a solution from which the next one starts. It assumes
+that a failed substep leaves no trace in the problem.
+"""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -16,46 +20,48 @@ from pw_elements.solvers import SingularSystem
 def solve_in_substeps(
     step: Callable[[ContactState, float], ContactState],
     state: ContactState,
-    sizes: tuple[float, float, float],
-    may_go_on: Callable[[], bool] = lambda: True,
+    substep_sizes: tuple[float, float, float],
+    may_continue: Callable[[], bool] = lambda: True,
 ) -> tuple[list[tuple[float, ContactState]], tuple[float, Exception] | None]:
-    """Solve an increment in parts: halved after a failure, larger after a success.
+    """Solve an increment in substeps: halved after a failure, larger after a success.
 
     Args:
-        step: solves from a state to a share of the increment.
-        state: at its start.
-        sizes: the first part's, which is the largest; the smallest one's; the factor after success.
-        may_go_on: whether another part may be tried.
+        step: solves from a state to a part of the increment's loads and motions, between 0 and 1.
+        state: at the start of the increment.
+        substep_sizes: of the first and largest substep, of the smallest one, and growth factor.
+        may_continue: returns whether another substep may be tried.
 
     Returns:
-        Ends (share, state) of the parts, and where and how the last one failed, or None.
+        End (load factor, state) of each substep; and load factor and error of the last failure, or
+        None.
     """
-    largest, smallest, growth = sizes
-    size = largest
-    reached, current, failure = 0.0, state, None
-    parts: list[tuple[float, ContactState]] = []
-    while reached < 1 and size >= smallest and may_go_on():
-        share = min(1.0, reached + size)
+    max_size, min_size, growth = substep_sizes
+    size = max_size
+    load_factor, current_state, failure = 0.0, state, None
+    substeps: list[tuple[float, ContactState]] = []
+    while load_factor < 1 and size >= min_size and may_continue():
+        next_factor = min(1.0, load_factor + size)
         try:
-            current = replace(step(current, share), increment=state.increment + 1)
-        except (ContactFailed, NoContactStated, SingularSystem) as failed:
-            words = f"not from {reached:.4g} to {share:.4g} of the increment: {failed}"
+            current_state = replace(step(current_state, next_factor), increment=state.increment + 1)
+        except (ContactFailed, NoContactStated, SingularSystem) as error:
+            words = f"not from {load_factor:.4g} to {next_factor:.4g} of the increment: {error}"
             log_on_root(state.displacement.comm, logging.INFO, words, ".contact")
-            size, failure = (share - reached) / 2, (share, failed)
+            size, failure = (next_factor - load_factor) / 2, (next_factor, error)
             continue
-        reached, size, failure = share, min(growth * size, largest), None
-        parts.append((share, current))
-    return parts, failure
+        load_factor, size, failure = next_factor, min(growth * size, max_size), None
+        substeps.append((next_factor, current_state))
+    return substeps, failure
 
 
-def combine_substeps(parts: Sequence[tuple[float, ContactState]]) -> ContactState:
-    """Return the last part, with the slips of all."""
-    last, pairs = parts[-1][1], []
-    for k, pair in enumerate(last.pairs):
-        closed = (pair.status != OPEN)[:, None]
+def combine_substeps(substeps: Sequence[tuple[float, ContactState]]) -> ContactState:
+    """Return the state of the last substep, with the sum of the slips of all substeps."""
+    end, pairs = substeps[-1][1], []
+    for k, pair in enumerate(end.pairs):
+        is_closed = (pair.status != OPEN)[:, None]
         slips = {
-            name: closed * np.sum([getattr(part.pairs[k], name) for _, part in parts], axis=0)
+            name: is_closed
+            * np.sum([getattr(substep.pairs[k], name) for _, substep in substeps], axis=0)
             for name in ("slip", "path_slip")
         }
         pairs.append(replace(pair, **slips))
-    return replace(last, pairs=tuple(pairs), substates=tuple(parts[:-1]))
+    return replace(end, pairs=tuple(pairs), substates=tuple(substeps[:-1]))

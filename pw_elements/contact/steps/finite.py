@@ -66,28 +66,28 @@ from pw_elements.contact.nodes import (
     make_increment_start,
     make_sticking_set,
 )
-from pw_elements.contact.output import Callback, Coefficients, Reporter, ResidualProbe
+from pw_elements.contact.output import Callback, Reporter, ResidualCoefficients, ResidualProbe
 from pw_elements.contact.rescue import (
     SupportedPieces,
     combine_substeps,
-    ends_clear,
-    find_passed,
+    ends_all_contact,
+    find_passed_nodes,
     refuse_supports_through_each_other,
     refuse_tools_through_supports,
-    sample_ways,
+    sample_placements,
     solve_in_substeps,
 )
-from pw_elements.contact.steps.sensitivity import Linearised, Part
+from pw_elements.contact.steps.sensitivity import HistoryPart, LinearisedEnd
 from pw_elements.contact.steps.smallness import SlipCheck
 from pw_elements.contact.steps.stepping import (
     IncrementTarget,
     interpolate,
 )
 from pw_elements.contact.steps.verification import (
-    Sizes,
+    ReferenceSizes,
     check_stiffness_sign,
-    places_deformed,
-    torque_of,
+    make_torque_function,
+    measure_deformed,
     verify_state,
 )
 from pw_elements.contact.system import ContactSystem
@@ -152,7 +152,7 @@ class FiniteStepping:
         self._pairs = list(pairs)
         self._guard, self._slips = CellGuard(problem.u, problem.form), SlipCheck(self.interface)
         self.history, self._update = list(history), update
-        self.coefficients = Coefficients.from_form(self.form, self.u, self.history)
+        self.coefficients = ResidualCoefficients.from_form(self.form, self.u, self.history)
         self._system: ContactSystem | None = None
         self._watch: TangentRatioMonitor | None = None
         (weights,) = self.form.arguments()
@@ -237,7 +237,7 @@ class FiniteStepping:
                 raise error from failed
         n_solved, report = system.n_solved - before[0], system.report.since(before[1])
         solution = replace(combine_substeps(parts), iterations=n_solved, report=report)
-        self._slips.check(solution)
+        self._slips.log_differences(solution)
         reporter.report_increment(solution, perf_counter() - start_time)
         return solution
 
@@ -268,7 +268,7 @@ class FiniteStepping:
         """Raise SurfacePassed if supports and surfaces are led through each other."""
         interface, q = self.interface, state.placements
         nodes = self._positions, self._held, self._piece
-        ways, path = sample_ways(start.q, end.q, path, max(len(path) - 1, _WAY_SAMPLES))
+        ways, path = sample_placements(start.q, end.q, path, max(len(path) - 1, _WAY_SAMPLES))
         refuse_tools_through_supports(interface, self._surfaces, *nodes, ways, path)
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, q, q)
@@ -295,9 +295,9 @@ class FiniteStepping:
         for samples in (1, _LEAVING_SAMPLES):  # the ends alone tell most
             if samples > 1:
                 path = self._sample_supports(state, load, samples)
-            ways, _ = sample_ways(start.q, end.q, path, samples)
+            ways, _ = sample_placements(start.q, end.q, path, samples)
             pieces = SupportedPieces.fit(*nodes, path, comm)
-            if not ends_clear(interface, self._surfaces, pieces, ways, state.unknowns):
+            if not ends_all_contact(interface, self._surfaces, pieces, ways, state.unknowns):
                 return None
         begin, owned = state.unknowns.duplicate(), interface.field.owned_unknowns
         moved = pieces.move(self._positions, self._piece)[-1] - self._positions
@@ -314,7 +314,7 @@ class FiniteStepping:
         path = [start]
         for k in range(1, samples + 1):
             self._apply(load, k / samples)
-            path.append(self.prescribed())
+            path.append(self.prescribed_displacements())
         return np.array([field.extract(values).array_r.reshape(-1, dim).copy() for values in path])
 
     def _held_axes(self) -> Mask:
@@ -422,7 +422,7 @@ class FiniteStepping:
             words = "jumped to another sheet of their surface, or slid round by a right angle"
             raise NotFound.with_positions(f"contact nodes first at {{}} have {words}", jumped)
         for k, (reference, x) in kinematics.sides.items():
-            passed = find_passed(interface, k, reference.x, x)
+            passed = find_passed_nodes(interface, k, reference.x, x)
             if len(passed):
                 raise NotFound.with_positions(
                     "contact nodes first at {} pass through the other side", passed
@@ -470,13 +470,13 @@ class FiniteStepping:
         round_off = TOLERANCE * largest + ROUND_OFF * stiffness * self._guard.extent
         return verify_state(
             solution,
-            places_deformed(self.interface, self._pairs, before, solution),
+            measure_deformed(self.interface, self._pairs, before, solution),
             unbalanced,
             self.interface,
             self._reduction,
-            Sizes(force, length, scale, round_off),
+            ReferenceSizes(force, length, scale, round_off),
             target.totals,
-            torque_of(self.interface, self._pairs, solution),
+            make_torque_function(self.interface, self._pairs, solution),
         )
 
     def _start_increment(
@@ -485,7 +485,7 @@ class FiniteStepping:
         """Return the equations from a state to a target, the body being at all unknowns (n,)."""
         interface = self.interface
         start = make_increment_start(state, interface, state.placements)
-        reduction = replace(self._reduction, offset=self.prescribed())
+        reduction = replace(self._reduction, offset=self.prescribed_displacements())
         of_body = self._body, system, reduction, self._guard, at
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, start.q, target.q)
@@ -509,7 +509,7 @@ class FiniteStepping:
         """Return the last tangent (n, n)."""
         return self._body.tangent
 
-    def prescribed(self) -> PETSc.Vec:
+    def prescribed_displacements(self) -> PETSc.Vec:
         return evaluate_conditions(self._whole, self._conditions)[1]
 
     def contains(self, constant: fem.Constant) -> bool:
@@ -524,24 +524,26 @@ class FiniteStepping:
         single = isinstance(self._conditions, fem.DirichletBC)
         return [self._conditions] if single else self._conditions
 
-    def linearise(self, part: Part) -> Linearised:
+    def linearise(self, part: HistoryPart) -> LinearisedEnd:
         """Return the equations at a part's end, and leave u, constants and conditions there."""
-        self._apply(part.load, part.share)
-        free = part.state.free_motions
+        self._apply(part.load, part.load_factor)
+        free = part.part_end.free_motions
         system = self._system_for(free)
-        target = IncrementTarget.from_state(part.state, turning=True).with_free(free)
-        unknowns = part.state.unknowns
-        increment, kinematics = self._start_increment(part.before, target, system, unknowns)
-        states, dim = (part.before, part.state), self.interface.position.shape[1]
+        target = IncrementTarget.from_state(part.part_end, turning=True).with_free(free)
+        unknowns = part.part_end.unknowns
+        increment, kinematics = self._start_increment(part.part_start, target, system, unknowns)
+        states, dim = (part.part_start, part.part_end), self.interface.position.shape[1]
         turned = any(pair.rotation for state in states for pair in state.pairs)
         if turned or any(axis == dim for _, axis in free):
             raise ValueError("has a surface that has turned, of which no derivatives are given")
-        end = make_increment_start(part.state, self.interface, part.state.placements)
+        end = make_increment_start(part.part_end, self.interface, part.part_end.placements)
         linearised = kinematics.linearise(end.q, end.displacement, end.force)
         solution = increment.evaluate(unknowns, end.q, linearised)
         increment.equilibrium.linearise(linearised.torque_map)
         slip_by_start = kinematics.slip_by_start(linearised)
-        return Linearised(increment, solution, self._body.tangent, self._reduction, slip_by_start)
+        return LinearisedEnd(
+            increment, solution, self._body.tangent, self._reduction, slip_by_start
+        )
 
     def _system_for(self, free: FreeMotions) -> ContactSystem:
         """Return the system for these free motions; the last one is kept."""
@@ -567,7 +569,7 @@ class FiniteStepping:
     def _apply(self, load: Loading | None, share: float) -> None:
         with collective_errors(self.interface.comm) as same:
             if load is not None:
-                with self.coefficients.note_changes():
+                with self.coefficients.record_changes():
                     call_user_function(self.interface.comm, "the load", load, share)
             same["the constants and conditions"] = self._constants, self._conditions
 

@@ -1,6 +1,9 @@
-"""Impact: central differences with nodal unilateral contact and Coulomb friction.
+"""Impact on rigid surfaces: central differences with nodal unilateral contact and Coulomb friction.
 
-The guide's page on theory has the scheme, its energy and its stability ("Impact").
+The guide's page on theory has the scheme, its energy and its stability ("Impact"). The module
+guarantees that no contact node penetrates at the end of a step, and that kinetic and strain energy
+change by the work of loads and contact to round-off. It assumes a symmetric stiffness, a diagonal
+mass, small displacements and rigid surfaces.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,7 +38,7 @@ from pw_elements.contact.steps.checks import PathInTime, check_contact_arguments
 from pw_elements.contact.steps.smallness import (
     SmallnessCheck,
     gradient_at_vertices,
-    log_large,
+    log_large_values,
     measure_largest_gradient,
 )
 from pw_elements.progress import report_activity
@@ -44,21 +47,21 @@ from pw_elements.spaces import AssemblyRecord
 
 Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 
-# Part of the critical step that is taken unless another step is given
-_COURANT = 0.9
-# Seconds a step for each entry of the stiffness, some
-_SECONDS = 3e-9
-# Of masses that are equal, and of a whole number of steps
-_EQUAL = 1e-9
-# Halvings by which the slip beside a support's is found to round-off
-_BISECTIONS = 60
-# Largest penetration at the start that passes for round-off, over the extent of the contact nodes
-_ROUND_OFF_DEPTH = 1e-6
+# Default time step over the critical one
+_DEFAULT_STEP_RATIO = 0.9
+# Estimated seconds of one step for each entry of the stiffness
+_SECONDS_PER_ENTRY = 3e-9
+# Relative difference of masses of one node, and of step counts, that counts as round-off
+_ROUND_OFF = 1e-9
+# Bisections that find a slip beside the slip that supports prescribe to round-off
+_N_BISECTIONS = 60
+# Largest penetration at the start, over the extent of the contact nodes, that counts as round-off
+_MAX_INITIAL_DEPTH = 1e-6
 
 
 @dataclass(frozen=True)
 class NodalContact:
-    """Contact in one step, at the points (m) of this process."""
+    """Contact forces and slip in one time step, of the contact nodes (m) of this process."""
 
     force_normal: Array  # (m,)
     force_tangential: Array  # (m, dim)
@@ -72,76 +75,91 @@ class NodalContact:
         return self.force_normal[:, None] * self.normal + self.force_tangential
 
 
-def nodal_contact(
+def solve_nodal_contact(
     motion: Array,
     gap: Array,
     normal: Array,
     shift: Array,
-    held: Mask,
-    acts: Mask,
+    is_supported: Mask,
+    friction_acts: Mask,
     mass: Array,
     cone: FrictionCone,
     step: float,
 ) -> NodalContact:
-    """The law at points (m): forces by which a step ends with no penetration, and Coulomb's slip.
+    """Return the forces by which a step ends without penetration, with slip by Coulomb's law.
 
-    `motion` (m, dim) is how the points would move in the step without contact, `shift` (m, dim) how
-    their surfaces do; `gap` (m,) is that at its start, to the surfaces as they are at its end.
-    Supports keep components that are `held` (m, dim): friction takes none of their slip back, but
-    opposes it where it `acts` (m, dim) on them.
+    Args:
+        motion: (m, dim), displacements of the nodes in the step without contact.
+        gap: (m,), at the start of the step, from the surfaces at its end.
+        normal: (m, dim), of the surfaces.
+        shift: (m, dim), displacements of the surfaces in the step.
+        is_supported: (m, dim), components that supports prescribe, whose slip friction does not
+            change.
+        friction_acts: (m, dim), components that supports prescribe and along which friction acts
+            against their slip.
+        mass: (m,), of the nodes.
+        cone: friction laws of the nodes.
+        step: the time step.
     """
     stiffness = mass / step**2
-    reached = gap + np.sum(normal * motion, axis=1)
-    pressed = np.where(reached < 0, -stiffness * reached, 0.0)
+    end_gap = gap + np.sum(normal * motion, axis=1)
+    normal_force = np.where(end_gap < 0, -stiffness * end_gap, 0.0)
     slip = motion - shift
     slip = slip - np.sum(slip * normal, axis=1)[:, None] * normal
-    fixed, slip = np.where(acts, slip, 0.0), np.where(held, 0.0, slip)
-    limit, sticking = cone.limit(pressed)[0], stiffness * np.linalg.norm(slip, axis=1)
-    share: Array = np.minimum(1.0, limit / np.where(sticking > 0, sticking, 1.0))
-    rest = np.asarray(1 - share)
-    dragged: Mask = np.any(fixed != 0, axis=1)
-    if dragged.any():
-        rest[dragged] = _slip_left(
-            np.linalg.norm(fixed[dragged], axis=1),
-            np.linalg.norm(slip[dragged], axis=1),
-            (limit / stiffness)[dragged],
+    prescribed_slip, slip = np.where(friction_acts, slip, 0.0), np.where(is_supported, 0.0, slip)
+    limit, stick_force = cone.limit(normal_force)[0], stiffness * np.linalg.norm(slip, axis=1)
+    stopped_ratio: Array = np.minimum(1.0, limit / np.where(stick_force > 0, stick_force, 1.0))
+    slip_ratio = np.asarray(1 - stopped_ratio)
+    is_dragged: Mask = np.any(prescribed_slip != 0, axis=1)
+    if is_dragged.any():
+        slip_ratio[is_dragged] = _remaining_slip_ratio(
+            np.linalg.norm(prescribed_slip[is_dragged], axis=1),
+            np.linalg.norm(slip[is_dragged], axis=1),
+            (limit / stiffness)[is_dragged],
         )
-    left = np.where(rest[:, None] > 0, rest[:, None] * slip, 0.0) + fixed
-    size = np.linalg.norm(left, axis=1)[:, None]
-    against = -limit[:, None] * left / np.where(size > 0, size, 1.0)
-    taken = -(share * stiffness)[:, None] * slip
-    force = np.where(dragged[:, None], against, taken)
-    return NodalContact(pressed, force, np.maximum(reached, 0.0), normal, left)
+    remaining_slip = (
+        np.where(slip_ratio[:, None] > 0, slip_ratio[:, None] * slip, 0.0) + prescribed_slip
+    )
+    slip_size = np.linalg.norm(remaining_slip, axis=1)[:, None]
+    force_against_slip = -limit[:, None] * remaining_slip / np.where(slip_size > 0, slip_size, 1.0)
+    force_that_stops = -(stopped_ratio * stiffness)[:, None] * slip
+    force = np.where(is_dragged[:, None], force_against_slip, force_that_stops)
+    return NodalContact(normal_force, force, np.maximum(end_gap, 0.0), normal, remaining_slip)
 
 
-def _slip_left(fixed: Array, slip: Array, most: Array) -> Array:
-    """Return the share (n,) of slips (n,) that friction leaves beside slips that supports fix (n,).
+def _remaining_slip_ratio(prescribed: Array, slip: Array, max_reduction: Array) -> Array:
+    """Return the part (n,) of a free slip that friction leaves beside a prescribed slip.
 
-    Of a slip v beside a fixed one f it leaves x in [0, v] with v - x = most x / |(f, x)|, `most`
-    (n,) being the way on which friction of its largest size moves a node.
+    Beside a prescribed slip f friction leaves x in [0, v] of a slip v, with
+    v - x = max_reduction x / |(f, x)|.
+
+    Args:
+        prescribed: (n,), sizes f of the prescribed slips.
+        slip: (n,), sizes v of the free slips without friction.
+        max_reduction: (n,), largest reduction of a slip by friction.
     """
-    low, high = np.zeros_like(slip), slip.copy()
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        beyond = middle + most * middle / np.hypot(fixed, middle) > slip
-        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
-    return np.asarray(high / np.where(slip > 0, slip, 1.0))
+    lower, upper = np.zeros_like(slip), slip.copy()
+    for _ in range(_N_BISECTIONS):
+        middle = (lower + upper) / 2
+        is_too_large = middle + max_reduction * middle / np.hypot(prescribed, middle) > slip
+        lower, upper = np.where(is_too_large, lower, middle), np.where(is_too_large, middle, upper)
+    return np.asarray(upper / np.where(slip > 0, slip, 1.0))
 
 
 @dataclass(frozen=True)
 class Energies:
     """Energies and work (s + 1,) at half steps, the first one half a step before the start.
 
-    kinetic + strain changes by the work alone, to round-off.
+    The sum of kinetic and strain energy changes by the work alone, to round-off.
 
     Args:
-        kinetic: v' M v / 2.
-        strain: u' K u / 2, one u being the displacement before, the other the one after the half
-            step: it may be slightly negative.
-        load_work: of the loads, since the start.
-        normal_work: of normal contact forces, since the start: what impacts take, and what moving
-            surfaces do.
-        friction_work: of friction, since the start.
+        kinetic: kinetic energy v' M v / 2.
+        strain: strain energy u' K u / 2 with the displacements before and after the half step; it
+            may be slightly negative.
+        load_work: work of the loads since the start.
+        normal_work: work of the normal contact forces since the start: of impacts and of moving
+            surfaces.
+        friction_work: work of friction since the start.
     """
 
     kinetic: Array
@@ -152,12 +170,12 @@ class Energies:
 
     @property
     def total(self) -> Array:
-        """Kinetic and strain energy together."""
+        """Sum of kinetic and strain energy."""
         return self.kinetic + self.strain
 
     @property
     def imbalance(self) -> float:
-        """Largest difference of the change of energy and the work, over the largest of them."""
+        """Largest difference between the change of energy and the work, over the largest part."""
         work = self.load_work + self.normal_work + self.friction_work
         scale = max(np.abs(part).max() for part in vars(self).values())
         return float(np.abs(self.total - self.total[0] - work).max() / (scale or 1.0))
@@ -165,14 +183,14 @@ class Energies:
 
 @dataclass(frozen=True)
 class PairHistory:
-    """Contact of one pair over s steps; its m nodes in the order of their positions.
+    """Contact of one pair over s steps, with its m nodes in the order of their positions.
 
     Args:
         position: (m, dim), undeformed.
         node: (m,), global numbers in the space, valid for this number of processes.
-        force: (s, m, dim), of the surface on the body at each node, at the times of
-            `ImpactHistory` but the last.
-        translation: (s + 1, dim), of the surface from its initial place.
+        force: (s, m, dim), of the surface on the body at each node, at all times of
+            `ImpactHistory` except the last one.
+        translation: (s + 1, dim), of the surface from its initial position.
     """
 
     position: Array
@@ -182,27 +200,27 @@ class PairHistory:
 
     @property
     def total(self) -> Array:
-        """Force (s, dim) of the surface on the body."""
+        """Total force (s, dim) of the surface on the body."""
         return np.asarray(self.force.sum(axis=1))
 
 
 @dataclass(frozen=True)
 class ImpactHistory:
-    """Motion, contact forces and energies that `solve_impact` found.
+    """Result of `solve_impact`: motion, contact forces and energies.
 
     Args:
         step: the time step.
-        critical_step: the largest stable time step, without contact.
-        time: (s + 1,), from 0 on.
+        critical_step: largest stable time step without contact.
+        time: (s + 1,), starting at 0.
         energies: at the half steps before these times.
-        pairs: one per contact pair.
+        pairs: one history per contact pair.
         displacement: (n,), at the last time; coefficients with the symmetric sibling.
         velocity: (n,), half a step before the last time.
-        frames: `ContactState`s with the displacements at `frame_times` and the contact forces
-            that led there, for `ContactFields` and `write`. They are not states of equilibrium:
-            residuals are NaN, and no static increment can continue from them. With the sibling
-            displacements are true ones, gaps and slips those of the coefficients.
-        frame_times: of the frames.
+        frames: `ContactState`s with the displacements at `frame_times` and the contact forces of
+            the step before, for `ContactFields` and `write`. They are not states of equilibrium:
+            residuals are NaN, and no static increment can continue from them. With the sibling they
+            have the true displacements, but gaps and slips of the coefficients.
+        frame_times: times of the frames.
     """
 
     step: float
@@ -232,7 +250,7 @@ def solve_impact(
     frames: int = 0,
     max_steps: int = 1_000_000,
 ) -> ImpactHistory:
-    """Motion of a body that may hit rigid surfaces, by central differences.
+    """Compute the motion of a body that may hit rigid surfaces, by central differences.
 
         sibling = Sibling.from_space(U)
         K, M = sibling.matrix(K_standard), lumped_mass(sibling.matrix(M_standard), U)
@@ -245,38 +263,40 @@ def solve_impact(
 
     Args:
         K: stiffness (n, n), symmetric, all rows and columns free.
-        M: mass (n, n), diagonal and positive, the same for all components of a node, such as
-            `lumped_mass` makes.
-        reduction: supports; they keep their values.
-        pairs: contact pairs, against rigid surfaces. Their `motions` do not count here.
+        M: mass (n, n), diagonal and positive, the same for all components of a node, for example
+            of `lumped_mass`.
+        reduction: supports; their values are constant in time.
+        pairs: contact pairs with rigid surfaces. Their `motions` are ignored.
         space: trial space of the displacements.
         duration: positive; the last step ends at this time or later.
-        velocity: (n,), at the start; zero where supports prescribe displacements.
-        load: load vector (n,), or a function of time that gives it.
-        paths: of each pair's surface, the translation (dim,) from its initial place as a function
-            of time; None for one that rests there; by default all rest. A single one need not be
-            in a list.
-        displacement: (n,), at the start; by default what supports prescribe, zero elsewhere.
+        velocity: (n,), at the start; counts as zero where supports prescribe displacements.
+        load: load vector (n,), or a function of time that returns it.
+        paths: for each pair's surface, a function of time that returns its translation (dim,) from
+            its initial position, or None for a surface at rest; by default all are at rest. A
+            single one need not be in a list.
+        displacement: (n,), at the start; by default the values of the supports, zero elsewhere.
         step: time step; by default 0.9 of the critical one.
-        frames: how many `ContactState`s to keep, evenly spaced up to the last, for `write`. Where
-            strains or rotations of one, or of the last state, are not small, that is logged.
-        max_steps: the most that may be made.
+        frames: number of `ContactState`s to keep, evenly spaced up to the last one, for `write`. A
+            warning is logged if strains or rotations in one of them, or at the end, are not small.
+        max_steps: largest number of steps.
 
     Raises:
-        TypeError, ValueError: for arguments that do not make such a problem; an unsymmetric
+        TypeError, ValueError: for arguments that do not define such a problem: an unsymmetric
             stiffness or one with negative eigenvalues, a mass that is not diagonal, positive and
             isotropic, nodes inside a surface at the start, a step that is not stable or in which a
-            surface moves farther than a facet reaches, or too many steps.
+            surface moves farther than the size of a facet, or too many steps.
         DegenerateMesh: for cells that are flat or inverted.
         FloatingPointError: if the motion is not finite.
     """
-    stated = check_contact_arguments(K, reduction, pairs, space, 1, None)
-    moves = check_paths(paths, stated, space)
-    start = {"the velocity": velocity}
+    contact_pairs = check_contact_arguments(K, reduction, pairs, space, 1, None)
+    surface_paths = check_paths(paths, contact_pairs, space)
+    initial_values = {"the velocity": velocity}
     if displacement is not None:
-        start["the displacement"] = displacement
-    constant = {} if load is None or arguments.is_user_function(load) else {"the load": load}
-    check_problem({"the stiffness": K, "the mass": M}, start, constant, (reduction,), space)
+        initial_values["the displacement"] = displacement
+    constant_load = {} if load is None or arguments.is_user_function(load) else {"the load": load}
+    check_problem(
+        {"the stiffness": K, "the mass": M}, initial_values, constant_load, (reduction,), space
+    )
     comm = space.mesh.comm
     arguments.check_positive("duration", duration)
     if step is not None:
@@ -284,72 +304,94 @@ def solve_impact(
     arguments.check_integer("frames", frames, 0)
     arguments.check_integer("max_steps", max_steps, 1)
     check_mesh(space.mesh)
-    critical = critical_step(K, M, reduction)
+    max_stable_step = critical_step(K, M, reduction)
     if step is None:
-        step = _COURANT * critical
-    if step > critical:
-        raise ValueError(f"step = {step:.6g}: central differences are stable up to {critical:.6g}")
-    steps = np.ceil(duration / step * (1 - _EQUAL))
-    if steps > max_steps:
+        step = _DEFAULT_STEP_RATIO * max_stable_step
+    if step > max_stable_step:
         raise ValueError(
-            f"duration = {duration:.6g} takes {steps:.3g} steps of {step:.3g}, more than max_steps "
-            f"= {max_steps}: some {steps * _SECONDS * K.getInfo()['nz_used'] / 3600:.2g} hours"
+            f"step = {step:.6g}: central differences are stable up to {max_stable_step:.6g}"
         )
-    steps, sibling = int(steps), AssemblyRecord.read(K).sibling
-    interface = build_interface(stated, space, reduction, AssemblyRecord.read(K))
-    free = _free(reduction)
+    n_steps = np.ceil(duration / step * (1 - _ROUND_OFF))
+    if n_steps > max_steps:
+        hours = n_steps * _SECONDS_PER_ENTRY * K.getInfo()["nz_used"] / 3600
+        raise ValueError(
+            f"duration = {duration:.6g} takes {n_steps:.3g} steps of {step:.3g}, more than "
+            f"max_steps = {max_steps}: about {hours:.2g} hours"
+        )
+    n_steps, sibling = int(n_steps), AssemblyRecord.read(K).sibling
+    interface = build_interface(contact_pairs, space, reduction, AssemblyRecord.read(K))
+    is_free = _find_free_unknowns(reduction)
     u, v = reduction.offset.copy(), velocity.copy()
-    v.setArray(np.where(free, velocity.array_r, 0.0))
+    v.setArray(np.where(is_free, velocity.array_r, 0.0))
     if displacement is not None:
-        u.setArray(np.where(free, displacement.array_r, reduction.offset.array_r))
-    march = _March(K, _masses(M, space), free, interface, moves, load, step, u, v)
-    u, smallness = fem.Function(space), Smallness()
-    gradient = gradient_at_vertices(u)
-    march.reach = SmallnessCheck(interface, space).finest
-    kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
+        u.setArray(np.where(is_free, displacement.array_r, reduction.offset.array_r))
+    integration = _TimeIntegration(
+        K, _nodal_masses(M, space), is_free, interface, surface_paths, load, step, u, v
+    )
+    smallness, gradient_function = Smallness(), fem.Function(space)
+    gradient = gradient_at_vertices(gradient_function)
+    integration.max_surface_steps = SmallnessCheck(interface, space).min_facet_sizes
+    kept_steps = np.unique(np.linspace(0, n_steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
-    with report_activity(comm, f"{steps} steps of time"):
-        for n in range(1, steps + 1):
-            contact = march.advance()
-            if n in kept or n == steps:
-                moved = u.copy() if sibling is None else sibling.displacement(u)
-                state = march.frame(moved, contact)
-                before, smallness = (
-                    smallness,
-                    Smallness(*measure_largest_gradient(gradient, u, moved)),
-                )
-                log_large(smallness, before, f"step {n}", comm)
-                states += [replace(state, smallness=smallness)] * (n in kept)
-    forces, places = np.array(march.forces), np.array(march.places)
+    with report_activity(comm, f"{n_steps} time steps"):
+        for n in range(1, n_steps + 1):
+            contact = integration.advance()
+            if n in kept_steps or n == n_steps:
+                true_displacement = u.copy() if sibling is None else sibling.displacement(u)
+                state = integration.make_frame(true_displacement, contact)
+                largest = measure_largest_gradient(gradient, gradient_function, true_displacement)
+                previous, smallness = smallness, Smallness(*largest)
+                log_large_values(smallness, previous, f"step {n}", comm)
+                states += [replace(state, smallness=smallness)] * (n in kept_steps)
+    forces, translations = np.array(integration.forces), np.array(integration.translations)
     return ImpactHistory(
         step=step,
-        critical_step=critical,
-        time=step * np.arange(steps + 1, dtype=np.float64),
-        energies=Energies(*np.array(march.energies).T),
+        critical_step=max_stable_step,
+        time=step * np.arange(n_steps + 1, dtype=np.float64),
+        energies=Energies(*np.array(integration.energies).T),
         pairs=tuple(
             PairHistory(
                 position=interface.in_order(k, interface.position),
                 node=interface.in_order(k, interface.node),
                 force=interface.in_order(k, forces.swapaxes(0, 1)).swapaxes(0, 1),
-                translation=places[:, k],
+                translation=translations[:, k],
             )
-            for k in range(len(stated))
+            for k in range(len(contact_pairs))
         ),
         displacement=u,
         velocity=v,
         frames=tuple(states),
-        frame_times=tuple(step * n for n in kept),
+        frame_times=tuple(step * n for n in kept_steps),
     )
 
 
-class _March:
-    """Displacements and velocities as they go on, and what is kept of each step."""
+class _TimeIntegration:
+    """Central differences from displacements and velocities at time zero, with all records.
+
+    Args:
+        K: stiffness (n, n).
+        mass: (n,), of this process.
+        is_free: (n,), unknowns of this process that no support prescribes.
+        interface: the contact nodes (m).
+        paths: translation (dim,) of each pair's surface as a function of time, None at rest.
+        load: load vector, or a function of time that returns it.
+        step: the time step.
+        u: displacements (n,), changed by `advance`.
+        v: velocities (n,), changed by `advance`; half a step before the displacements.
+
+    Attributes:
+        energies: (5,) at each half step: kinetic and strain energy, and work of load, normal forces
+            and friction since the start.
+        forces: (m, dim) of each step.
+        translations: (pairs, dim), of the surfaces at each time.
+        max_surface_steps: (pairs,), largest translation of each surface in one step.
+    """
 
     def __init__(
         self,
         K: PETSc.Mat,
         mass: Array,
-        free: Mask,
+        is_free: Mask,
         interface: Interface,
         paths: Sequence[PathInTime | None],
         load: Load | None,
@@ -357,160 +399,182 @@ class _March:
         u: PETSc.Vec,
         v: PETSc.Vec,
     ) -> None:
-        """Starts from displacements and velocities at the time 0, which `advance` will change."""
-        # products by nodes are faster than PETSc's by inodes
-        blocked = K.getBlockSize() > 1 and not is_blocked(K)
-        self._K = K.convert("baij", PETSc.Mat()) if blocked else K
+        # products by blocks of nodes are faster than those of PETSc's inodes
+        has_point_blocks = K.getBlockSize() > 1 and not is_blocked(K)
+        self._K = K.convert("baij", PETSc.Mat()) if has_point_blocks else K
         self._mass, self._step, self._interface = mass, step, interface
-        self._inverse = np.where(free, 1 / mass, 0.0)
+        self._inverse_mass = np.where(is_free, 1 / mass, 0.0)
         self._paths, self._load, self._comm = paths, load, interface.comm
         dim = interface.position.shape[1]
-        first, _ = K.getOwnershipRange()
-        self._rows = interface.node[:, None] * dim + np.arange(dim) - first
+        first_row, _ = K.getOwnershipRange()
+        self._node_rows = interface.node[:, None] * dim + np.arange(dim) - first_row
         self.energies: list[Array] = []
         self.forces: list[Array] = []
-        self.places = [self._translations(0.0)]
-        self._u, self._v, self._inner = u, v, u.duplicate()
-        K.mult(u, self._inner)
-        # velocities half a step before the start make the first step like all others
-        v.setArray(v.array_r - step / 2 * self._inverse * (self._loads(0.0) - self._inner.array_r))
-        self._before = u.array_r - step * v.array_r
-        self._surfaces = self._seen()
-        gap, normal = self._surfaces
-        gap = gap + np.sum(normal * u.array_r[self._rows], axis=1)
+        self.translations = [self._evaluate_paths(0.0)]
+        self._u, self._v, self._internal_force = u, v, u.duplicate()
+        K.mult(u, self._internal_force)
+        # start half a step earlier, so that the first step is like all others
+        v.setArray(
+            v.array_r
+            - step
+            / 2
+            * self._inverse_mass
+            * (self._evaluate_load(0.0) - self._internal_force.array_r)
+        )
+        self._previous_u = u.array_r - step * v.array_r
+        self._gap_and_normal = self._evaluate_surfaces()
+        gap, normal = self._gap_and_normal
+        gap = gap + np.sum(normal * u.array_r[self._node_rows], axis=1)
         depth = -interface.gathered(gap).min()
         interface.refuse(
-            gap < -_ROUND_OFF_DEPTH * np.ptp(interface.gathered(interface.position)),
-            "lie inside the rigid surface at the start, and would be shot out: let it come from "
+            gap < -_MAX_INITIAL_DEPTH * np.ptp(interface.gathered(interface.position)),
+            "lie inside the rigid surface at the start, and would be shot out: let it start "
             f"{depth:.3g} farther away (the sibling's coefficients reach a curved surface a little "
             "earlier)",
         )
-        self._keep(np.zeros(3))
-        self.reach = [np.inf] * len(paths)  # farthest that each surface may move in a step
+        self._record_energies(np.zeros(3))
+        self.max_surface_steps = [np.inf] * len(paths)
 
     def advance(self) -> NodalContact:
+        """Advance by one step and return its contact forces."""
         interface, dt = self._interface, self._step
         time = dt * len(self.forces)
-        load, now = self._loads(time), self._u.array_r.copy()
-        velocity = self._v.array_r + dt * self._inverse * (load - self._inner.array_r)
-        self.places.append(self._translations(time + dt))
-        shift = self.places[-1] - self.places[-2]
-        for k, way in enumerate(np.linalg.norm(shift, axis=1)):
-            if way > self.reach[k]:
+        load, old_u = self._evaluate_load(time), self._u.array_r.copy()
+        velocity = self._v.array_r + dt * self._inverse_mass * (load - self._internal_force.array_r)
+        self.translations.append(self._evaluate_paths(time + dt))
+        shift = self.translations[-1] - self.translations[-2]
+        for k, distance in enumerate(np.linalg.norm(shift, axis=1)):
+            if distance > self.max_surface_steps[k]:
                 raise ValueError(
-                    f"the surface of contact pair {k} moves by {way:.3g} in the step from the time "
-                    f"{time:.6g} on, farther than a facet reaches ({self.reach[k]:.3g}): it would "
-                    "jump into the body; take smaller steps, or a slower surface"
+                    f"the surface of contact pair {k} moves by {distance:.3g} in the step from the "
+                    f"time {time:.6g} on, farther than a facet reaches "
+                    f"({self.max_surface_steps[k]:.3g}): it would jump into the body; use smaller "
+                    "steps, or a slower surface"
                 )
         if shift.any():
-            self._surfaces = self._seen()
-        gap, normal = self._surfaces
-        gap = gap + np.sum(normal * now[self._rows], axis=1)
-        contact = nodal_contact(
-            dt * velocity[self._rows],
+            self._gap_and_normal = self._evaluate_surfaces()
+        gap, normal = self._gap_and_normal
+        gap = gap + np.sum(normal * old_u[self._node_rows], axis=1)
+        contact = solve_nodal_contact(
+            dt * velocity[self._node_rows],
             gap,
             normal,
             shift[interface.pair],
             interface.equation < 0,
             interface.held_components,
-            self._mass[self._rows[:, 0]],
+            self._mass[self._node_rows[:, 0]],
             interface.cone,
             dt,
         )
         if interface.cone.has_user_law:
             interface.check_laws()
-        velocity[self._rows] += dt * self._inverse[self._rows] * contact.force
+        velocity[self._node_rows] += dt * self._inverse_mass[self._node_rows] * contact.force
         self._v.setArray(velocity)
         self._u.axpy(dt, self._v)
-        self._K.mult(self._u, self._inner)
+        self._K.mult(self._u, self._internal_force)
 
-        half = (self._u.array_r - self._before) / 2
-        pushes = contact.force_normal[:, None] * normal, contact.force_tangential
-        self._before = now
-        self._keep(np.array([load @ half, *(np.sum(push * half[self._rows]) for push in pushes)]))
+        half_motion = (self._u.array_r - self._previous_u) / 2
+        forces = contact.force_normal[:, None] * normal, contact.force_tangential
+        self._previous_u = old_u
+        self._record_energies(
+            np.array(
+                [
+                    load @ half_motion,
+                    *(np.sum(force * half_motion[self._node_rows]) for force in forces),
+                ]
+            )
+        )
         self.forces.append(contact.force)
         return contact
 
-    def frame(self, displacement: PETSc.Vec, contact: NodalContact) -> ContactState:
-        interface, closed = self._interface, contact.force_normal > 0
-        slip = np.where(closed[:, None], contact.slip, 0.0)
-        status = np.where(closed, np.where(slip.any(axis=1), SLIP, STICK), OPEN).astype(np.int8)
-        known = {
+    def make_frame(self, displacement: PETSc.Vec, contact: NodalContact) -> ContactState:
+        """Return displacements and contact of the last step as a `ContactState`."""
+        interface, is_closed = self._interface, contact.force_normal > 0
+        slip = np.where(is_closed[:, None], contact.slip, 0.0)
+        status = np.where(is_closed, np.where(slip.any(axis=1), SLIP, STICK), OPEN).astype(np.int8)
+        pair_values = {
             **vars(replace(contact, slip=slip)),
             "friction": interface.cone.coefficient(contact.force_normal),
             "status": status,
-            "displacement": displacement.array_r[self._rows],
+            "displacement": displacement.array_r[self._node_rows],
         }
         pairs = make_pair_states(
-            interface, self.places[-1], contact.force, interface.force, **known
+            interface, self.translations[-1], contact.force, interface.force, **pair_values
         )
-        none = Residuals(*[np.nan] * 8)
-        steps = len(self.forces)
-        return ContactState(displacement, pairs, residuals=none, increment=steps, converged=False)
+        no_residuals = Residuals(*[np.nan] * 8)
+        n_steps = len(self.forces)
+        return ContactState(
+            displacement, pairs, residuals=no_residuals, increment=n_steps, converged=False
+        )
 
-    def _keep(self, work: Array) -> None:
-        """Energies after a step, and the work done in it."""
+    def _record_energies(self, work: Array) -> None:
+        """Record the energies after a step, and the work (3,) in it."""
         v = self._v.array_r
-        energies = [self._mass * v @ v / 2, self._before @ self._inner.array_r / 2, *work]
-        found = self._comm.allreduce(np.array(energies))
-        if not np.isfinite(found).all():
+        energies = [
+            self._mass * v @ v / 2,
+            self._previous_u @ self._internal_force.array_r / 2,
+            *work,
+        ]
+        totals = self._comm.allreduce(np.array(energies))
+        if not np.isfinite(totals).all():
             raise FloatingPointError(
-                f"the motion is not finite after {len(self.energies)} steps: look at the loads"
+                f"the motion is not finite after {len(self.energies)} steps: check the loads"
             )
         if self.energies:
-            found[2:] += self.energies[-1][2:]
-        self.energies.append(found)
+            totals[2:] += self.energies[-1][2:]
+        self.energies.append(totals)
 
-    def _seen(self) -> tuple[Array, Array]:
-        """Gaps and normals of the undeformed body's points to the surfaces as they are now."""
-        place = self.places[-1]
-        normal, gap = self._interface.normals(place), self._interface.gaps(place)
+    def _evaluate_surfaces(self) -> tuple[Array, Array]:
+        """Return gaps and normals of the undeformed nodes at the present surfaces."""
+        translations = self.translations[-1]
+        normal = self._interface.normals(translations)
+        gap = self._interface.gaps(translations)
         self._interface.check_supports(normal, gap)
         return gap, normal
 
-    def _loads(self, time: float) -> Array:
-        """Load (n,) on this process."""
-        given = self._load
-        if isinstance(given, PETSc.Vec):
-            return np.asarray(given.array_r)
-        if given is None:
+    def _evaluate_load(self, time: float) -> Array:
+        """Return the load (n,) of this process at a time."""
+        load = self._load
+        if isinstance(load, PETSc.Vec):
+            return np.asarray(load.array_r)
+        if load is None:
             return np.zeros_like(self._mass)
         with collective_errors(self._comm):
-            load = call_user_function(self._comm, "the load", given, time)
-        check_load(f"the load at the time {time:.6g}", load, self._K)
-        return np.asarray(load.array_r)
+            vector = call_user_function(self._comm, "the load", load, time)
+        check_load(f"the load at the time {time:.6g}", vector, self._K)
+        return np.asarray(vector.array_r)
 
-    def _translations(self, time: float) -> Array:
-        """Translations (pairs, dim) of the surfaces at a time."""
-        comm, dim = self._comm, self._rows.shape[1]
-        each = np.zeros((len(self._paths), dim))
+    def _evaluate_paths(self, time: float) -> Array:
+        """Return translations (pairs, dim) of the surfaces at a time."""
+        comm, dim = self._comm, self._node_rows.shape[1]
+        translations = np.zeros((len(self._paths), dim))
         if not any(self._paths):
-            return each
+            return translations
         with collective_errors(comm) as same:
             for k, path in enumerate(self._paths):
                 if path is not None:
                     whose = f"the path of contact pair {k}"
-                    each[k] = arguments.check_vector(
+                    translations[k] = arguments.check_vector(
                         whose, call_user_function(comm, whose, path, time), dim
                     )
-            same["the paths"] = each
-        return each
+            same["the paths"] = translations
+        return translations
 
 
-def _masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
-    """Masses (n,) on this process, the same for all components of a node."""
+def _nodal_masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
+    """Return masses (n,) of this process, and raise ValueError if components differ."""
     mass = extract_diagonal_mass(M).array_r.copy()
-    of_node = mass.reshape(-1, space.dofmap.index_map_bs)
+    mass_of_node = mass.reshape(-1, space.dofmap.index_map_bs)
     with collective_errors(space.mesh.comm):
-        if np.any(np.ptp(of_node, axis=1) > _EQUAL * of_node[:, 0]):
+        if np.any(np.ptp(mass_of_node, axis=1) > _ROUND_OFF * mass_of_node[:, 0]):
             raise ValueError(
                 "the masses of a node's components differ: friction has no direction then"
             )
     return mass
 
 
-def _free(reduction: Reduction) -> Mask:
-    """Which unknowns (n,) of this process no support holds."""
+def _find_free_unknowns(reduction: Reduction) -> Mask:
+    """Return which unknowns (n,) of this process no support prescribes."""
     column = find_reduced_columns(reduction.right)
     with collective_errors(reduction.offset.comm.tompi4py()):
         if reduction.inner_flexibility is not None or np.any(column < -1):

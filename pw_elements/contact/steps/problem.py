@@ -26,10 +26,10 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.output import (
     Callback,
-    Identity,
-    check_changed,
-    identify_problem,
-    identify_stiffness,
+    Fingerprint,
+    check_changed_parts,
+    fingerprint_problem,
+    fingerprint_stiffness,
     read_state,
     write_state,
 )
@@ -51,9 +51,9 @@ from pw_elements.contact.steps.sensitivity import (
     Parameter,
     check_constants,
     check_loads,
-    checked_outputs,
-    checked_parameters,
-    parts_of,
+    check_outputs,
+    check_parameters,
+    iterate_history_parts,
 )
 from pw_elements.contact.steps.stepping import REMEDIES, Stepping
 from pw_elements.progress import report_activity
@@ -331,16 +331,16 @@ class ContactProblem:
                 "there are no derivatives of two bodies at large sliding, nor by an iterative "
                 "solver: use Direct()"
             )
-        out = checked_outputs(outputs, len(self.pairs), *known)
-        by = checked_parameters(parameters, len(states), self.pairs, *known)
+        out = check_outputs(outputs, len(self.pairs), *known)
+        by = check_parameters(parameters, len(states), self.pairs, *known)
         self._check_constants(by, out)
         given = None
         if weights is not None:
             given = arguments.check_real_array("weights", weights, (steps, len(out)))
-        parts = list(parts_of(states, loads or [None] * steps))
+        parts = list(iterate_history_parts(states, loads or [None] * steps))
         made = increments.interface, increments.linearise, self._residual
         derivatives = Derivatives(*made, parts, out, by)
-        return derivatives.direct() if given is None else derivatives.adjoint(given)
+        return derivatives.compute_direct() if given is None else derivatives.compute_adjoint(given)
 
     @check_same_arguments
     def release(self) -> None:
@@ -362,15 +362,15 @@ class ContactProblem:
     def _check_constants(self, parameters: Sequence[Any], outputs: Sequence[Any]) -> None:
         """Raise ValueError for constants on which nothing depends: a residual's can be told."""
 
-    def _identify(self) -> Identity:
+    def _identify(self) -> Fingerprint:
         """Return what tells the problem from others, on any number of processes; collective."""
         parts = self._identify_interface(find_reduced_columns(self._reduction.right))
-        return Identity(parts | identify_stiffness(self._K, self._space), None)
+        return Fingerprint(parts | fingerprint_stiffness(self._K, self._space), None)
 
     def _identify_interface(self, column: Indices) -> dict[str, Any]:
         """Return the parts that all problems have; columns (n,) are -1 where supports hold."""
         interface, states = self._increments.interface, self.undeformed.pairs
-        return identify_problem(interface, self.pairs, states, column, self._space)
+        return fingerprint_problem(interface, self.pairs, states, column, self._space)
 
     @check_same_arguments
     def save(self, state: ContactState, path: str | Path) -> None:
@@ -412,7 +412,7 @@ class ContactProblem:
                 which part, and by how much.
             OSError: if the file cannot be read.
         """
-        check_changed(changed)
+        check_changed_parts(changed)
         histories, identity = self._histories, self._identify()
         known = self.undeformed, self.pairs, self._stiffness
         return read_state(path, self._space, histories, identity, *known, changed)
@@ -502,9 +502,9 @@ class _ResidualProblem(ContactProblem):
     def _check_constants(self, parameters: Sequence[Any], outputs: Sequence[Any]) -> None:
         check_constants(parameters, outputs, self._finite)
 
-    def _identify(self) -> Identity:
+    def _identify(self) -> Fingerprint:
         column, residual = self._finite.identify()
-        return Identity(self._identify_interface(column), residual)
+        return Fingerprint(self._identify_interface(column), residual)
 
 
 @check_same_arguments

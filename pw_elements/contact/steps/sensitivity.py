@@ -1,8 +1,12 @@
-"""Derivatives of what a history results in by what it has been computed from.
+"""Derivatives of outputs of a load history by its parameters.
 
 With the tangent A of the law's active set at the end of increment k, A_k dx_k = b_k dp - P_k dx_k-1
-forwards, and A_k^T l_k = w_k - P_k+1^T l_k+1 backwards: see the guide's page on theory
-("Derivatives"; P. Michaleris, D. A. Tortorelli, C. A. Vidal, 1994, doi:10.1002/nme.1620371408).
+in the direct mode, and A_k^T l_k = w_k - P_k+1^T l_k+1 in the adjoint mode: see the guide's page on
+theory ("Derivatives"; P. Michaleris, D. A. Tortorelli, C. A. Vidal, 1994,
+doi:10.1002/nme.1620371408).
+
+The module guarantees derivatives of the discrete problem, exact to the accuracy of the solver. It
+assumes Coulomb friction, and states at which no node is about to change its status.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -40,85 +44,110 @@ Parameter: TypeAlias = (
     | tuple[fem.Constant | PETSc.Vec, Any]
 )
 
-# Force, over the largest one of a node, by which a status may be another
-_MARGIN = 1e-6
-# Violation of the law over its tolerance beyond which a state is not the end of its increment
-_NO_END = 10.0
+# Least distance of a node's force from a change of status, over the largest nodal force
+_MIN_STATUS_MARGIN = 1e-6
+# Largest violation of the law, over its tolerance, of a state at the end of its increment
+_MAX_END_VIOLATION = 10.0
 
 
 @dataclass(frozen=True)
-class Part:
-    """An increment, or a part of one."""
+class HistoryPart:
+    """An increment, or a part of one that has been cut.
 
-    number: int  # of the increment, from 0
-    start: ContactState  # of the increment
-    before: ContactState  # where the part starts
-    state: ContactState  # at its end
-    share: float  # of the increment, there
-    load: Any  # of the increment, as its step has had it
+    Args:
+        increment: number of the increment, from 0.
+        increment_start: state at the start of the increment.
+        part_start: state at the start of the part.
+        part_end: state at the end of the part.
+        load_factor: part of the increment's loads and motions that is applied at the end.
+        load: of the increment, as it was given to `step`.
+    """
+
+    increment: int
+    increment_start: ContactState
+    part_start: ContactState
+    part_end: ContactState
+    load_factor: float
+    load: Any
 
 
-def parts_of(states: Sequence[ContactState], loads: Sequence[Any]) -> Iterator[Part]:
-    """All parts of a history under loads, one per increment."""
+def iterate_history_parts(
+    states: Sequence[ContactState], loads: Sequence[Any]
+) -> Iterator[HistoryPart]:
+    """Yield all parts of a history of states under loads, one load per increment."""
     for k, ((start, end), load) in enumerate(zip(pairwise(states), loads, strict=True)):
         if k and end.substates and start.free_motions != end.free_motions:
             raise ValueError(
-                f"state {k + 1} was found in parts, on which a surface became free or held: no "
-                "rates are given of what moved it there. Make smaller increments"
+                f"state {k + 1} was found in parts while a surface became free or prescribed: the "
+                "rates of its motion in the parts are not known. Make smaller increments"
             )
-        before = start
-        for share, state in (*end.substates, (1.0, end)):
-            yield Part(k, start, before, state, share, load)
-            before = state
+        part_start = start
+        for load_factor, state in (*end.substates, (1.0, end)):
+            yield HistoryPart(k, start, part_start, state, load_factor, load)
+            part_start = state
 
 
 @dataclass(frozen=True)
-class Change:
-    """How a state changes, per unit of a parameter; or weights of all that."""
+class StateChange:
+    """Derivative of a state by a parameter, or weights of all of its components.
 
-    unknowns: PETSc.Vec  # (n,)
-    translations: Array  # (pairs, dim), the same on all processes
-    force: Array  # at the points of this process, (m, dim)
+    Args:
+        unknowns: (n,).
+        translations: (pairs, dim), of the surfaces, the same on all processes.
+        force: (m, dim), on the contact nodes of this process.
+    """
 
-    def plus(self, factor: float, other: "Change") -> "Change":
+    unknowns: PETSc.Vec
+    translations: Array
+    force: Array
+
+    def add_multiple(self, factor: float, other: "StateChange") -> "StateChange":
+        """Return the sum of this change and a multiple of another one."""
         unknowns = self.unknowns.copy()
         unknowns.axpy(factor, other.unknowns)
-        return Change(
+        return StateChange(
             unknowns,
             self.translations + factor * other.translations,
             self.force + factor * other.force,
         )
 
-    def weighing(self, change: "Change") -> float:
-        """The sum of a change, with these weights."""
+    def weighted_sum(self, change: "StateChange") -> float:
+        """Return the sum of a change's components with these weights."""
         comm = self.unknowns.comm.tompi4py()
-        forces = comm.allreduce(float(np.sum(self.force * change.force)), MPI.SUM)
-        moved = float(np.sum(self.translations * change.translations))
-        return float(self.unknowns.dot(change.unknowns)) + forces + moved
+        of_forces = comm.allreduce(float(np.sum(self.force * change.force)), MPI.SUM)
+        of_translations = float(np.sum(self.translations * change.translations))
+        return float(self.unknowns.dot(change.unknowns)) + of_forces + of_translations
 
 
 @dataclass(frozen=True)
-class Given:
-    """How what is given at the end of an increment changes, per unit of a parameter."""
+class DataRates:
+    """Derivatives of the data at the end of an increment by a parameter.
 
-    load: PETSc.Vec  # (n,)
-    offset: PETSc.Vec  # (n,), of prescribed displacements
-    motions: Array  # (pairs, dim), of translations, and of forces where they are free
-    friction: Array  # (pairs,), of coefficients
+    Args:
+        load: (n,), load vector.
+        offset: (n,), prescribed displacements.
+        motions: (pairs, dim), prescribed translations, and forces on the free ones.
+        friction: (pairs,), friction coefficients.
+    """
+
+    load: PETSc.Vec
+    offset: PETSc.Vec
+    motions: Array
+    friction: Array
 
 
-class Linearised:
+class LinearisedEnd:
     """Equations of an increment, or of a part of one, linearised at its end.
 
     Args:
-        increment: in which equilibrium is at the end.
+        increment: the equations, with equilibrium at the end.
         end: the solution.
-        K: tangent (n, n), free.
+        K: tangent (n, n), all rows and columns free.
         reduction: by the supports.
-        by_start: (m, dim - 1, dim), derivatives of slips by the points' motions at the start.
+        by_start: (m, dim - 1, dim), derivatives of slips by the nodes' motions at the start.
 
     Raises:
-        ValueError: if it is no solution, or a status is about to change.
+        ValueError: if `end` is not a solution, or a status is about to change.
     """
 
     def __init__(
@@ -129,216 +158,271 @@ class Linearised:
         reduction: Reduction,
         by_start: Array,
     ) -> None:
-        if end.violation > _NO_END:
+        if end.violation > _MAX_END_VIOLATION:
             raise ValueError(
-                "is not the end of a step from the one before under this load: give `states` and "
-                "`loads` as they were"
+                "is not the end of a step from the state before under this load: give the `states` "
+                "and `loads` of the computation"
             )
         self._system, self._K, self._reduction = increment.system, K, reduction
         self._check_margin(end)
         active, kinematics = end.nodes.active_set, end.kinematics
         self._law = kinematics.linearise_law(active, self._system.scale)
         self._torque_map = kinematics.torque_map
-        to_nodes = np.swapaxes(kinematics.frame, 1, 2)
-        of_slip = assemble_node_equations(active, self._system.scale)[1][:, :, 1:]
-        self._by_start = to_nodes @ of_slip @ by_start
+        to_global = np.swapaxes(kinematics.frame, 1, 2)
+        slip_equations = assemble_node_equations(active, self._system.scale)[1][:, :, 1:]
+        self._by_start = to_global @ slip_equations @ by_start
         friction = end.nodes.force[:, :1] * active.direction
-        self._by_friction = np.einsum("nat,nt->na", to_nodes[:, :, 1:], friction)
+        self._by_friction = np.einsum("nat,nt->na", to_global[:, :, 1:], friction)
 
     def _check_margin(self, end: NewtonState) -> None:
+        """Raise ValueError if a status is about to change, or supports bear friction."""
         interface, nodes = self._system.interface, end.nodes
-        closed = nodes.trial_pressure > 0
-        on_supports = closed & (nodes.held_tangents & (nodes.force[:, 1:] != 0)).any(axis=1)
-        on_supports |= closed & (nodes.is_dragged | nodes.is_coupled)
-        places = interface.gathered(interface.position[on_supports])
-        if len(places):
+        is_closed = nodes.trial_pressure > 0
+        on_supports = is_closed & (nodes.held_tangents & (nodes.force[:, 1:] != 0)).any(axis=1)
+        on_supports |= is_closed & (nodes.is_dragged | nodes.is_coupled)
+        positions = interface.gathered(interface.position[on_supports])
+        if len(positions):
             raise ValueError(
-                f"has contact nodes, first at {format_points(places)}, with friction along a "
-                "direction in which supports hold them: no derivatives are given of it. Let the "
-                "pair end before these nodes, or take friction away there"
+                f"has contact nodes, first at {format_points(positions)}, with friction along a "
+                "direction in which supports hold them: its derivatives are not available. Let the "
+                "pair end before these nodes, or remove the friction there"
             )
-        free = nodes.frame[:, 1:].any(axis=2) & ~nodes.held_tangents
-        slides = closed & nodes.cone.has_friction & free.any(axis=1)
-        apart = np.abs(np.linalg.norm(nodes.trial_friction, axis=1) - nodes.friction_limits[0])
-        margin = np.minimum(np.abs(nodes.trial_pressure), np.where(slides, apart, np.inf))
-        largest = np.linalg.norm(nodes.force, axis=1).max(initial=0.0)
-        largest = self._system.comm.allreduce(largest, MPI.MAX)
-        near = margin < _MARGIN * largest + end.round_off
-        places, least = interface.gathered(interface.position[near]), interface.gathered(margin)
-        if len(places):
+        has_free_tangent = nodes.frame[:, 1:].any(axis=2) & ~nodes.held_tangents
+        may_slip = is_closed & nodes.cone.has_friction & has_free_tangent.any(axis=1)
+        friction_margin = np.abs(
+            np.linalg.norm(nodes.trial_friction, axis=1) - nodes.friction_limits[0]
+        )
+        margin = np.minimum(
+            np.abs(nodes.trial_pressure), np.where(may_slip, friction_margin, np.inf)
+        )
+        max_force = np.linalg.norm(nodes.force, axis=1).max(initial=0.0)
+        max_force = self._system.comm.allreduce(max_force, MPI.MAX)
+        is_near_change = margin < _MIN_STATUS_MARGIN * max_force + end.round_off
+        positions, margins = (
+            interface.gathered(interface.position[is_near_change]),
+            interface.gathered(margin),
+        )
+        if len(positions):
             raise ValueError(
-                f"has contact nodes, first at {format_points(places)}, about to change their "
-                f"status: a force of {least.min():.1e} is left, beside the largest one of "
-                f"{largest:.1e}, and derivatives differ on either side. Take states a little "
+                f"has contact nodes, first at {format_points(positions)}, about to change their "
+                f"status: a force of {margins.min():.1e} is left, beside the largest one of "
+                f"{max_force:.1e}, and derivatives differ on either side. Take states a little "
                 "before or after"
             )
 
-    def change(self, given: Given, before: Change) -> Change:
-        """How the end changes with what is given there, and with the start."""
+    def propagate_change(self, rates: DataRates, start_change: StateChange) -> StateChange:
+        """Return the change of the end by rates of the data and by the change of the start."""
         system = self._system
-        load, law, totals, moved, offset = self._right(given)
-        start = (
-            system.point_displacements(before.unknowns) - before.translations[system.interface.pair]
+        load, law, totals, translations, offset = self._right_hand_side(rates)
+        start_motion = (
+            system.point_displacements(start_change.unknowns)
+            - start_change.translations[system.interface.pair]
         )
-        law = replace(law, c=law.c - np.einsum("nab,nb->na", self._by_start, start))
-        found = system.solve(load, law, totals, torque_map=self._torque_map)
-        for at, value in zip(system.free, found.free_motions, strict=True):
-            moved[at] = value
-        unknowns, unbalanced = offset.duplicate(), load.duplicate()
-        self._reduction.right.multAdd(found.reduced, offset, unknowns)
-        system.stiffness.mult(found.reduced, unbalanced)
-        unbalanced.axpy(-1.0, load)
-        return Change(unknowns, moved, system.forces(unbalanced)[0])
+        law = replace(law, c=law.c - np.einsum("nab,nb->na", self._by_start, start_motion))
+        solution = system.solve(load, law, totals, torque_map=self._torque_map)
+        for pair_and_axis, value in zip(system.free, solution.free_motions, strict=True):
+            translations[pair_and_axis] = value
+        unknowns, residual = offset.duplicate(), load.duplicate()
+        self._reduction.right.multAdd(solution.reduced, offset, unknowns)
+        system.stiffness.mult(solution.reduced, residual)
+        residual.axpy(-1.0, load)
+        return StateChange(unknowns, translations, system.forces(residual)[0])
 
-    def gradient(self, weights: Change, each: Sequence[Given]) -> tuple[Array, Change]:
-        """Derivatives (parameters,) of the weighted end by what is given; weights of the start."""
+    def propagate_weights(
+        self, weights: StateChange, rates_of_parameters: Sequence[DataRates]
+    ) -> tuple[Array, StateChange]:
+        """Return derivatives of the weighted end by data, and the weights of the start.
+
+        Args:
+            weights: of the end.
+            rates_of_parameters: rates of the data for each parameter.
+
+        Returns:
+            (parameters,), and the weights of the start.
+        """
         system, motion = self._system, self._system.interface.motion
         force, right = system.weigh_forces(weights.force), self._reduction.right.createVecRight()
         self._reduction.right.multTranspose(weights.unknowns, right)
         system.stiffness.multTransposeAdd(force, right, right)
-        free = np.array([weights.translations[at] for at in system.free])
+        free_weights = np.array(
+            [weights.translations[pair_and_axis] for pair_and_axis in system.free]
+        )
         assert isinstance(system.tangent, AssembledTangent)
-        found = system.tangent.solve_transposed(right.array_r, free, self._law)
-        slopes = np.zeros(len(each))
-        for k, given in enumerate(each):
-            load, law, totals, moved, offset = self._right(given)
-            known = np.append(*system.right_hand_sides(load, law, totals, self._torque_map))[
-                : len(found)
-            ]
-            slopes[k] = found @ known - force.array_r @ load.array_r
-            slopes[k] += weights.unknowns.array_r @ offset.array_r
-            slopes[k] += np.sum(weights.translations * moved) * (system.comm.rank == 0)
-        start = -np.einsum("nab,na->nb", self._by_start, system.at_points(found))
-        points, unknowns = motion.createVecLeft(), motion.createVecRight()
-        points.setArray(start)
-        motion.multTranspose(points, unknowns)
+        adjoint = system.tangent.solve_transposed(right.array_r, free_weights, self._law)
+        derivatives = np.zeros(len(rates_of_parameters))
+        for number, rates in enumerate(rates_of_parameters):
+            load, law, totals, motion_rates, offset = self._right_hand_side(rates)
+            right_hand_sides = np.append(
+                *system.right_hand_sides(load, law, totals, self._torque_map)
+            )[: len(adjoint)]
+            derivatives[number] = adjoint @ right_hand_sides - force.array_r @ load.array_r
+            derivatives[number] += weights.unknowns.array_r @ offset.array_r
+            derivatives[number] += np.sum(weights.translations * motion_rates) * (
+                system.comm.rank == 0
+            )
+        start_weights = -np.einsum("nab,na->nb", self._by_start, system.at_points(adjoint))
+        node_weights, unknowns = motion.createVecLeft(), motion.createVecRight()
+        node_weights.setArray(start_weights)
+        motion.multTranspose(node_weights, unknowns)
         translations = np.zeros_like(weights.translations)
-        np.add.at(translations, system.interface.pair, -start)
-        for sums in (slopes, translations):
-            system.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
-        return slopes, Change(unknowns, translations, np.zeros_like(start))
+        np.add.at(translations, system.interface.pair, -start_weights)
+        for values in (derivatives, translations):
+            system.comm.Allreduce(MPI.IN_PLACE, values, MPI.SUM)
+        return derivatives, StateChange(unknowns, translations, np.zeros_like(start_weights))
 
-    def _right(self, given: Given) -> tuple[PETSc.Vec, LinearisedLaw, Array, Array, PETSc.Vec]:
-        """Reduced load, law, totals, prescribed translations and displacements."""
-        system, moved = self._system, given.motions.copy()
-        totals = np.array([moved[at] for at in system.free])
-        for at in system.free:
-            moved[at] = 0.0
-        reduction = replace(self._reduction, offset=given.offset).for_load(self._K, given.load)
+    def _right_hand_side(
+        self, rates: DataRates
+    ) -> tuple[PETSc.Vec, LinearisedLaw, Array, Array, PETSc.Vec]:
+        """Return reduced load, law, totals, translations and displacements of data rates."""
+        system, translations = self._system, rates.motions.copy()
+        totals = np.array([translations[pair_and_axis] for pair_and_axis in system.free])
+        for pair_and_axis in system.free:
+            translations[pair_and_axis] = 0.0
+        reduction = replace(self._reduction, offset=rates.offset).for_load(self._K, rates.load)
         pair = system.interface.pair
-        law = replace(self._law, c=given.friction[pair, None] * self._by_friction)
-        still = law.D.shape[2] - moved.shape[1]  # surfaces that may turn do not
-        known = np.pad(moved[pair], [(0, 0), (0, still)])
-        law = eliminate_known_motions(law, known, system.point_motions(reduction.offset))
-        return reduction.load(self._K, given.load), law, totals, moved, reduction.offset
+        law = replace(self._law, c=rates.friction[pair, None] * self._by_friction)
+        # surfaces that may turn have angles, too, whose rates are zero
+        n_angles = law.D.shape[2] - translations.shape[1]
+        known_motions = np.pad(translations[pair], [(0, 0), (0, n_angles)])
+        law = eliminate_known_motions(law, known_motions, system.point_motions(reduction.offset))
+        return reduction.load(self._K, rates.load), law, totals, translations, reduction.offset
 
 
-class Residual(Protocol):
-    """What increments of a residual have besides those of a stiffness."""
+class ParametricResidual(Protocol):
+    """A residual with its unknown and Dirichlet conditions, whose derivatives are needed."""
 
     form: ufl.Form
     u: fem.Function
 
     def contains(self, constant: fem.Constant) -> bool:
-        """Whether the residual or one of its Dirichlet conditions depends on a constant."""
+        """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
 
-    def prescribed(self) -> PETSc.Vec:
-        """Prescribed displacements (n,), as conditions have them now."""
+    def prescribed_displacements(self) -> PETSc.Vec:
+        """Return displacements (n,) that the conditions prescribe with present constants."""
 
 
 @dataclass(frozen=True)
 class Derivatives:
-    """Derivatives of outputs by parameters, both of them checked."""
+    """Derivatives of outputs by parameters, in the direct and in the adjoint mode.
+
+    Args:
+        interface: the contact nodes.
+        linearise_end: linearises the equations at the end of a part, and leaves u, constants and
+            conditions at their values there.
+        residual: of the body, None with a stiffness.
+        parts: of the history.
+        outputs: checked outputs.
+        parameters: checked parameters, with their rates (states, ...).
+    """
 
     interface: Interface
-    at_end: Callable[[Part], Linearised]  # of a part, where it leaves u, constants, conditions
-    residual: Residual | None
-    parts: Sequence[Part]
+    linearise_end: Callable[[HistoryPart], LinearisedEnd]
+    residual: ParametricResidual | None
+    parts: Sequence[HistoryPart]
     outputs: Sequence[Output]
-    parameters: Sequence[tuple[Parameter, Array]]  # with their rates (states, ...)
+    parameters: Sequence[tuple[Parameter, Array]]
 
-    def direct(self) -> Array:
-        """All derivatives, (increments, outputs, parameters)."""
-        shape = self.parts[-1].number + 1, len(self.outputs), len(self.parameters)
-        found, changes = np.zeros(shape), [self._none()] * len(self.parameters)
+    def compute_direct(self) -> Array:
+        """Return all derivatives (increments, outputs, parameters), in the direct mode."""
+        shape = self.parts[-1].increment + 1, len(self.outputs), len(self.parameters)
+        derivatives, changes = np.zeros(shape), [self._zero_change()] * len(self.parameters)
         for part in self.parts:
-            here, each = self._linearised(part), self._given(part)
-            changes = [here.change(one, before) for one, before in zip(each, changes, strict=True)]
-            for i, output in enumerate(self.outputs if part.share == 1 else ()):
-                weights = self._weights(output)
-                found[part.number, i] = [weights.weighing(change) for change in changes]
-                found[part.number, i] += self._explicit(output, part)
-        return found
+            linearised, rates = self._linearise(part), self._evaluate_rates(part)
+            changes = [
+                linearised.propagate_change(rate, start_change)
+                for rate, start_change in zip(rates, changes, strict=True)
+            ]
+            for i, output in enumerate(self.outputs if part.load_factor == 1 else ()):
+                weights = self._output_weights(output)
+                derivatives[part.increment, i] = [
+                    weights.weighted_sum(change) for change in changes
+                ]
+                derivatives[part.increment, i] += self._explicit_derivatives(output, part)
+        return derivatives
 
-    def adjoint(self, weights: Array) -> Array:
-        """Gradient (parameters,) of the sum of all outputs by weights (increments, outputs)."""
-        found, carried = np.zeros(len(self.parameters)), self._none()
+    def compute_adjoint(self, weights: Array) -> Array:
+        """Return the gradient of a weighted sum of all outputs, in the adjoint mode.
+
+        Args:
+            weights: (increments, outputs).
+
+        Returns:
+            (parameters,).
+        """
+        gradient, adjoint_weights = np.zeros(len(self.parameters)), self._zero_change()
         for part in reversed(self.parts):
-            here, each = self._linearised(part), self._given(part)
-            for i, output in enumerate(self.outputs if part.share == 1 else ()):
-                weight = weights[part.number, i]
-                carried = carried.plus(weight, self._weights(output))
-                found += weight * self._explicit(output, part)
-            gradient, carried = here.gradient(carried, each)
-            found += gradient
-        return found
+            linearised, rates = self._linearise(part), self._evaluate_rates(part)
+            for i, output in enumerate(self.outputs if part.load_factor == 1 else ()):
+                weight = weights[part.increment, i]
+                adjoint_weights = adjoint_weights.add_multiple(weight, self._output_weights(output))
+                gradient += weight * self._explicit_derivatives(output, part)
+            part_gradient, adjoint_weights = linearised.propagate_weights(adjoint_weights, rates)
+            gradient += part_gradient
+        return gradient
 
-    def _linearised(self, part: Part) -> Linearised:
+    def _linearise(self, part: HistoryPart) -> LinearisedEnd:
         try:
-            return self.at_end(part)
+            return self.linearise_end(part)
         except ValueError as error:
-            where = "" if part.share == 1 else f", at {part.share:.4g} of its increment,"
-            raise ValueError(f"state {part.number + 1}{where} {error}") from error
+            location = (
+                "" if part.load_factor == 1 else f", at {part.load_factor:.4g} of its increment,"
+            )
+            raise ValueError(f"state {part.increment + 1}{location} {error}") from error
 
-    def _nothing(self) -> PETSc.Vec:
-        nothing = self.parts[0].start.unknowns.duplicate()
-        nothing.set(0.0)
-        return nothing
+    def _zero_vector(self) -> PETSc.Vec:
+        vector = self.parts[0].increment_start.unknowns.duplicate()
+        vector.set(0.0)
+        return vector
 
-    def _none(self) -> Change:
-        start, position = self.parts[0].start, self.interface.position
-        return Change(self._nothing(), np.zeros_like(start.translations), np.zeros_like(position))
+    def _zero_change(self) -> StateChange:
+        start, position = self.parts[0].increment_start, self.interface.position
+        return StateChange(
+            self._zero_vector(), np.zeros_like(start.translations), np.zeros_like(position)
+        )
 
-    def _given(self, part: Part) -> list[Given]:
-        """Rates of each parameter at the end of a part."""
-        each, k, share = [], part.number, part.share
+    def _evaluate_rates(self, part: HistoryPart) -> list[DataRates]:
+        """Return the rates of the data at the end of a part, for each parameter."""
+        rates_of_parameters, number, load_factor = [], part.increment, part.load_factor
         for parameter, rates in self.parameters:
-            rate = (1 - share) * rates[k] + share * rates[k + 1]
-            load, offset = self._nothing(), self._nothing()
-            motions = np.zeros_like(part.state.translations)
+            rate = (1 - load_factor) * rates[number] + load_factor * rates[number + 1]
+            load, offset = self._zero_vector(), self._zero_vector()
+            motions = np.zeros_like(part.part_end.translations)
             friction = np.zeros(len(motions))
-            match _thing(parameter):
+            match _parameter_object(parameter):
                 case fem.Constant() as constant:
-                    load, offset = self._by(constant, rate)
+                    load, offset = self._constant_rates(constant, rate)
                 case PETSc.Vec() as vector:
                     load.axpy(float(rate), vector)
                 case "friction":
                     friction[parameter[1]] = rate
                 case _:
                     motions[parameter[1]] = rate
-            each.append(Given(load, offset, motions, friction))
-        return each
+            rates_of_parameters.append(DataRates(load, offset, motions, friction))
+        return rates_of_parameters
 
-    def _by(self, constant: fem.Constant, rate: Array) -> tuple[PETSc.Vec, PETSc.Vec]:
-        """Changes of the load, and of prescribed displacements, along the rate of a constant."""
+    def _constant_rates(self, constant: fem.Constant, rate: Array) -> tuple[PETSc.Vec, PETSc.Vec]:
+        """Return rates (n,) of load and prescribed displacements along the rate of a constant."""
         residual = self.residual
-        assert residual is not None  # others have no constants
-        change, load = _by_constant(residual.form, constant, rate), self._nothing()
+        assert residual is not None  # only residuals have constants
+        change, load = (
+            _differentiate_by_constant(residual.form, constant, rate),
+            self._zero_vector(),
+        )
         if not change.empty():
             load.axpy(-1.0, assemble_vector(change))
         value = constant.value.copy()
-        # differences are exact: conditions hold a constant as it is
+        # differences are exact: conditions are linear in their constants
         constant.value = value + rate
-        offset = residual.prescribed()
+        offset = residual.prescribed_displacements()
         constant.value = value - rate
-        offset.axpy(-1.0, residual.prescribed())
+        offset.axpy(-1.0, residual.prescribed_displacements())
         offset.scale(0.5)
         constant.value = value
         return load, offset
 
-    def _weights(self, output: Output) -> Change:
-        """What makes an output of changes, where u is now."""
-        weights = self._none()
+    def _output_weights(self, output: Output) -> StateChange:
+        """Return the weights of a change that give the change of an output, at the present u."""
+        weights = self._zero_change()
         if isinstance(output, ufl.Form):
             assert self.residual is not None
             u = self.residual.u
@@ -347,67 +431,82 @@ class Derivatives:
             return weights if form.empty() else replace(weights, unknowns=assemble_vector(form))
         if isinstance(output, PETSc.Vec):
             return replace(weights, unknowns=output)
-        what, pair, axis = output
-        if what == "translation":
+        quantity, pair, axis = output
+        if quantity == "translation":
             weights.translations[pair, axis] = 1.0
         else:
             weights.force[self.interface.pair == pair, axis] = 1.0
         return weights
 
-    def _explicit(self, output: Output, part: Part) -> Array:
-        """Derivatives (parameters,) of an output's own constants."""
-        found = np.zeros(len(self.parameters))
+    def _explicit_derivatives(self, output: Output, part: HistoryPart) -> Array:
+        """Return derivatives (parameters,) of an output by the constants that it contains."""
+        derivatives = np.zeros(len(self.parameters))
         if isinstance(output, ufl.Form):
             for i, (parameter, rates) in enumerate(self.parameters):
-                if isinstance(thing := _thing(parameter), fem.Constant):
-                    change = _by_constant(output, thing, rates[part.number + 1])
-                    found[i] = 0.0 if change.empty() else assemble_scalar(change)
-        return found
+                if isinstance(constant := _parameter_object(parameter), fem.Constant):
+                    change = _differentiate_by_constant(output, constant, rates[part.increment + 1])
+                    derivatives[i] = 0.0 if change.empty() else assemble_scalar(change)
+        return derivatives
 
 
-_NO_RESIDUAL = (
-    "a stiffness K tells neither its constants nor its u: give vectors of weights and of loads, or "
-    "state the problem by its residual"
+_NEEDS_RESIDUAL_MESSAGE = (
+    "a stiffness K has no known constants and no u: give vectors of weights and of loads, or state "
+    "the problem by its residual"
 )
 
 
-def checked_outputs(
-    given: Sequence[Any], pairs: int, space: fem.FunctionSpace, forms: bool
+def check_outputs(
+    outputs: Sequence[Any], n_pairs: int, space: fem.FunctionSpace, allow_forms: bool
 ) -> list[Output]:
-    """Outputs; functionals where `forms` are known."""
-    for output in given:
+    """Return outputs as a list, or raise an error for an invalid one.
+
+    Args:
+        outputs: of the user.
+        n_pairs: number of contact pairs.
+        space: trial space.
+        allow_forms: whether functionals are allowed, which need a residual.
+    """
+    for output in outputs:
         match output:
             case ("force" | "translation", pair, axis):
-                _number(pair, pairs, "contact pairs")
-                _number(axis, space.mesh.geometry.dim, "components")
-            case ufl.Form() if forms:
+                _check_number(pair, n_pairs, "contact pairs")
+                _check_number(axis, space.mesh.geometry.dim, "components")
+            case ufl.Form() if allow_forms:
                 pass
             case ufl.Form():
-                raise ValueError(_NO_RESIDUAL)
+                raise ValueError(_NEEDS_RESIDUAL_MESSAGE)
             case PETSc.Vec():
                 _check_vector("the output, a vector of weights,", output, space)
             case _:
                 raise ValueError(
-                    f"the output {output!r}: give a functional, a vector of weights, "
+                    f"the output {output!r} is not valid: give a functional, a vector of weights, "
                     '("force", pair, axis) or ("translation", pair, axis), in a list'
                 )
-    return list(given)
+    return list(outputs)
 
 
-def checked_parameters(
-    given: Sequence[Any],
-    states: int,
+def check_parameters(
+    parameters: Sequence[Any],
+    n_states: int,
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
-    forms: bool,
+    allow_forms: bool,
 ) -> list[tuple[Parameter, Array]]:
-    """Parameters with their rates (states, ...); constants where `forms` are known."""
-    found: list[tuple[Parameter, Array]] = []
-    for parameter in given:
-        rates: Any = np.ones(states)
-        shape: tuple[int, ...] = (states,)
-        if isinstance(_thing(parameter), fem.Constant) and not forms:
-            raise ValueError(_NO_RESIDUAL)
+    """Return parameters with their rates (states, ...), or raise an error for an invalid one.
+
+    Args:
+        parameters: of the user.
+        n_states: number of states.
+        pairs: contact pairs.
+        space: trial space.
+        allow_forms: whether constants are allowed, which need a residual.
+    """
+    with_rates: list[tuple[Parameter, Array]] = []
+    for parameter in parameters:
+        rates: Any = np.ones(n_states)
+        shape: tuple[int, ...] = (n_states,)
+        if isinstance(_parameter_object(parameter), fem.Constant) and not allow_forms:
+            raise ValueError(_NEEDS_RESIDUAL_MESSAGE)
         match parameter:
             case fem.Constant():
                 if parameter.value.shape:
@@ -417,51 +516,57 @@ def checked_parameters(
             case (PETSc.Vec() as load, rates):
                 _check_vector("the load that is a parameter", load, space)
             case ("friction", pair):
-                law = pairs[_number(pair, len(pairs), "contact pairs")].law
+                law = pairs[_check_number(pair, len(pairs), "contact pairs")].law
                 if not (isinstance(law, Coulomb) and type(law).limit is Coulomb.limit):
                     raise ValueError(f"the law of friction of contact pair {pair} is not Coulomb's")
             case ("motion", pair, rates):
-                _number(pair, len(pairs), "contact pairs")
+                _check_number(pair, len(pairs), "contact pairs")
                 shape += (space.mesh.geometry.dim,)
             case _:
                 raise ValueError(
-                    f'the parameter {parameter!r}: give a constant, ("friction", pair), ("motion", '
-                    "pair, rates), (constant, rates) or (vector, rates), in a list"
+                    f"the parameter {parameter!r} is not valid: give a constant, "
+                    '("friction", pair), ("motion", pair, rates), (constant, rates) or '
+                    "(vector, rates), in a list"
                 )
-        found.append((parameter, arguments.check_real_array("rates", rates, shape)))
-    return found
+        with_rates.append((parameter, arguments.check_real_array("rates", rates, shape)))
+    return with_rates
 
 
 def check_constants(
-    parameters: Sequence[tuple[Parameter, Array]], outputs: Sequence[Output], residual: Residual
+    parameters: Sequence[tuple[Parameter, Array]],
+    outputs: Sequence[Output],
+    residual: ParametricResidual,
 ) -> None:
     """Raise ValueError for a constant on which neither the states nor the outputs depend."""
     in_outputs = [
-        c for output in outputs if isinstance(output, ufl.Form) for c in output.constants()
+        constant
+        for output in outputs
+        if isinstance(output, ufl.Form)
+        for constant in output.constants()
     ]
     for parameter, _ in parameters:
-        constant = _thing(parameter)
+        constant = _parameter_object(parameter)
         if not isinstance(constant, fem.Constant) or residual.contains(constant):
             continue
-        if not any(constant is other for other in in_outputs):
+        if not any(constant is output_constant for output_constant in in_outputs):
             raise ValueError(
                 f"the constant of value {constant.value.tolist()} is no parameter: neither the "
-                "residual, nor a Dirichlet condition, nor a functional among the outputs contain "
-                "it. Give the fem.Constant that the forms were made with"
+                "residual, nor a Dirichlet condition, nor a functional among the outputs contains "
+                "it. Give the fem.Constant with which the forms were made"
             )
 
 
-def check_loads(loads: Sequence[Any], steps: int, of_residual: bool) -> None:
-    """Raise unless loads are none, or of a residual: a function or None for each step."""
+def check_loads(loads: Sequence[Any], n_steps: int, of_residual: bool) -> None:
+    """Raise TypeError or ValueError unless loads are empty or, of a residual, one per step."""
     remedy = "give a list of functions of the share (0, 1], or nothing"
     arguments.check_type("loads", loads, (list, tuple), remedy)
     if not of_residual and len(loads):
         raise ValueError(
-            "`loads` are those of a residual; a problem with a stiffness K needs none, its states "
-            "follow from their contact forces: leave `loads` out"
+            "`loads` belong to a residual; a problem with a stiffness K needs none, as its loads "
+            "follow from states and contact forces: leave `loads` out"
         )
-    if len(loads) not in (0, steps):
-        raise ValueError(f"{len(loads)} loads for {steps} steps: give the load of each, or none")
+    if len(loads) not in (0, n_steps):
+        raise ValueError(f"{len(loads)} loads for {n_steps} steps: give the load of each, or none")
     for k, load in enumerate(loads):
         if not (load is None or arguments.is_user_function(load)):
             raise TypeError(
@@ -471,24 +576,27 @@ def check_loads(loads: Sequence[Any], steps: int, of_residual: bool) -> None:
 
 
 def _check_vector(name: str, vector: PETSc.Vec, space: fem.FunctionSpace) -> None:
+    """Raise an error unless a vector belongs to the space and is finite."""
     arguments.check_petsc_vector(name, vector, "the space", space)
     if not is_finite(vector):
         raise ValueError(f"{name} is not finite")
 
 
-def _number(given: Any, count: int, what: str) -> int:  # noqa: ANN401
-    if arguments.check_integer("a number", given, 0) >= count:
-        raise ValueError(f"number {given} of {count} {what}: they count from 0")
-    return int(given)
+def _check_number(number: Any, count: int, things: str) -> int:  # noqa: ANN401
+    """Return a number below a count, or raise an error."""
+    if arguments.check_integer("a number", number, 0) >= count:
+        raise ValueError(f"number {number} of {count} {things}: they count from 0")
+    return int(number)
 
 
-def _thing(parameter: Parameter) -> Any:  # noqa: ANN401
+def _parameter_object(parameter: Parameter) -> Any:  # noqa: ANN401
+    """Return the constant, the vector or the name of a parameter."""
     return parameter[0] if isinstance(parameter, tuple) else parameter
 
 
-def _by_constant(form: ufl.Form, constant: fem.Constant, rate: Array) -> ufl.Form:
-    """The derivative of a form along the rate of a constant in it; empty without it."""
+def _differentiate_by_constant(form: ufl.Form, constant: fem.Constant, rate: Array) -> ufl.Form:
+    """Return the derivative of a form along the rate of a constant; empty without the constant."""
     (domain,) = form.ufl_domains()
-    way = ufl.variable(fem.Constant(domain, 0.0))
-    moved = ufl.replace(form, {constant: constant + way * fem.Constant(domain, rate)})
-    return expand_derivatives(ufl.diff(moved, way))
+    step = ufl.variable(fem.Constant(domain, 0.0))
+    shifted = ufl.replace(form, {constant: constant + step * fem.Constant(domain, rate)})
+    return expand_derivatives(ufl.diff(shifted, step))

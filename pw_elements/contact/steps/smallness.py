@@ -1,8 +1,9 @@
-"""Checks of a solved increment, which warn where another one would be better.
+"""Checks of a solved increment: warn or refuse where its assumptions do not hold.
 
-Displacements stay small, surfaces outside of the body, and the law's slip is that of the path of
-material points (`PairState.path_slip`). The guide's page on theory says what is refused of rigid
-surfaces, and why ("Contact").
+Displacements have to be small, rigid surfaces have to stay outside of the body, and the slip of the
+law has to agree with the slip along the path of material points (`PairState.path_slip`). The
+guide's page on theory explains which motions of rigid surfaces are refused ("Contact"). The module
+assumes a body at small strains and a solution of the increment.
 """
 
 import logging
@@ -24,28 +25,32 @@ from pw_elements.contact.model import ContactState, PairState, Smallness, Surfac
 from pw_elements.contact.nodes import OPEN, IncrementStart
 from pw_elements.progress import log_on_root
 
-# Cells at a time
+# Number of cells whose gradients are evaluated at once
 _CELLS_AT_ONCE = 4_000
 
-# A body pushed beyond its far side has a strain of about one; below this that is not looked for
-_CRUSHING_STRAIN = 0.5
-# Round-off of places, over the largest
-_NEAR = 1e-9
-# Step along a surface's way, and depth that counts as swallowed, over the smallest facet
-_WAY_STEP = 0.25
-_SWALLOWED = 1e-3
-# The way has this many steps at most
-_MOST_WAY_STEPS = 10_000
+# Strain below which no body is searched for nodes that have been pushed beyond its far side; these
+# have a strain of about one
+_MIN_CRUSHING_STRAIN = 0.5
+# Largest distance of positions that counts as round-off, over the largest coordinate
+_POSITION_ROUND_OFF = 1e-9
+# Step along a surface's path, and depth at which a node is inside the surface, over the smallest
+# facet
+_PATH_STEP = 0.25
+_MIN_SWALLOWED_DEPTH = 1e-3
+_MAX_PATH_STEPS = 10_000
+# Offset of positions, over the smallest facet, that avoids points where a surface has no normal
+_SAMPLE_OFFSET = 1e-7
 
-# Largest difference of both slips over the larger one
-MAX_DIFFERENCE = 0.1
-# What differences do not count below, over the shortest facet around a node that another deformed
-# body faces, whose slip is a mean over facets, and over the largest displacement elsewhere
-_OF_FACET, _OF_DISPLACEMENT = 0.05, 1e-6
+# Largest difference of the two slips over the larger one
+MAX_SLIP_DIFFERENCE = 0.1
+# Difference of the two slips that is allowed in any case: for two sliding bodies, whose slip is a
+# mean over facets, over the shortest facet around a node; for others over the largest displacement
+_ALLOWED_PER_FACET, _ALLOWED_PER_DISPLACEMENT = 0.05, 1e-6
 
-# Second-order terms are left out: strains e err by e/2 of themselves, a rotation w turns forces
-# by w and makes strains of w^2/2. Half of the way to the next node, a node has another partner.
-_SMALL = Smallness(strain=0.05, rotation=0.05, slip=0.5)
+# Limits of small displacements. Neglected second-order terms change a strain e by e^2/2; a rotation
+# w turns forces by w and causes strains of w^2/2; at half a facet of slip a node would have another
+# partner
+_SMALL_LIMITS = Smallness(strain=0.05, rotation=0.05, slip=0.5)
 
 
 def gradient_at_vertices(u: fem.Function) -> fem.Expression:
@@ -60,228 +65,291 @@ def gradient_at_vertices(u: fem.Function) -> fem.Expression:
 def measure_largest_gradient(
     gradient: fem.Expression, u: fem.Function, displacement: PETSc.Vec
 ) -> tuple[float, float]:
-    """Return the largest spectral norms of the symmetric and the antisymmetric part of a gradient.
+    """Return the largest strain and rotation of displacements, over all cells of all processes.
 
-    They are those of all cells of all processes. The latter is the largest angle of rotation in
-    radians. Hoop strains are left out: whether the body is one of revolution is not known here.
+    They are spectral norms of the symmetric and the antisymmetric part of the gradient; the latter
+    is an angle in radians. The hoop strain of axisymmetric bodies is left out, as the stiffness
+    does not show whether a body is axisymmetric.
 
     Args:
-        gradient: of u, as of `gradient_at_vertices`.
+        gradient: of u, as returned by `gradient_at_vertices`.
         u: function that is set to the displacements.
         displacement: vector (n,) in the numbering of the space of u.
     """
     mesh = u.function_space.mesh
     u.x.array[: displacement.getLocalSize()] = displacement.array_r
     u.x.scatter_forward()
-    dim, owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
+    dim, n_cells = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
     strain, rotation = 0.0, 0.0
-    for first in range(0, owned, _CELLS_AT_ONCE):
-        cells = np.arange(first, min(first + _CELLS_AT_ONCE, owned), dtype=np.int32)
+    for first_cell in range(0, n_cells, _CELLS_AT_ONCE):
+        cells = np.arange(first_cell, min(first_cell + _CELLS_AT_ONCE, n_cells), dtype=np.int32)
         values = np.reshape(gradient.eval(mesh, cells), (-1, dim, dim))
         transposed = np.swapaxes(values, 1, 2)
         symmetric, skew = (values + transposed) / 2, (values - transposed) / 2
         frobenius = np.linalg.norm(symmetric, axis=(1, 2))
-        # the norm lies between this and this over sqrt(dim): few are to be looked at
+        # the spectral norm is at most the Frobenius norm, and at least this over sqrt(dim)
         strain = max(strain, float(frobenius.max()) / np.sqrt(dim))
-        principal = np.linalg.eigvalsh(symmetric[frobenius >= strain])
-        strain = float(np.abs(principal).max(initial=strain))
-        # two entries for each component of the axial vector, whose length is the norm
-        turns = np.linalg.norm(skew, axis=(1, 2)) / np.sqrt(2)
-        rotation = max(rotation, float(turns.max()))
+        principal_strains = np.linalg.eigvalsh(symmetric[frobenius >= strain])
+        strain = float(np.abs(principal_strains).max(initial=strain))
+        # each component of the axial vector, whose length is the norm, occurs twice
+        angles = np.linalg.norm(skew, axis=(1, 2)) / np.sqrt(2)
+        rotation = max(rotation, float(angles.max()))
     return mesh.comm.allreduce(strain, MPI.MAX), mesh.comm.allreduce(rotation, MPI.MAX)
 
 
-def log_large(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm) -> None:
-    """Logs what is no longer small, and was before."""
-    left = [
+def log_large_values(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm) -> None:
+    """Log a warning if a quantity leaves the range of small displacements.
+
+    Args:
+        smallness: of a state.
+        before: of the state before, in which the quantity was still small.
+        when: start of the message.
+        comm: communicator of the mesh.
+    """
+    large_quantities = [
         f"largest {name} {value:.3g} (above {limit:g})"
         for name, value in vars(smallness).items()
-        if value > (limit := getattr(_SMALL, name)) >= getattr(before, name)
+        if value > (limit := getattr(_SMALL_LIMITS, name)) >= getattr(before, name)
     ]
-    if left:
-        words = f"{when} leaves the range of small displacements: {', '.join(left)}"
+    if large_quantities:
+        words = f"{when} leaves the range of small displacements: {', '.join(large_quantities)}"
         log_on_root(comm, logging.WARNING, words, ".contact")
 
 
 class SmallnessCheck:
+    """Check that displacements stay small, and that rigid surfaces stay outside of the body.
+
+    Args:
+        interface: the contact nodes (m).
+        space: of the displacements.
+
+    Attributes:
+        finest: size of the smallest facet of each pair.
+    """
+
     def __init__(self, interface: Interface, space: fem.FunctionSpace) -> None:
         self._interface, self._comm = interface, interface.comm
         self._u = fem.Function(space)
         self._gradient = gradient_at_vertices(self._u)
-        self._point, self._outward, size = _facets_around(interface.node, space)
-        self._sizes = np.full(len(interface.node), np.inf)
-        np.minimum.at(self._sizes, self._point, size)
-        rows = [interface.pair == k for k in range(interface.pairs)]
-        self.finest = [
-            self._comm.allreduce(self._sizes[mine].min(initial=np.inf), MPI.MIN) for mine in rows
+        self._node_of_facet, self._facet_normal, size = _find_adjacent_facets(interface.node, space)
+        self._facet_size = np.full(len(interface.node), np.inf)
+        np.minimum.at(self._facet_size, self._node_of_facet, size)
+        in_pairs = [interface.pair == k for k in range(interface.pairs)]
+        self.min_facet_sizes = [
+            self._comm.allreduce(self._facet_size[in_pair].min(initial=np.inf), MPI.MIN)
+            for in_pair in in_pairs
         ]
-        self._rigid = [
-            not self._comm.allreduce(bool(np.any(interface.faced[mine] != RIGID)), MPI.LOR)
-            for mine in rows
+        self._is_rigid_pair = [
+            not self._comm.allreduce(bool(np.any(interface.faced[in_pair] != RIGID)), MPI.LOR)
+            for in_pair in in_pairs
         ]
 
-    def before(self, increment: Increment) -> None:
-        """Refuses, as `SurfacePassed`, motions that are prescribed to lead through the body."""
+    def refuse_prescribed_passing(self, increment: Increment) -> None:
+        """Raise SurfacePassed if prescribed translations lead a surface through the body."""
         start = increment.start
-        known = np.isfinite(increment.prescribed)
-        self._check_way(start, np.where(known, increment.prescribed, start.q))
+        is_prescribed = np.isfinite(increment.prescribed)
+        self._refuse_passing(start, np.where(is_prescribed, increment.prescribed, start.q))
 
-    def after(self, increment: Increment, end: NewtonState, before: ContactState) -> Smallness:
-        """How small the displacements of a solution are; logs what no longer is, once.
+    def check_solution(
+        self, increment: Increment, end: NewtonState, before: ContactState
+    ) -> Smallness:
+        """Return the smallness of a solution, and log a warning where it leaves the range.
 
-        Refuses, as `SurfacePassed`, surfaces that have gone through the body or push it outwards.
+        Args:
+            increment: the equations of the increment.
+            end: its solution.
+            before: state at its start.
+
+        Raises:
+            SurfacePassed: if a rigid surface has gone through the body or pushes it outwards.
         """
-        self._check_way(increment.start, end.q)
+        self._refuse_passing(increment.start, end.q)
         interface, nodes = self._interface, end.nodes
         displacement = interface.field.extract(end.unknowns)
         strain, rotation = measure_largest_gradient(self._gradient, self._u, displacement)
-        closed = nodes.active_set.status != OPEN
-        cosine = self._cosines(nodes.frame[:, 0])
-        for k in np.flatnonzero(self._rigid):
-            mine = closed & (interface.pair == k)
-            self._refuse(k, mine & (cosine > OUTWARDS), "pushes the body outwards at")
-            if strain > _CRUSHING_STRAIN:
-                through = mine & self._through(end)
-                self._refuse(k, through, "is through the whole thickness of the body at")
-        smallness = Smallness(strain, rotation, self._slip(increment, end))
+        is_closed = nodes.active_set.status != OPEN
+        cosine = self._min_outward_cosine(nodes.frame[:, 0])
+        for k in np.flatnonzero(self._is_rigid_pair):
+            in_pair = is_closed & (interface.pair == k)
+            self._refuse_nodes(k, in_pair & (cosine > OUTWARDS), "pushes the body outwards at")
+            if strain > _MIN_CRUSHING_STRAIN:
+                is_beyond = in_pair & self._find_nodes_beyond_far_side(end)
+                self._refuse_nodes(k, is_beyond, "is through the whole thickness of the body at")
+        smallness = Smallness(strain, rotation, self._measure_slip(increment, end))
         when = f"increment {before.increment}"
-        log_large(smallness, before.smallness or Smallness(), when, self._comm)
+        log_large_values(smallness, before.smallness or Smallness(), when, self._comm)
         return smallness
 
-    def _slip(self, increment: Increment, end: NewtonState) -> float:
-        """Largest slip over the size of facets; of two bodies, that since the beginning."""
+    def _measure_slip(self, increment: Increment, end: NewtonState) -> float:
+        """Return the largest slip over the size of facets.
+
+        It is the slip of the increment on rigid surfaces, and since the undeformed state of two
+        bodies.
+        """
         interface, nodes = self._interface, end.nodes
-        moved = end.displacement - end.q[interface.pair]
-        was = increment.start.displacement - increment.start.q[interface.pair]
-        moved = moved - np.where((interface.faced == RIGID)[:, None], was, 0.0)
-        slip = np.linalg.norm(np.einsum("nab,nb->na", nodes.frame[:, 1:], moved), axis=1)
-        closed = nodes.active_set.status != OPEN
-        largest = np.max(slip / self._sizes, where=closed, initial=0.0)
-        return float(self._comm.allreduce(largest, MPI.MAX))
+        relative_motion = end.displacement - end.q[interface.pair]
+        start_motion = increment.start.displacement - increment.start.q[interface.pair]
+        relative_motion = relative_motion - np.where(
+            (interface.faced == RIGID)[:, None], start_motion, 0.0
+        )
+        slip = np.linalg.norm(np.einsum("nab,nb->na", nodes.frame[:, 1:], relative_motion), axis=1)
+        is_closed = nodes.active_set.status != OPEN
+        max_slip = np.max(slip / self._facet_size, where=is_closed, initial=0.0)
+        return float(self._comm.allreduce(max_slip, MPI.MAX))
 
-    def _cosines(self, normal: Array) -> Array:
-        """Least cosine (m,) between vectors (m, dim) and the outward normals around a point."""
-        least = np.full(len(normal), np.inf)
-        cosine = np.sum(normal[self._point] * self._outward, axis=1)
-        np.minimum.at(least, self._point, cosine)
-        return least
+    def _min_outward_cosine(self, normal: Array) -> Array:
+        """Return the least cosine (m,) between vectors (m, dim) and adjacent outward normals."""
+        min_cosine = np.full(len(normal), np.inf)
+        cosine = np.sum(normal[self._node_of_facet] * self._facet_normal, axis=1)
+        np.minimum.at(min_cosine, self._node_of_facet, cosine)
+        return min_cosine
 
-    def _check_way(self, start: IncrementStart, translations: Array) -> None:
-        """Looks along the straight ways of the surfaces to translations (pairs, dim)."""
-        for k, rigid in enumerate(self._rigid):
-            way = translations[k] - start.q[k]
-            if rigid and np.linalg.norm(way) > _WAY_STEP * self.finest[k]:
-                wrong = self._swallowed(k, start, way)
-                self._refuse(k, wrong, "passes through the body: it goes through the nodes at")
+    def _refuse_passing(self, start: IncrementStart, translations: Array) -> None:
+        """Raise SurfacePassed if surfaces pass the body on the way to translations (pairs, dim)."""
+        for k, is_rigid in enumerate(self._is_rigid_pair):
+            path = translations[k] - start.q[k]
+            if is_rigid and np.linalg.norm(path) > _PATH_STEP * self.min_facet_sizes[k]:
+                is_swallowed = self._find_swallowed(k, start, path)
+                self._refuse_nodes(
+                    k, is_swallowed, "passes through the body: it goes through the nodes at"
+                )
 
-    def _swallowed(self, k: int, start: IncrementStart, way: Array) -> Mask:
-        """Points (m,) that a pair's surface swallows from the wrong side on its way."""
-        interface, mine = self._interface, self._interface.pair == k
-        surface, size = interface.surfaces[k], self.finest[k]
-        x, before = interface.position[mine] - start.q[k], start.displacement[mine]
-        length = float(np.linalg.norm(way))
-        step = max(_WAY_STEP * size, length / _MOST_WAY_STEPS)
-        # no sample just where a surface has no normal, such as the centre of a sphere
-        x = x + 1e-7 * size * np.sqrt(np.arange(2, 2 + x.shape[1]))
+    def _find_swallowed(self, k: int, start: IncrementStart, path: Array) -> Mask:
+        """Return the nodes (m,) that a pair's surface swallows on its path from the wrong side.
 
-        share, wrong = np.zeros(len(x)), np.zeros(len(mine), dtype=bool)
-        pushed = np.zeros_like(interface.position)
-        count, other, ended = len(x), interface.first_nodes[k], False
-        while not ended:
+        Each node moves along the reverse path relative to the surface, by half of its gap or at
+        least one step at a time. It is swallowed where it gets inside the surface while the
+        surface's normal points out of the body.
+
+        Args:
+            k: number of the pair.
+            start: of the increment.
+            path: (dim,), straight path of the surface.
+        """
+        interface, in_pair = self._interface, self._interface.pair == k
+        surface, facet_size = interface.surfaces[k], self.min_facet_sizes[k]
+        x, displacement = interface.position[in_pair] - start.q[k], start.displacement[in_pair]
+        length = float(np.linalg.norm(path))
+        step = max(_PATH_STEP * facet_size, length / _MAX_PATH_STEPS)
+        # avoid points where a surface has no normal, such as the centre of a sphere
+        x = x + _SAMPLE_OFFSET * facet_size * np.sqrt(np.arange(2, 2 + x.shape[1]))
+
+        path_ratio, is_swallowed = np.zeros(len(x)), np.zeros(len(in_pair), dtype=bool)
+        normals = np.zeros_like(interface.position)
+        n_nodes, substitute, is_finished = len(x), interface.first_nodes[k], False
+        while not is_finished:
             with collective_errors(self._comm):
-                place = x - share[:, None] * way if count else other
-                gap, normal = surface.gap(place)[:count], surface.normal(place)[:count]
-                depth = -(gap + np.sum(normal * before, axis=1))
-                pushed[mine] = normal
-                outwards = self._cosines(pushed)[mine] > OUTWARDS
-                wrong[mine] |= outwards & (depth > _SWALLOWED * size)
-                # outside, the surface is a gap away at least; half of it, if that is no distance
+                position = x - path_ratio[:, None] * path if n_nodes else substitute
+                gap, normal = surface.gap(position)[:n_nodes], surface.normal(position)[:n_nodes]
+                depth = -(gap + np.sum(normal * displacement, axis=1))
+                normals[in_pair] = normal
+                is_outwards = self._min_outward_cosine(normals)[in_pair] > OUTWARDS
+                is_swallowed[in_pair] |= is_outwards & (depth > _MIN_SWALLOWED_DEPTH * facet_size)
+                # the surface is at least a gap away; take half of it, as gaps may not be distances
                 stride = np.maximum(np.where(np.isfinite(gap), gap / 2, 0.0), step)
-                last, share = share, np.minimum(share + stride / length, 1.0)
-            ended = self._comm.allreduce(bool(last.min(initial=1.0) >= 1), MPI.LAND)
-        return wrong
+                last_ratio, path_ratio = path_ratio, np.minimum(path_ratio + stride / length, 1.0)
+            is_finished = self._comm.allreduce(bool(last_ratio.min(initial=1.0) >= 1), MPI.LAND)
+        return is_swallowed
 
-    def _through(self, end: NewtonState) -> Mask:
-        """Which points (m,) are beyond the nodes that were the farthest along their normals."""
-        interface, u = self._interface, self._u  # the latter has just been set
+    def _find_nodes_beyond_far_side(self, end: NewtonState) -> Mask:
+        """Return the contact nodes (m,) that are pushed beyond the far side of the body.
+
+        Nodes on the far side are the last ones along the normal in the undeformed body.
+        """
+        interface, u = self._interface, self._u  # u was set by `measure_largest_gradient`
         dim, normal = interface.position.shape[1], end.nodes.frame[:, 0]
         x = u.function_space.tabulate_dof_coordinates()[:, :dim]
-        moved, every = x + u.x.array.reshape(-1, dim), interface.gathered(normal)
-        ends = np.array([(x @ n).max() for n in every])
-        ends = np.max(self._comm.allgather(ends), axis=0) - _NEAR * np.abs(x).max()
-        last = [
-            (moved @ n).max(where=x @ n >= end, initial=-np.inf)
-            for n, end in zip(every, ends, strict=True)
+        deformed, normals = x + u.x.array.reshape(-1, dim), interface.gathered(normal)
+        far_ends = np.array([(x @ n).max() for n in normals])
+        far_ends = (
+            np.max(self._comm.allgather(far_ends), axis=0) - _POSITION_ROUND_OFF * np.abs(x).max()
+        )
+        deformed_ends = [
+            (deformed @ n).max(where=x @ n >= end, initial=-np.inf)
+            for n, end in zip(normals, far_ends, strict=True)
         ]
-        first = sum(self._comm.allgather(len(normal))[: self._comm.rank])
-        most = np.max(self._comm.allgather(last), axis=0)[first : first + len(normal)]
-        own = np.sum(normal * (interface.position + end.displacement), axis=1)
-        return own >= most - _NEAR * np.abs(most)
+        first_row = sum(self._comm.allgather(len(normal))[: self._comm.rank])
+        far_side = np.max(self._comm.allgather(deformed_ends), axis=0)[
+            first_row : first_row + len(normal)
+        ]
+        position_along_normal = np.sum(normal * (interface.position + end.displacement), axis=1)
+        return position_along_normal >= far_side - _POSITION_ROUND_OFF * np.abs(far_side)
 
-    def _refuse(self, k: int, wrong: Mask, what: str) -> None:
-        places = self._interface.gathered(self._interface.position[wrong])
-        if len(places):
+    def _refuse_nodes(self, k: int, is_wrong: Mask, problem: str) -> None:
+        """Raise SurfacePassed, with the positions of the nodes of a mask (m,), if there are any."""
+        positions = self._interface.gathered(self._interface.position[is_wrong])
+        if len(positions):
             raise SurfacePassed(
-                f"the surface of contact pair {k} {what} {format_points(places)}; contact is "
+                f"the surface of contact pair {k} {problem} {format_points(positions)}; contact is "
                 "stated for small displacements and surfaces that come from outside: move it less "
-                "far, or round the body in increments that stay clear of it"
+                "far, or around the body in increments without contact"
             )
 
 
-def _facets_around(node: Indices, space: fem.FunctionSpace) -> tuple[Indices, Array, Array]:
-    """Facets (f,) around nodes (m,) of this process: the node's place, normals, and sizes.
+def _find_adjacent_facets(node: Indices, space: fem.FunctionSpace) -> tuple[Indices, Array, Array]:
+    """Return the exterior facets (f,) around nodes (m,) of this process.
 
-    A facet counts once for each of its nodes, those of other processes too. Its size is the
-    largest distance of two of them.
+    A facet counts once for each of its nodes; facets of other processes count, too.
+
+    Returns:
+        Number of the node among the m nodes; outward normal; and size, the largest distance of two
+        nodes of the facet.
     """
     mesh, comm = space.mesh, space.mesh.comm
     mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
     nodes, x, normal = compute_flat_facets(space, exterior_facet_indices(mesh.topology))
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
-    facet, place = np.nonzero(np.isin(number, np.concatenate(comm.allgather(node))))
-    across = np.linalg.norm(x[facet][:, :, None] - x[facet][:, None], axis=3).max(axis=(1, 2))
-    touched, outward, size = (
+    facet, corner = np.nonzero(np.isin(number, np.concatenate(comm.allgather(node))))
+    diameter = np.linalg.norm(x[facet][:, :, None] - x[facet][:, None], axis=3).max(axis=(1, 2))
+    node_of_facet, outward, size = (
         np.concatenate(comm.allgather(part))
-        for part in (number[facet, place], normal[facet], across)
+        for part in (number[facet, corner], normal[facet], diameter)
     )
-    mine = np.isin(touched, node)
+    is_own = np.isin(node_of_facet, node)
     order = np.argsort(node)
-    point = order[np.searchsorted(node, touched[mine], sorter=order)]
-    return point, outward[mine], size[mine]
+    node_number = order[np.searchsorted(node, node_of_facet[is_own], sorter=order)]
+    return node_number, outward[is_own], size[is_own]
 
 
 class SlipCheck:
-    """Logs a warning where slips of rough nodes differ, once for each pair."""
+    """Warn, once for each pair, where the slip of the law differs from the slip along the path.
+
+    Args:
+        interface: the contact nodes.
+    """
 
     def __init__(self, interface: Interface) -> None:
-        self._comm, self._warned = interface.comm, set[int]()
-        self._facets = {
+        self._comm, self._warned_pairs = interface.comm, set[int]()
+        self._nodes_and_facet_lengths = {
             k: (mortar.nodes[: mortar.n_slave_nodes], mortar.measure_shortest_facets())
             for k, mortar in interface.mortars.items()
         }
 
-    def check(self, state: ContactState) -> None:
+    def log_differences(self, state: ContactState) -> None:
+        """Log a warning if the two slips of a node with friction differ too much."""
         for k, pair in enumerate(state.pairs):
-            apart = measure_slip_difference(pair)
-            allowed: Array | float = _OF_DISPLACEMENT * state.scale.length
-            if k in self._facets:
-                nodes, lengths = self._facets[k]
-                allowed = _OF_FACET * lengths[np.searchsorted(nodes, pair.node)]
-            sizes = [np.linalg.norm(slip, axis=1) for slip in (pair.slip, pair.path_slip)]
-            rough = (pair.status != OPEN) & (pair.friction > 0)
-            wrong = rough & (apart > np.maximum(MAX_DIFFERENCE * np.maximum(*sizes), allowed))
-            if wrong.any() and k not in self._warned:
-                self._warned.add(k)
+            difference = measure_slip_difference(pair)
+            allowed: Array | float = _ALLOWED_PER_DISPLACEMENT * state.scale.length
+            if k in self._nodes_and_facet_lengths:
+                nodes, lengths = self._nodes_and_facet_lengths[k]
+                allowed = _ALLOWED_PER_FACET * lengths[np.searchsorted(nodes, pair.node)]
+            slip_sizes = [np.linalg.norm(slip, axis=1) for slip in (pair.slip, pair.path_slip)]
+            has_friction = (pair.status != OPEN) & (pair.friction > 0)
+            is_wrong = has_friction & (
+                difference > np.maximum(MAX_SLIP_DIFFERENCE * np.maximum(*slip_sizes), allowed)
+            )
+            if is_wrong.any() and k not in self._warned_pairs:
+                self._warned_pairs.add(k)
                 words = (
                     f"increment {state.increment - 1}, contact pair {k}: slip differs from that "
-                    f"of the path by up to {apart[wrong].max():.3g}, more than "
-                    f"{MAX_DIFFERENCE:.0%} of it, at {wrong.sum()} contact nodes first at "
-                    f"{format_points(pair.position[wrong])}, where friction may be wrong: make "
+                    f"of the path by up to {difference[is_wrong].max():.3g}, more than "
+                    f"{MAX_SLIP_DIFFERENCE:.0%} of it, at {is_wrong.sum()} contact nodes first at "
+                    f"{format_points(pair.position[is_wrong])}, where friction may be wrong: make "
                     "smaller increments and compare `PairState.slip` with `path_slip`"
                 )
                 log_on_root(self._comm, logging.WARNING, words, ".contact")
 
 
 def measure_slip_difference(pair: PairState) -> Array:
-    """Return the size (m,) of the difference of both slips of a pair's nodes."""
+    """Return the size (m,) of the difference of the two slips of a pair's nodes."""
     return np.asarray(np.linalg.norm(pair.slip - pair.path_slip, axis=1))

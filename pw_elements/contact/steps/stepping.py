@@ -59,19 +59,19 @@ from pw_elements.contact.nodes import (
 from pw_elements.contact.output import Callback, Reporter
 from pw_elements.contact.rescue import (
     RigidMotions,
-    check_loose,
     combine_substeps,
     prove_no_equilibrium,
-    rescue,
+    refuse_loose_body,
+    rescue_increment,
     solve_in_substeps,
     solve_with_springs,
 )
-from pw_elements.contact.steps.sensitivity import Linearised, Part
+from pw_elements.contact.steps.sensitivity import HistoryPart, LinearisedEnd
 from pw_elements.contact.steps.smallness import SlipCheck, SmallnessCheck
 from pw_elements.contact.steps.verification import (
-    Sizes,
+    ReferenceSizes,
     check_stiffness_sign,
-    places_undeformed,
+    measure_undeformed,
     verify_state,
 )
 from pw_elements.contact.system import Accuracy, ContactSystem
@@ -276,7 +276,7 @@ class Stepping:
                     failure.last_substate = reached, solution
                     failure.args = (f"{failure}. In parts {reached:.3g} of it was reached",)
                     raise
-        self._slips.check(solution)
+        self._slips.log_differences(solution)
         reporter.report_increment(solution, perf_counter() - start_time)
         return solution
 
@@ -289,7 +289,7 @@ class Stepping:
         start = make_balanced_target(state, self._K, self.interface)
         left = self._budget("cutback", end.free)
         comm = self.interface.comm
-        words = f"in parts, for what {left():.0f} linear systems take at most"
+        words = f"in parts, at the cost of at most {left():.0f} linear systems"
         log_on_root(comm, logging.INFO, words, ".contact")
 
         def solve_part(current: ContactState, share: float) -> ContactState:
@@ -326,7 +326,11 @@ class Stepping:
         linearised = self._linearise_start(increment, kinematics, state, target)
         rigid = self._system_for(target.free)[1]
         active = choose_first_set(
-            self.interface, linearised, state, rigid.left_free, target.unloaded_free_surfaces
+            self.interface,
+            linearised,
+            state,
+            rigid.describe_free_motions,
+            target.unloaded_free_surfaces,
         )
         max_iterations = self._max_iterations
         if left is not None:
@@ -364,12 +368,12 @@ class Stepping:
                 increment,
                 partial(self._increment_with_springs, target, increment.start),
                 kinematics,
-                first=(active, linearised, state.unknowns),
+                start=(active, linearised, state.unknowns),
                 make_update=partial(self._make_update, rigid, "rough"),
                 max_iterations=self._max_iterations,
-                left=left,
+                remaining_systems=left,
             )
-            end = rescue(
+            end = rescue_increment(
                 failure,
                 increment,
                 prove,
@@ -406,8 +410,8 @@ class Stepping:
         offset, pressed = increment.equilibrium.offset, end.nodes.trial_pressure > 0
         self.interface.check_supports_between(offset, target.q, pressed)
         rigid = self._system_for(target.free)[1]
-        check_loose(increment, end, rigid, state, lambda: self._cost(target.free, before))
-        smallness = self._smallness.after(increment, end, state)
+        refuse_loose_body(increment, end, rigid, state, lambda: self._cost(target.free, before))
+        smallness = self._smallness.check_solution(increment, end, state)
         iterations, report = self._cost(target.free, before)
         sizes = reference_sizes(increment, end, state.scale)
         solution = make_contact_state(
@@ -418,7 +422,7 @@ class Stepping:
             iterations=iterations,
             report=report,
             smallness=smallness,
-            slides=rigid.slides(end.nodes, end.allowance),
+            slides=rigid.is_friction_exhausted(end.nodes, end.allowance),
         )
         return self._verify(solution, state, target, sizes)
 
@@ -440,11 +444,13 @@ class Stepping:
         stiffness = self._system_for(target.free)[0].scale
         return verify_state(
             solution,
-            places_undeformed(self.interface, before, solution, 1 - target.load_factor),
+            measure_undeformed(self.interface, before, solution, 1 - target.load_factor),
             unbalanced,
             self.interface,
             self._reduction,
-            Sizes(force, length, stiffness, TOLERANCE * target.load.norm(largest) + round_off),
+            ReferenceSizes(
+                force, length, stiffness, TOLERANCE * target.load.norm(largest) + round_off
+            ),
             target.totals,
         )
 
@@ -489,20 +495,20 @@ class Stepping:
             totals=target.totals + system.springs * system.select_free(q),
         )
 
-    def linearise(self, part: Part) -> Linearised:
+    def linearise(self, part: HistoryPart) -> LinearisedEnd:
         """Return the equations at the end of a part of an increment."""
-        state, interface = part.state, self.interface
+        state, interface = part.part_end, self.interface
         target = make_balanced_target(state, self._K, interface).with_free(state.free_motions)
-        load_factor = 1.0 if part.start.increment else part.share
+        load_factor = 1.0 if part.increment_start.increment else part.load_factor
         target = replace(target, load_factor=load_factor)
-        increment, kinematics = self._start_increment(part.before, target)
+        increment, kinematics = self._start_increment(part.part_start, target)
         end = make_increment_start(state, interface, state.translations)
         linearised = kinematics.linearise_by_all_translations(end.q, end.displacement, end.force)
         solution = increment.solve(
             resume_active_set(interface, linearised, state), linearised, "final"
         )
         slip_by_start = -linearised.frame[:, 1:]
-        return Linearised(increment, solution, self._K, self._reduction, slip_by_start)
+        return LinearisedEnd(increment, solution, self._K, self._reduction, slip_by_start)
 
     def _start_increment(
         self, state: ContactState, target: IncrementTarget
@@ -533,7 +539,7 @@ class Stepping:
         q = np.where(np.isnan(target.q), q, target.q)
         increment.system.start(lambda: state.unknowns, q)
         self.interface.check_supports(self.interface.normals(q), self.interface.gaps(q))
-        self._smallness.before(increment)
+        self._smallness.refuse_prescribed_passing(increment)
         return kinematics.linearise(q, increment.start.displacement, increment.start.force)
 
     def _equilibrium(self, target: IncrementTarget) -> LinearEquilibrium:
@@ -541,7 +547,7 @@ class Stepping:
         return LinearEquilibrium.from_stiffness(system, self._K, target.load, target.load_factor)
 
     def _make_update(self, rigid: RigidMotions, accuracy: Accuracy) -> ActiveSetUpdate:
-        return ActiveSetUpdate(rigid.left_free, self.interface, accuracy)
+        return ActiveSetUpdate(rigid.describe_free_motions, self.interface, accuracy)
 
     def _cost(self, free: FreeMotions, before: Cost = (0, NO_SOLVER_REPORT)) -> Cost:
         """Return the linear systems since before, with springs and without, and their report."""
