@@ -263,7 +263,9 @@ class SlidingEquilibrium(FiniteEquilibrium):
         self._system.set_force_operator(self._mortars.update_force_operator(self._u))
 
     def _update_system(self, K: PETSc.Mat, torque_map: TorqueMap) -> PETSc.Mat:
-        tangent = self._mortars.force_operator_stiffness(self._system.split_residual(self._residual)[0])
+        tangent = self._mortars.force_operator_stiffness(
+            self._system.split_residual(self._residual)[0]
+        )
         tangent.axpy(1.0, K, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self._system.update_stiffness_and_motion(tangent, torque_map, self._mortars.motion_operator)
         return tangent

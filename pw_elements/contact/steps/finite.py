@@ -553,7 +553,8 @@ class LargeStrainStepping:
         largest_residual = self.interface.field.extract(unbalanced).norm(PETSc.NormType.INFINITY)
         stiffness = comm.allreduce(law_scale.max(initial=0.0), MPI.MAX)
         round_off = (
-            FORCE_TOLERANCE * largest_residual + COORDINATE_ROUND_OFF * stiffness * self._cell_guard.extent
+            FORCE_TOLERANCE * largest_residual
+            + COORDINATE_ROUND_OFF * stiffness * self._cell_guard.extent
         )
         return verify_state(
             solution,

@@ -54,7 +54,9 @@ class ContactPointData:
         free_translation = np.full(equations.shape, -1, dtype=np.int64)
         for k, (pair, axis) in enumerate(free_motions):
             free_translation[interface.pair == pair, axis] = k
-        local_round_off = COORDINATE_ROUND_OFF * np.linalg.norm(law_scale[:, None] * interface.position)
+        local_round_off = COORDINATE_ROUND_OFF * np.linalg.norm(
+            law_scale[:, None] * interface.position
+        )
         round_off = interface.comm.allreduce(float(local_round_off), MPI.SUM)
         indptr, _, value = force.getValuesCSR()
         n_entries = np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))[value != 0])
