@@ -28,7 +28,7 @@ from pw_elements.contact.iteration import (
     solve_increment,
 )
 from pw_elements.contact.model import Residuals
-from pw_elements.contact.nodes import TOLERANCE
+from pw_elements.contact.nodes import FORCE_TOLERANCE
 from pw_elements.contact.steps.stepping import IncrementTarget, SmallStrainStepping
 from pw_elements.meshes import triangles
 from pw_elements.solvers import SolverReport
@@ -134,7 +134,7 @@ def measure_violation(increment, state):
     largest_force, of_displacements, of_coordinates = increment._force_sizes(
         state.force, state.displacement_size, state.kinematics.torque_map
     )
-    allowed = TOLERANCE * largest_force + of_displacements
+    allowed = FORCE_TOLERANCE * largest_force + of_displacements
     return increment.violation(state, allowed, of_coordinates)
 
 

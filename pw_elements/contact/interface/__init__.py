@@ -1,11 +1,6 @@
 """Contact points, and the motion and force operators that couple them to the unknowns."""
 
-from pw_elements.contact.interface.build import (
-    average_cell_midpoints,
-    build_interface,
-    check_piecewise_linear_weights,
-    find_reduced_columns,
-)
+from pw_elements.contact.interface.build import build_interface
 from pw_elements.contact.interface.facing import (
     MortarMatrices,
     measure_gap_and_slip,
@@ -13,7 +8,6 @@ from pw_elements.contact.interface.facing import (
 from pw_elements.contact.interface.mortar import (
     Overlap,
     Trace,
-    compute_cell_sizes,
     compute_flat_facets,
     compute_tributary_areas,
     gather_trace,
@@ -26,6 +20,12 @@ from pw_elements.contact.interface.operators import (
     Interface,
     InvalidContactNodes,
     compute_extents,
+)
+from pw_elements.contact.interface.overlap import compute_cell_sizes
+from pw_elements.contact.interface.pair_points import (
+    average_cell_midpoints,
+    check_piecewise_linear_weights,
+    find_reduced_columns,
 )
 from pw_elements.contact.interface.probes import (
     probe_friction,
