@@ -20,7 +20,7 @@ from pw_elements.contact import (
     write,
 )
 from pw_elements.contact.interface import COORDINATE_ROUND_OFF
-from pw_elements.contact.steps.stepping import IncrementTarget
+from pw_elements.contact.iteration import IncrementTarget
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
 from study.elements import taylor_hood

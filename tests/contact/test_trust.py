@@ -22,14 +22,15 @@ from pw_elements.contact import (
     Sphere,
 )
 from pw_elements.contact.iteration import (
+    IncrementTarget,
     choose_first_set,
+    compute_reference_sizes,
     make_contact_state,
-    reference_sizes,
     solve_increment,
 )
 from pw_elements.contact.model import Residuals
 from pw_elements.contact.nodes import FORCE_TOLERANCE
-from pw_elements.contact.steps.stepping import IncrementTarget, SmallStrainStepping
+from pw_elements.contact.steps.stepping import SmallStrainStepping
 from pw_elements.meshes import triangles
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import AssemblyRecord
@@ -131,7 +132,7 @@ def converged_increment():
 
 def measure_violation(increment, state):
     """Return the violation of the law in a Newton state that has been changed."""
-    largest_force, of_displacements, of_coordinates = increment._force_sizes(
+    largest_force, of_displacements, of_coordinates = increment._largest_force_and_round_offs(
         state.force, state.displacement_size, state.kinematics.torque_map
     )
     allowed = FORCE_TOLERANCE * largest_force + of_displacements
@@ -168,7 +169,7 @@ def test_no_state_is_accepted_that_its_residuals_reject(converged_increment, nam
             increment,
             disturbed,
             start,
-            sizes=reference_sizes(increment, disturbed, start.scale),
+            sizes=compute_reference_sizes(increment, disturbed, start.scale),
             iterations=1,
             report=SolverReport("", 0),
             smallness=None,

@@ -14,17 +14,17 @@ from pw_elements.contact.interface.mortar import (
 )
 from pw_elements.contact.interface.operators import (
     COORDINATE_ROUND_OFF,
-    DEFORMABLE,
     MIN_OUTWARD_COSINE,
-    RIGID,
     Interface,
     InvalidContactNodes,
-    compute_extents,
 )
 from pw_elements.contact.interface.overlap import compute_cell_sizes
 from pw_elements.contact.interface.pair_points import (
+    DEFORMABLE,
+    RIGID,
     average_cell_midpoints,
     check_piecewise_linear_weights,
+    compute_extents,
     find_reduced_columns,
 )
 from pw_elements.contact.interface.probes import (

@@ -16,12 +16,10 @@ from dolfinx.mesh import exterior_facet_indices
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, LocalIndices
 from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
-from pw_elements.contact.interface.operators import (
-    Interface,
-    gather_points,
-)
+from pw_elements.contact.interface.operators import Interface
 from pw_elements.contact.interface.pair_points import (
     BodyNodes,
+    gather_points,
     make_mortar_points,
     make_points,
     make_sliding_points,

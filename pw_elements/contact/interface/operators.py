@@ -15,7 +15,6 @@ of the factor c in the law.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
@@ -28,6 +27,14 @@ import scipy.sparse as sp
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
+from pw_elements.contact.interface.pair_points import (
+    DEFORMABLE,
+    RIGID,
+    KnownGapSurface,
+    PairPoints,
+    compute_extents,
+    gather_points,
+)
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     BUILT_IN_CLOSEST_POINTS,
@@ -42,9 +49,6 @@ from pw_elements.contact.model import (
 )
 from pw_elements.elasticity import order_by_position
 from pw_elements.spaces import SubSpace, gather_from_owners
-
-# Values of `faced` without a single node: a rigid surface, or a deformable one with many nodes
-RIGID, DEFORMABLE = -1, -2
 
 # Round-off of coordinates, relative to their magnitude
 COORDINATE_ROUND_OFF = 4 * float(np.finfo(float).eps)
@@ -61,65 +65,6 @@ _UNIT_TOLERANCE = 1e-6
 # Smallest cosine between a surface's normal and the body's outward normal at which the surface
 # pushes the body outwards
 MIN_OUTWARD_COSINE = 0.1
-
-
-@dataclass(frozen=True)
-class PairPoints:
-    """The contact points (m) of one pair that belong to this process.
-
-    Args:
-        position: (m, dim), undeformed positions.
-        cone: friction laws of the points.
-        equation: (m, dim), reduced equation, owned by this process, that contains this component
-            of the point's force and no other one; -1 where the law is not stated.
-        motion_rows: (m dim, n), rows of G for the displacements.
-        force_columns: (m dim, n), transposed columns of H for the displacements.
-        mean_cell_midpoint: (m, dim), mean midpoint of the adjacent cells. It distinguishes
-            coincident points, for example of two bodies in contact.
-        outward: (m, dim), outward normal of the body, zero where it is not defined.
-        node: (m,), global index of the node at the point.
-        faced: (m,), global index of the node that the point faces, or `RIGID` or `DEFORMABLE`.
-        on_axis: (m, dim), radial components of nodes on the axis of an axisymmetric body.
-        counterpart: (m, dim), global index of the nearest node of a deformable surface that
-            supports hold in this component as well; -1 if there is none.
-        opposite: (k,), global indices of the nodes of a deformable surface on all processes, in
-            the order of `order_by_position`.
-    """
-
-    position: Array
-    cone: FrictionCone
-    equation: Indices
-    motion_rows: sp.csr_matrix
-    force_columns: sp.csr_matrix
-    mean_cell_midpoint: Array
-    outward: Array
-    node: Indices
-    faced: Indices
-    on_axis: Mask
-    counterpart: Indices
-    opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-
-
-@dataclass(frozen=True)
-class KnownGapSurface:
-    """Surface with known gaps at its own points; its normals are constant.
-
-    Args:
-        position: (m, dim), positions of the points.
-        initial_gap: (m,), gaps at these positions.
-        initial_normal: (m, dim), normals.
-    """
-
-    position: Array
-    initial_gap: Array
-    initial_normal: Array
-
-    def gap(self, x: Array) -> Array:
-        """Return the gaps (m,) of the points at positions x (m, dim) after a common translation."""
-        return self.initial_gap + np.sum(self.initial_normal * (x - self.position), axis=1)
-
-    def normal(self, x: Array) -> Array:  # noqa: ARG002
-        return self.initial_normal
 
 
 # Surfaces that each process evaluates at its own points only, and surfaces whose evaluation cannot
@@ -614,17 +559,3 @@ class Interface:
 def _as_tuple(value: Any, results: Sequence[Array]) -> Sequence[Any]:  # noqa: ANN401
     """Return the arrays that a surface's method returned; a single array becomes a tuple."""
     return value if len(results) > 1 else (value,)
-
-
-def gather_points(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:
-    """Return the points (n, dim) of all processes, and the slice of this process; collective."""
-    parts = comm.allgather(x)
-    offset = sum(map(len, parts[: comm.rank]))
-    return np.concatenate(parts), slice(offset, offset + len(x))
-
-
-def compute_extents(comm: MPI.Comm, x: Array) -> Array:
-    """Return the extents (dim,) along the axes of the points (n, dim) of all processes."""
-    ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
-    comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
-    return -ends.sum(axis=0)

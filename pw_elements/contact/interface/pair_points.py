@@ -5,7 +5,7 @@ pairs that `build_interface` has checked. All functions but `find_reduced_column
 """
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mpi4py import MPI
@@ -22,13 +22,6 @@ from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import format_points
 from pw_elements.contact.interface.mortar import Overlap, Trace, gather_trace
-from pw_elements.contact.interface.operators import (
-    DEFORMABLE,
-    RIGID,
-    KnownGapSurface,
-    PairPoints,
-    compute_extents,
-)
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     ContactPair,
@@ -52,6 +45,9 @@ from pw_elements.spaces import (
     locate_exterior_facets,
     locate_nodes,
 )
+
+# Values of `faced` without a single node: a rigid surface, or a deformable one with many nodes
+RIGID, DEFORMABLE = -1, -2
 
 # Cells processed at a time, to limit memory
 _CELLS_PER_BLOCK = 20_000
@@ -81,6 +77,65 @@ _NO_OVERLAP_MESSAGE = (
     "contact pair %d: no part of its facets faces the opposite part: one of both is on the far "
     "side of its body, or they do not overlap"
 )
+
+
+@dataclass(frozen=True)
+class PairPoints:
+    """The contact points (m) of one pair that belong to this process.
+
+    Args:
+        position: (m, dim), undeformed positions.
+        cone: friction laws of the points.
+        equation: (m, dim), reduced equation, owned by this process, that contains this component
+            of the point's force and no other one; -1 where the law is not stated.
+        motion_rows: (m dim, n), rows of G for the displacements.
+        force_columns: (m dim, n), transposed columns of H for the displacements.
+        mean_cell_midpoint: (m, dim), mean midpoint of the adjacent cells. It distinguishes
+            coincident points, for example of two bodies in contact.
+        outward: (m, dim), outward normal of the body, zero where it is not defined.
+        node: (m,), global index of the node at the point.
+        faced: (m,), global index of the node that the point faces, or `RIGID` or `DEFORMABLE`.
+        on_axis: (m, dim), radial components of nodes on the axis of an axisymmetric body.
+        counterpart: (m, dim), global index of the nearest node of a deformable surface that
+            supports hold in this component as well; -1 if there is none.
+        opposite: (k,), global indices of the nodes of a deformable surface on all processes, in
+            the order of `order_by_position`.
+    """
+
+    position: Array
+    cone: FrictionCone
+    equation: Indices
+    motion_rows: sp.csr_matrix
+    force_columns: sp.csr_matrix
+    mean_cell_midpoint: Array
+    outward: Array
+    node: Indices
+    faced: Indices
+    on_axis: Mask
+    counterpart: Indices
+    opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+
+@dataclass(frozen=True)
+class KnownGapSurface:
+    """Surface with known gaps at its own points; its normals are constant.
+
+    Args:
+        position: (m, dim), positions of the points.
+        initial_gap: (m,), gaps at these positions.
+        initial_normal: (m, dim), normals.
+    """
+
+    position: Array
+    initial_gap: Array
+    initial_normal: Array
+
+    def gap(self, x: Array) -> Array:
+        """Return the gaps (m,) of the points at positions x (m, dim) after a common translation."""
+        return self.initial_gap + np.sum(self.initial_normal * (x - self.position), axis=1)
+
+    def normal(self, x: Array) -> Array:  # noqa: ARG002
+        return self.initial_normal
 
 
 class BodyNodes:
@@ -469,3 +524,17 @@ def _turn_into_symmetry_planes(normal: Array, free: Mask) -> Array:
     length = np.linalg.norm(inside, axis=1, keepdims=True)
     near = length > _MIN_SYMMETRY_PLANE_COSINE
     return np.asarray(np.where(near, inside / np.where(near, length, 1.0), normal))
+
+
+def gather_points(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:
+    """Return the points (n, dim) of all processes, and the slice of this process; collective."""
+    parts = comm.allgather(x)
+    offset = sum(map(len, parts[: comm.rank]))
+    return np.concatenate(parts), slice(offset, offset + len(x))
+
+
+def compute_extents(comm: MPI.Comm, x: Array) -> Array:
+    """Return the extents (dim,) along the axes of the points (n, dim) of all processes."""
+    ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
+    comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
+    return -ends.sum(axis=0)

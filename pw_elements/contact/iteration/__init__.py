@@ -15,6 +15,11 @@ from pw_elements.contact.iteration.results import (
     make_pair_states,
     make_undeformed_state,
 )
+from pw_elements.contact.iteration.target import (
+    IncrementTarget,
+    interpolate_targets,
+    make_balanced_target,
+)
 from pw_elements.contact.iteration.updates import (
     ActiveSetUpdate,
     DeformedSetUpdate,

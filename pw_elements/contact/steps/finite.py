@@ -44,9 +44,11 @@ from pw_elements.contact.iteration import (
     DeformedSetUpdate,
     FiniteEquilibrium,
     Increment,
+    IncrementTarget,
     NewtonState,
     SlidingEquilibrium,
     compute_reference_sizes,
+    interpolate_targets,
     make_contact_state,
     solve_increment,
 )
@@ -79,19 +81,17 @@ from pw_elements.contact.output import (
 from pw_elements.contact.rescue import (
     SupportedPieces,
     combine_substeps,
+    count_straight_segments,
     ends_all_contact,
     find_passed_nodes,
     refuse_supports_through_each_other,
     refuse_tools_through_supports,
+    round_up_to_power_of_two,
     sample_placements,
     solve_in_substeps,
 )
 from pw_elements.contact.steps.sensitivity import HistoryPart, LinearisedEnd
 from pw_elements.contact.steps.smallness import SlipCheck
-from pw_elements.contact.steps.stepping import (
-    IncrementTarget,
-    interpolate_targets,
-)
 from pw_elements.contact.steps.verification import (
     ReferenceSizes,
     check_stiffness_sign,
@@ -112,20 +112,13 @@ _MIN_SUBSTEP = 1 / 64
 # Largest rotation of a rigid surface in one substep. At twice this angle, a node that slides round
 # the surface would count as one that has jumped
 MAX_SUBSTEP_ROTATION = np.pi / 4
-# Largest ratio of the path to its chord for prescribed displacements in one substep, that of a
-# quarter circle
-_MAX_PATH_RATIO = np.pi / np.sqrt(8)
 # Samples of this path per increment, at first and at most
 _PATH_SAMPLES, _MAX_PATH_SAMPLES = 16, 256
-# Shortest path that counts as curved, relative to the longest one of any node
-_MIN_PATH_FRACTION = 1e-3
 # Fewest samples of the paths of supports and surfaces that must not pass each other, and number of
 # samples of paths that separate them
 _MIN_PASSING_SAMPLES, _SEPARATION_SAMPLES = 64, 128
 # Largest number of linear systems for a state without contact
 _MAX_CLEAR_ITERATIONS = 10
-# Bound of round-off in the binary logarithm of a number of substeps
-_LOG_ROUND_OFF = 1e-9
 
 
 class LargeStrainStepping:
@@ -288,8 +281,8 @@ class LargeStrainStepping:
         """Return the number of substeps, a power of two, whose slip follows from their ends."""
         angles = np.nan_to_num(end.q - start.q)[:, -1]
         rotations = float(np.abs(angles).max(initial=0.0)) / MAX_SUBSTEP_ROTATION
-        n_straight = _count_straight_segments(support_path, self.interface.comm)
-        return max(_round_up_to_power_of_two(rotations), n_straight)
+        n_straight = count_straight_segments(support_path, self.interface.comm)
+        return max(round_up_to_power_of_two(rotations), n_straight)
 
     def _trace_support_path(self, state: ContactState, load: LoadFunction | None) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim) along the increment.
@@ -301,7 +294,7 @@ class LargeStrainStepping:
         n_samples = _PATH_SAMPLES
         path = self._sample_support_path(state, load, n_samples)
         while (
-            2 * _count_straight_segments(path, self.interface.comm) > n_samples
+            2 * count_straight_segments(path, self.interface.comm) > n_samples
             and n_samples < _MAX_PATH_SAMPLES
         ):
             n_samples *= 4
@@ -693,37 +686,3 @@ class LargeStrainStepping:
                             "not finite"
                         )
         return tuple(function.x.array.copy() for function in self.history)
-
-
-def _round_up_to_power_of_two(number: float) -> int:
-    """Return the least power of two that is at least 1 and at least `number` up to round-off."""
-    return 2 ** max(0, int(np.ceil(np.log2(max(number, 1.0)) - _LOG_ROUND_OFF)))
-
-
-def _count_straight_segments(path: Array, comm: MPI.Comm) -> int:
-    """Return the number of equal segments, a power of two, in which a path is nearly straight.
-
-    In each segment the path of a node is at most `_MAX_PATH_RATIO` times as long as its chord.
-
-    Args:
-        path: displacements (samples + 1, nodes, dim).
-        comm: communicator of the mesh.
-    """
-    step_lengths = np.linalg.norm(np.diff(path, axis=0), axis=2)
-    longest_path = comm.allreduce(step_lengths.sum(axis=0).max(initial=0.0), MPI.MAX)
-    n_samples = n_segments = len(step_lengths)
-    while n_segments > 1:
-        segment_size = 2 * n_samples // n_segments
-        path_lengths = step_lengths.reshape(
-            n_samples // segment_size, segment_size, step_lengths.shape[1]
-        ).sum(axis=1)
-        distances = np.linalg.norm(
-            path[segment_size::segment_size] - path[:-1:segment_size], axis=2
-        )
-        is_bent = (path_lengths > _MAX_PATH_RATIO * distances) & (
-            path_lengths > _MIN_PATH_FRACTION * longest_path
-        )
-        if comm.allreduce(bool(is_bent.any()), MPI.LOR):
-            break
-        n_segments //= 2
-    return n_segments
