@@ -158,6 +158,7 @@ class SpringPreconditioner:
         destroy_objects(self._ksp)
 
     def _multiply_blocks(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
+        """Return the product of blocks (m, dim, dim) on the diagonal with a matrix (m dim, ...)."""
         return block_diagonal_matrix(
             blocks, self._points.motion.getSizes()[0], matrix.comm
         ).matMult(matrix)
@@ -200,11 +201,13 @@ class BorderedPreconditioner:
         y.array[n:] = U[: len(values) - n]
 
     def _apply_inner(self, values: Array) -> Array:
+        """Return the product of the inner preconditioner with values (n,)."""
         self._inner_input.array[:] = values
         self._inner.apply(self._inner_input, self._inner_output)
         return np.array(self._inner_output.array_r)
 
     def _sum_rows(self, values: Array) -> Array:
+        """Return the products (translations,) of the balance rows with values (n,)."""
         totals = np.array([row @ values for row in self._balance_rows])
         self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
         return totals
@@ -588,6 +591,7 @@ class KrylovTangent:
         return residual, is_stalled
 
     def _free_krylov_vectors(self) -> None:
+        """Free the vectors of the Krylov method without resetting the preconditioner."""
         preconditioner, empty_preconditioner = (
             self._ksp.getPC(),
             PETSc.PC().create(self._operator.comm),
@@ -632,6 +636,7 @@ class KrylovTangent:
         return float(remaining_rhs.norm())
 
     def _count_operations(self) -> float:
+        """Return the number of floating-point operations that all processes have done so far."""
         return float(self._comm.allreduce(PETSc.Log.getFlops(), MPI.SUM))
 
     def _largest_contact_force(self) -> float:
@@ -682,6 +687,7 @@ class KrylovTangent:
         x.array[points.equations[has_equation]] += step[has_equation]
 
     def _make_balance_row(self, K: PETSc.Mat, supports: Supports, translation: int) -> Array:
+        """Return the row (n,) of a free translation's force balance, on this process."""
         points = self._points
         point_factors, row = K.createVecs()
         is_moved = (points.free_translation == translation) & (points.equations >= 0)
@@ -690,6 +696,7 @@ class KrylovTangent:
         return np.asarray(row.array_r * supports.free)
 
     def _make_border_column(self, translation: int, D: Array) -> Array:
+        """Return the column (n,) by which a free translation enters the law, on this process."""
         points = self._points
         law_values = -np.einsum(
             "nab,nb->na", D, (points.free_translation == translation).astype(float)
