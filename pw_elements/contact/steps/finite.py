@@ -176,11 +176,11 @@ class LargeStrainStepping:
         self.history, self._history_update = list(history), update
         self.coefficients = ResidualCoefficients.from_form(self.form, self.u, self.history)
         self._system: ContactSystem | None = None
-        self._tangent_ratio_monitor: TangentRatioMonitor | None = None
+        self._ratio_monitor: TangentRatioMonitor | None = None
         (test_function,) = self.form.arguments()
         is_galerkin = test_function.ufl_element() == self._whole_space.ufl_element()
         if not (is_galerkin or is_hybrid(self._whole_space)):
-            self._tangent_ratio_monitor = TangentRatioMonitor(self.form, self.u)
+            self._ratio_monitor = TangentRatioMonitor(self.form, self.u)
 
     def step(
         self, state: ContactState, load: LoadFunction | None, motions: Sequence[Motion | None]
@@ -199,9 +199,9 @@ class LargeStrainStepping:
             system = self._system_for(end.free_motions)
             cost_before = system.n_solves, system.report
             # the tangent of later states has been checked at the end of their increments
-            if self._tangent_ratio_monitor is not None and not state.increment:
+            if self._ratio_monitor is not None and not state.increment:
                 self._restore_state(state)
-                self._tangent_ratio_monitor.is_beyond_limit()
+                self._ratio_monitor.is_beyond_limit()
             support_path = self._trace_support_path(state, load)
             self._refuse_passing_surfaces(state, start, end, support_path)
             start_unknowns = self._find_contact_free_start(state, load, start, end, support_path)
@@ -222,9 +222,8 @@ class LargeStrainStepping:
                 self._restore_state(current)
                 self._apply_load(load, fraction)
                 if not state.increment and current is state:
-                    largest_force = self._residual_system.assemble_residual().norm(
-                        PETSc.NormType.INFINITY
-                    )
+                    residual = self._residual_system.assemble_residual()
+                    largest_force = residual.norm(PETSc.NormType.INFINITY)
                     arguments.check_magnitude("the load of the undeformed body", largest_force)
                 try:
                     target = interpolate_targets(start, end, fraction)
@@ -237,7 +236,7 @@ class LargeStrainStepping:
 
             substeps: list[tuple[float, ContactState]] = []
             if start_unknowns is not None:
-                log_on_root(interface.comm, logging.INFO, "solved without contact", ".contact")
+                log_on_root(interface.comm, logging.INFO, "attempt without contact", ".contact")
                 solve_clear_substep = partial(solve_substep, start_unknowns=start_unknowns)
                 substeps, failure = solve_in_substeps(solve_clear_substep, state, (1.0, 1.0, 1.0))
             sizes = (1 / n_initial_substeps, _MIN_SUBSTEP / n_initial_substeps, 2.0)
@@ -258,10 +257,7 @@ class LargeStrainStepping:
                 fraction, error = failure
                 interval = f"from {reached_fraction:.4g} to {fraction:.4g} of the increment"
                 message = f"{error}; {interval}, which cannot be halved further"
-                if (
-                    self._tangent_ratio_monitor is not None
-                    and self._tangent_ratio_monitor.is_beyond_limit()
-                ):
+                if self._ratio_monitor is not None and self._ratio_monitor.is_beyond_limit():
                     message += f". The body is nearly incompressible: {HYBRID_SPACES_REMEDY}"
                 friction_may_fail = bool(end.free_motions) or not self._supported_axes().all()
                 if friction_may_fail and (friction_message := describe_exhausted_friction(current)):
@@ -329,18 +325,16 @@ class LargeStrainStepping:
     ) -> PETSc.Vec | None:
         """Return unknowns (n,) of a body that its supports move rigidly to an end without contact.
 
-        None if nodes are in contact at the start, the motion does not end all possible contact, or
-        the problem has a history.
+        Returns None if nodes are in contact at the start, the motion does not end all possible
+        contact, or the problem has a history.
         """
         interface, comm = self.interface, self.interface.comm
         is_closed = interface.local(state.pairs, "status")[0] != OPEN
-        if (
-            self.history
-            or self._history_update
-            or not comm.allreduce(bool(is_closed.any()), MPI.LOR)
-        ):
+        has_contact = comm.allreduce(bool(is_closed.any()), MPI.LOR)
+        if self.history or self._history_update or not has_contact:
             return None
-        node_data = self._node_positions, self._is_supported, self._node_component
+        positions = self._node_positions
+        node_data = positions, self._is_supported, self._node_component
         support_path = support_path[[0, -1]]
         for n_samples in (1, _SEPARATION_SAMPLES):  # the ends alone exclude most cases cheaply
             if n_samples > 1:
@@ -352,9 +346,7 @@ class LargeStrainStepping:
             ):
                 return None
         start_unknowns, owned = state.unknowns.duplicate(), interface.field.owned_unknowns
-        displacement = (
-            pieces.move(self._node_positions, self._node_component)[-1] - self._node_positions
-        )
+        displacement = pieces.move(positions, self._node_component)[-1] - positions
         start_unknowns.setArray(interface.field.embed(displacement.ravel()))
         start_unknowns.array[owned] = np.where(
             self._is_supported, support_path[-1], start_unknowns.array_r[owned]
@@ -517,10 +509,7 @@ class LargeStrainStepping:
         """
         solver_signs = system.tangent.solver.determinant_signs[n_signs:]
         signs = solver_signs or system.tangent.determinant_signs()
-        if (
-            self._tangent_ratio_monitor is not None
-            and self._tangent_ratio_monitor.is_beyond_limit()
-        ):
+        if self._ratio_monitor is not None and self._ratio_monitor.is_beyond_limit():
             signs = ()  # signs change without instability in nearly incompressible bodies
         is_comparable = bool(solver_signs) and state.free_motions == system.free_motions
         accepted_signs = state.determinant_signs if is_comparable else frozenset[int]()
@@ -571,15 +560,13 @@ class LargeStrainStepping:
         interface = self.interface
         start = make_increment_start(state, interface, state.placements)
         reduction = replace(self._reduction, offset=self.prescribed_displacements())
-        equilibrium_arguments = self._residual_system, system, reduction, self._cell_guard, unknowns
+        body_data = self._residual_system, system, reduction, self._cell_guard, unknowns
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, start.q, target.q)
-            equilibrium: FiniteEquilibrium = SlidingEquilibrium(
-                *equilibrium_arguments, mortars=mortars
-            )
+            equilibrium: FiniteEquilibrium = SlidingEquilibrium(*body_data, mortars=mortars)
             kinematics = DeformedKinematics(interface, self._surfaces, start, mortars)
         else:
-            equilibrium = FiniteEquilibrium(*equilibrium_arguments)
+            equilibrium = FiniteEquilibrium(*body_data)
             kinematics = DeformedKinematics(interface, self._surfaces, start, NoDeformablePairs())
         increment = Increment(
             system, equilibrium, kinematics, start, prescribed=target.q, totals=target.totals
@@ -607,12 +594,8 @@ class LargeStrainStepping:
         """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
         values = [getattr(condition.g, "value", None) for condition in self._condition_list]
         # DOLFINx stores C++ objects of constants, which share the array of values
-        is_prescribed = any(
-            value is not None and np.shares_memory(value, constant.value) for value in values
-        )
-        return is_prescribed or any(
-            constant is residual_constant for residual_constant in self._constants
-        )
+        is_prescribed = any(v is not None and np.shares_memory(v, constant.value) for v in values)
+        return is_prescribed or any(constant is c for c in self._constants)
 
     @property
     def _condition_list(self) -> Sequence[fem.DirichletBC]:
@@ -674,11 +657,10 @@ class LargeStrainStepping:
             same["the constants and conditions"] = self._constants, self._conditions
 
     def _update_history_functions(self) -> tuple[Array, ...]:
+        comm = self.interface.comm
         if self._history_update is not None:
-            with collective_errors(self.interface.comm):
-                call_user_function(
-                    self.interface.comm, "the update of the history", self._history_update
-                )
+            with collective_errors(comm):
+                call_user_function(comm, "the update of the history", self._history_update)
                 for k, function in enumerate(self.history):
                     if not np.isfinite(function.x.array).all():
                         raise ValueError(

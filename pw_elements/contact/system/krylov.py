@@ -19,7 +19,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from pw_elements.arrays import Array
-from pw_elements.contact.nodes import FORCE_TOLERANCE, LinearisedLaw
+from pw_elements.contact.nodes import TOLERANCE, LinearisedLaw
 from pw_elements.contact.system.preconditioners import (
     AnchorNodes,
     BorderedPreconditioner,
@@ -55,7 +55,7 @@ _SPRING_FORCING_FACTOR = 5.0
 # Final residual over the largest nodal contact force: the solver's tolerance, but at most
 # _MAX_FINAL_TOLERANCE, or _NONLINEAR_FINAL_TOLERANCE for a changing tangent (large strains).
 # Accuracy "tightened" multiplies it by _TIGHTENING_FACTOR
-_MAX_FINAL_TOLERANCE = FORCE_TOLERANCE / 10
+_MAX_FINAL_TOLERANCE = TOLERANCE / 10
 _NONLINEAR_FINAL_TOLERANCE = 1e-13
 _TIGHTENING_FACTOR = 0.1
 # Relative residual at which eigenvalues are computed
@@ -393,6 +393,7 @@ class KrylovTangent:
         return residual, is_stalled
 
     def _free_krylov_vectors(self) -> None:
+        """Free the vectors of the Krylov method without resetting the preconditioner."""
         preconditioner, empty_preconditioner = (
             self._ksp.getPC(),
             PETSc.PC().create(self._operator.comm),
@@ -426,7 +427,7 @@ class KrylovTangent:
         largest = self._largest_contact_force()
         # a step that would make the next one the last is solved to the final tolerance
         intermediate_residual = (
-            intermediate_residual if intermediate_residual > FORCE_TOLERANCE * largest else 0.0
+            intermediate_residual if intermediate_residual > TOLERANCE * largest else 0.0
         )
         return max(intermediate_residual, self._tolerance * largest)
 
@@ -437,6 +438,7 @@ class KrylovTangent:
         return float(remaining_rhs.norm())
 
     def _count_operations(self) -> float:
+        """Return the number of floating-point operations that all processes have done so far."""
         return float(self._comm.allreduce(PETSc.Log.getFlops(), MPI.SUM))
 
     def _largest_contact_force(self) -> float:
@@ -487,6 +489,7 @@ class KrylovTangent:
         x.array[points.equations[has_equation]] += step[has_equation]
 
     def _make_balance_row(self, K: PETSc.Mat, supports: Supports, translation: int) -> Array:
+        """Return the row (n,) of a free translation's force balance, on this process."""
         points = self._points
         point_factors, row = K.createVecs()
         is_moved = (points.free_translation == translation) & (points.equations >= 0)
@@ -495,6 +498,7 @@ class KrylovTangent:
         return np.asarray(row.array_r * supports.free)
 
     def _make_border_column(self, translation: int, D: Array) -> Array:
+        """Return the column (n,) by which a free translation enters the law, on this process."""
         points = self._points
         law_values = -np.einsum(
             "nab,nb->na", D, (points.free_translation == translation).astype(float)

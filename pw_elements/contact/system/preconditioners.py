@@ -107,6 +107,7 @@ class SpringPreconditioner:
         destroy_objects(self._ksp)
 
     def _multiply_blocks(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
+        """Return the product of blocks (m, dim, dim) on the diagonal with a matrix (m dim, ...)."""
         return block_diagonal_matrix(
             blocks, self._points.motion.getSizes()[0], matrix.comm
         ).matMult(matrix)
@@ -149,11 +150,13 @@ class BorderedPreconditioner:
         y.array[n:] = U[: len(values) - n]
 
     def _apply_inner(self, values: Array) -> Array:
+        """Return the product of the inner preconditioner with values (n,)."""
         self._inner_input.array[:] = values
         self._inner.apply(self._inner_input, self._inner_output)
         return np.array(self._inner_output.array_r)
 
     def _sum_rows(self, values: Array) -> Array:
+        """Return the products (translations,) of the balance rows with values (n,)."""
         totals = np.array([row @ values for row in self._balance_rows])
         self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
         return totals

@@ -50,6 +50,7 @@ class ContactPointData:
         law_scale: Array,
         free_motions: FreeMotions,
     ) -> "ContactPointData":
+        """Collect the data of an interface; arguments as the attributes of the same names."""
         node = interface.node - interface.field.space.dofmap.index_map.local_range[0]
         free_translation = np.full(equations.shape, -1, dtype=np.int64)
         for k, (pair, axis) in enumerate(free_motions):
