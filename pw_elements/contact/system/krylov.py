@@ -19,7 +19,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from pw_elements.arrays import Array
-from pw_elements.contact.nodes import TOLERANCE, LinearisedLaw
+from pw_elements.contact.nodes import FORCE_TOLERANCE, LinearisedLaw
 from pw_elements.contact.system.preconditioners import (
     AnchorNodes,
     BorderedPreconditioner,
@@ -55,7 +55,7 @@ _SPRING_FORCING_FACTOR = 5.0
 # Final residual over the largest nodal contact force: the solver's tolerance, but at most
 # _MAX_FINAL_TOLERANCE, or _NONLINEAR_FINAL_TOLERANCE for a changing tangent (large strains).
 # Accuracy "tightened" multiplies it by _TIGHTENING_FACTOR
-_MAX_FINAL_TOLERANCE = TOLERANCE / 10
+_MAX_FINAL_TOLERANCE = FORCE_TOLERANCE / 10
 _NONLINEAR_FINAL_TOLERANCE = 1e-13
 _TIGHTENING_FACTOR = 0.1
 # Relative residual at which eigenvalues are computed
@@ -427,7 +427,7 @@ class KrylovTangent:
         largest = self._largest_contact_force()
         # a step that would make the next one the last is solved to the final tolerance
         intermediate_residual = (
-            intermediate_residual if intermediate_residual > TOLERANCE * largest else 0.0
+            intermediate_residual if intermediate_residual > FORCE_TOLERANCE * largest else 0.0
         )
         return max(intermediate_residual, self._tolerance * largest)
 
