@@ -175,7 +175,7 @@ def fail_while_writing(comm, folder):
 
     with (
         patch.object(ContactFields, "fill", fail_on_rank_1),
-        patch(f"{write.__module__}._PATIENCE", 1.0),
+        patch(f"{write.__module__}._MAX_WAIT", 1.0),
     ):
         write(folder / "block.bp", states, body.body)
 

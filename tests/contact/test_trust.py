@@ -150,7 +150,13 @@ def test_no_state_is_accepted_that_its_residuals_reject(converged_increment, nam
         if disturbed is solution:
             disturbed = replace(solution, nodes=replace(contact, force=force, gap=gap, slip=slip))
         state = make_contact_state(
-            increment, disturbed, start, iterations=1, report=SolverReport("", 0), smallness=None
+            increment,
+            disturbed,
+            start,
+            sizes=reference_sizes(increment, disturbed, start.scale),
+            iterations=1,
+            report=SolverReport("", 0),
+            smallness=None,
         )
         assert (increment.violation(disturbed) <= 1) == (relative_error == 1e-10)
         assert getattr(state.residuals, name) > relative_error / 100

@@ -415,7 +415,7 @@ def test_invalid_pivots_are_refused():
     rubber, block = RubberUnderCircle(), BlockOnFloor(4)
     surface, step = rubber.pair.surface, rubber.problem.step
     for attempt, message in (
-        (lambda: ContactPair(on_top, DeformableSurface(on_top), pivot=PIVOT), "are its supports"),
+        (lambda: ContactPair(on_top, DeformableSurface(on_top), pivot=PIVOT), "supports rotate it"),
         (lambda: ContactPair(on_top, surface, pivot=(0, 0, 1)), "axis"),
         (lambda: ContactPair(on_top, surface, pivot=PIVOT, axis=(0, 0, 1)), "in space"),
         (lambda: step(rubber.problem.undeformed, motions=PRESSING_MOTION), "give it a pivot"),
