@@ -21,7 +21,12 @@ from pw_elements.contact import (
     NotFound,
     Sphere,
 )
-from pw_elements.contact.iteration import choose_first_set, make_contact_state, solve_increment
+from pw_elements.contact.iteration import (
+    choose_first_set,
+    make_contact_state,
+    reference_sizes,
+    solve_increment,
+)
 from pw_elements.contact.model import Residuals
 from pw_elements.contact.steps.stepping import IncrementTarget, SmallStrainStepping
 from pw_elements.meshes import triangles
@@ -158,9 +163,11 @@ def test_no_state_is_accepted_that_its_residuals_reject(converged_increment, nam
             report=SolverReport("", 0),
             smallness=None,
         )
-        assert (increment.violation(disturbed) <= 1) == (relative_error == 1e-10)
+        assert (increment.violation(disturbed, solution.allowance, 0.0) <= 1) == (
+            relative_error == 1e-10
+        )
         assert getattr(state.residuals, name) > relative_error / 100
-    assert increment.violation(solution) <= 1
+    assert increment.violation(solution, solution.allowance, 0.0) <= 1
 
 
 @pytest.mark.parametrize(("load_ratio", "is_unique"), [(0.9, True), (1.0, False)])
