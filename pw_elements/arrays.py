@@ -1,4 +1,7 @@
-"""Types of NumPy arrays by the type of their entries."""
+"""Types of NumPy arrays by the type of their entries, and arrays with derivatives."""
+
+from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -8,3 +11,55 @@ Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 # Numbers of nodes, facets or cells on a process, of DOLFINx' type
 LocalIndices = npt.NDArray[np.int32]
+
+
+class AutoDiffArray:
+    """Numbers (n,) with derivatives (n, k): automatic differentiation in forward mode."""
+
+    __array_ufunc__ = None  # so that NumPy arrays leave mixed operations to this class
+
+    def __init__(self, value: Array, derivative: Array) -> None:
+        self.value, self.derivative = value, derivative
+
+    def __add__(self, other: "Numbers") -> "AutoDiffArray":
+        if isinstance(other, AutoDiffArray):
+            return AutoDiffArray(self.value + other.value, self.derivative + other.derivative)
+        return AutoDiffArray(self.value + other, self.derivative)
+
+    def __mul__(self, other: "Numbers") -> "AutoDiffArray":
+        if isinstance(other, AutoDiffArray):
+            derivative = self.derivative * other.value[:, None]
+            derivative = derivative + other.derivative * self.value[:, None]
+            return AutoDiffArray(self.value * other.value, derivative)
+        return AutoDiffArray(self.value * other, (self.derivative.T * other).T)
+
+    def __pow__(self, power: float) -> "AutoDiffArray":
+        factor = power * self.value ** (power - 1)
+        return AutoDiffArray(self.value**power, self.derivative * factor[:, None])
+
+    def __getitem__(self, rows: Indices) -> "AutoDiffArray":
+        return AutoDiffArray(self.value[rows], self.derivative[rows])
+
+    def __neg__(self) -> "AutoDiffArray":
+        return self * -1.0
+
+    def __sub__(self, other: "Numbers") -> "AutoDiffArray":
+        return self + -other
+
+    def __rsub__(self, other: "Numbers") -> "AutoDiffArray":
+        return -self + other
+
+    def __truediv__(self, other: "Numbers") -> "AutoDiffArray":
+        return self * other**-1.0
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+# Operands of formulas, with or without derivatives
+Numbers: TypeAlias = AutoDiffArray | Array | float
+
+
+def stack_values_and_derivatives(numbers: Sequence[AutoDiffArray]) -> tuple[Array, Array]:
+    """Return values (q, j) and derivatives (q, j, k) of j arrays (q,) with derivatives (q, k)."""
+    parts = ([v.value for v in numbers], [v.derivative for v in numbers])
+    return np.stack(parts[0], axis=1), np.stack(parts[1], axis=1)

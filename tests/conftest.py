@@ -29,16 +29,16 @@ def _close_figures():
 @pytest.fixture(autouse=True)
 def _limit_mortar_candidates(monkeypatch):
     """Assert that the mortar's search tests few candidate pairs on every mesh of the suite."""
-    if (mortar := sys.modules.get("pw_elements.contact.interface.mortar")) is None:
+    if (overlap := sys.modules.get("pw_elements.contact.interface.overlap")) is None:
         return
-    candidates = mortar._find_candidate_pairs
+    candidates = overlap._find_candidate_pairs
 
     def count_candidates(slave, master, along):
         pairs = candidates(slave, master, along)
         assert len(pairs[0]) <= MAX_CANDIDATES_PER_FACET * max(len(slave), len(master))
         return pairs
 
-    monkeypatch.setattr(mortar, "_find_candidate_pairs", count_candidates)
+    monkeypatch.setattr(overlap, "_find_candidate_pairs", count_candidates)
 
 
 def pytest_addoption(parser):

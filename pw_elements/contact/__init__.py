@@ -10,18 +10,18 @@ A block is pressed on a rough floor, then a punch is pushed into its top by a fo
         motions=[Motion((0, 0)), Motion((0, None), force=(0, -40))],
     )
     states = solve_contact(K, [pressed, pressed], supports, [floor, punch], U)
-    below, above = states[-1].pairs
-    below.position, below.force_normal, below.force_tangential, below.status
-    above.translation, above.force, states[-1].iterations, states[-1].residuals
+    on_floor, under_punch = states[-1].pairs
+    on_floor.position, on_floor.force_normal, on_floor.force_tangential, on_floor.status
+    under_punch.translation, under_punch.force, states[-1].iterations, states[-1].residuals
     write("punch.bp", states, body)  # for ParaView
     plot(states[-1], body, pair=1)
 
-Any residual at large strains, on surfaces along which it slides far:
+A body at large strains, defined by its residual F, that may slide far along a surface:
 
     problem = ContactProblem.of_residual(F, u, conditions, ContactPair(top, Sphere((0, 1), 1.0)))
     pressed = problem.step(problem.undeformed, motions=Motion((0, -0.25)))
 
-A body that is thrown at a floor, by explicit dynamics:
+Impact of a body on a floor, by explicit dynamics:
 
     history = solve_impact(K, lumped, supports, floor, U, duration=1.0, velocity=thrown, frames=50)
     write("thrown.bp", history.frames, body, history.frame_times)

@@ -17,15 +17,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from pw_elements import Direct, PetrovGalerkinProblem, Reduction
-from pw_elements.arrays import Array, Indices
+from pw_elements.arrays import Array, AutoDiffArray, Indices, stack_values_and_derivatives
 from pw_elements.contact import ContactPair
 from pw_elements.contact.interface import MortarMatrices, SlidingMortar, Trace
-from pw_elements.contact.interface.sliding import (
-    AutoDiffArray,
-    LinearisedMortar,
-    stack_values_and_derivatives,
-    sum_into_matrix,
-)
+from pw_elements.contact.interface.sliding import LinearisedMortar, sum_into_matrix
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.steps.finite import LargeStrainStepping
@@ -56,10 +51,10 @@ def _root(f: Callable[[Any, Any], Any], fixed: Any, varying: Any, t: Array) -> A
     one = np.ones((len(t), 1))
     for _ in range(_STEPS):
         found = f(fixed, AutoDiffArray(t, one))
-        step = found.value / found.slope[:, 0]
+        step = found.value / found.derivative[:, 0]
         t = t - np.clip(np.nan_to_num(step), -1.0, 1.0)
-    slope = f(fixed, AutoDiffArray(t, one)).slope
-    return AutoDiffArray(t, -f(varying, t).slope / slope)
+    slope = f(fixed, AutoDiffArray(t, one)).derivative
+    return AutoDiffArray(t, -f(varying, t).derivative / slope)
 
 
 class DualQuadratic(SlidingMortar):

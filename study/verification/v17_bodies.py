@@ -22,7 +22,7 @@ from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import OPEN, SLIP, ContactPair, ContactProblem, DeformableSurface
 from pw_elements.contact.interface import gather_trace
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.nodes import TOLERANCE
+from pw_elements.contact.nodes import FORCE_TOLERANCE
 from pw_elements.meshes import curved_mesh
 from study.core.cases import Case
 from study.core.store import Result
@@ -132,7 +132,7 @@ def follow(
 
     def told(progress: object) -> None:
         if getattr(progress, "state", None) is None:
-            course.violations[-1].append(getattr(progress, "violation", np.inf) * TOLERANCE)
+            course.violations[-1].append(getattr(progress, "violation", np.inf) * FORCE_TOLERANCE)
 
     own, opposite = (side.astype(np.int32) for side in sides)
     of_pair = fem.locate_dofs_topological(space, 1, own)

@@ -19,8 +19,8 @@ from pw_elements.contact import (
     Sphere,
     write,
 )
-from pw_elements.contact.interface import ROUND_OFF
-from pw_elements.contact.steps.stepping import IncrementTarget
+from pw_elements.contact.interface import COORDINATE_ROUND_OFF
+from pw_elements.contact.iteration import IncrementTarget
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
 from study.elements import taylor_hood
@@ -161,7 +161,7 @@ def test_round_off_of_volumes_is_tolerated_in_pressure_equations_alone():
     assert np.ptp(tolerances[~is_pressure]) == 0
     added_tolerances = tolerances[is_pressure] - tolerances[~is_pressure][0]
     assert added_tolerances / volumes.array_r[is_pressure] == pytest.approx(
-        np.full(len(added_tolerances), 2 * ROUND_OFF)
+        np.full(len(added_tolerances), 2 * COORDINATE_ROUND_OFF)
     )
 
 

@@ -44,8 +44,8 @@ from pw_elements.contact.nodes import (
     STICK,
     DeformedKinematics,
     IncrementStart,
+    NoDeformablePairs,
     RigidSurfaceMotion,
-    RigidSurfacesOnly,
 )
 from pw_elements.contact.system.krylov import KrylovTangent
 from pw_elements.meshes import triangles
@@ -196,13 +196,13 @@ def test_slip_is_the_arc_length():
         )
         surfaces = RigidSurfaceMotion(interface, [ContactPair(on_top, sphere)])
         start_state = IncrementStart(np.zeros((3, dim)), np.zeros((3, dim)), rest_motion)
-        kinematics = DeformedKinematics(interface, surfaces, start_state, RigidSurfacesOnly())
+        kinematics = DeformedKinematics(interface, surfaces, start_state, NoDeformablePairs())
         linear_kinematics = kinematics.linearise(rest_motion, end - start, np.zeros((3, dim)))
         assert np.abs(np.linalg.norm(linear_kinematics.slip, axis=1) - 2 * angle).max() < 1e-12
         pressed = np.ones(3, dtype=bool)
-        assert not kinematics.find_jumped(linear_kinematics, pressed).any()
+        assert not kinematics.find_jumped_points(linear_kinematics, pressed).any()
         far = kinematics.linearise(rest_motion, -2.1 * start, np.zeros((3, dim)))
-        assert kinematics.find_jumped(far, pressed).all()
+        assert kinematics.find_jumped_points(far, pressed).all()
 
 
 @pytest.mark.parametrize("stress", [neo_hookean_stress, saint_venant_stress])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import OPEN, SLIP, STICK, Coulomb, NotFound
-from pw_elements.contact.iteration.updates import CycleGuard, SetHistory
+from pw_elements.contact.iteration.updates import ActiveSetHistory, CycleGuard
 from pw_elements.contact.model import FrictionCone
 from pw_elements.contact.nodes import ActiveSet, ContactNodes
 
@@ -57,38 +57,45 @@ def test_nodes_that_cycle_change_one_at_a_time():
         make_active_set(STICK, STICK, OPEN, OPEN),
         make_active_set(OPEN, OPEN, STICK, STICK),
     )
-    assert not guard.record_and_detect(first_set)
-    assert not guard.record_and_detect(second_set)
-    assert guard.record_and_detect(first_set)
+    assert not guard.record_and_detect_cycle(first_set)
+    assert not guard.record_and_detect_cycle(second_set)
+    assert guard.record_and_detect_cycle(first_set)
     cycling_nodes = make_contact_nodes(
         [[-1.99, 0], [-2.0, 0], [0, 0], [0, 0]], gap=[0, 0, -0.5, -0.1]
     )
     assert cycling_nodes.next_active_set(first_set).status.tolist() == second_set.status.tolist()
-    assert guard.propose(first_set, cycling_nodes).status.tolist() == [STICK, OPEN, OPEN, OPEN]
-    assert not guard.record_and_detect(first_set)
-    assert not guard.record_and_detect(second_set)
+    assert guard.propose_active_set(first_set, cycling_nodes).status.tolist() == [
+        STICK,
+        OPEN,
+        OPEN,
+        OPEN,
+    ]
+    assert not guard.record_and_detect_cycle(first_set)
+    assert not guard.record_and_detect_cycle(second_set)
     with pytest.raises(NotFound, match="2 active sets"):
-        guard.record_and_detect(first_set)
+        guard.record_and_detect_cycle(first_set)
 
 
 def test_a_recurring_set_is_kept_until_its_equations_are_solved():
-    history = SetHistory(SELF)
+    history = ActiveSetHistory(SELF)
     slip_set, open_set = make_active_set(SLIP, STICK, direction=1.0), make_active_set(OPEN, STICK)
     assert [
-        history.record_and_ask_to_keep(make_active_set(SLIP, STICK), 1.0) for _ in range(8)
+        history.record_and_decide_to_keep(make_active_set(SLIP, STICK), 1.0) for _ in range(8)
     ] == [False] * 8  # the set does not change
-    answers = [history.record_and_ask_to_keep((slip_set, open_set)[k % 2], 1.0) for k in range(6)]
+    answers = [
+        history.record_and_decide_to_keep((slip_set, open_set)[k % 2], 1.0) for k in range(6)
+    ]
     assert answers == [False] * 5 + [True]
-    assert history.record_and_ask_to_keep(open_set, 1e-3)
-    assert not history.record_and_ask_to_keep(open_set, 1e-9)  # solved
-    assert [history.record_and_ask_to_keep(slip_set, 1.0) for _ in range(6)] == [True] * 5 + [
+    assert history.record_and_decide_to_keep(open_set, 1e-3)
+    assert not history.record_and_decide_to_keep(open_set, 1e-9)  # solved
+    assert [history.record_and_decide_to_keep(slip_set, 1.0) for _ in range(6)] == [True] * 5 + [
         False
     ]  # not for ever
 
 
 def test_the_error_of_a_cycle_names_the_nodes_that_change():
     history, sets = (
-        SetHistory(SELF),
+        ActiveSetHistory(SELF),
         (make_active_set(SLIP, STICK, direction=1.0), make_active_set(OPEN, STICK)),
     )
     nodes = SimpleNamespace(
@@ -96,6 +103,6 @@ def test_the_error_of_a_cycle_names_the_nodes_that_change():
     )
     assert str(history.make_error("no set", nodes)) == "no set"
     for k in range(8):
-        history.record_and_ask_to_keep(sets[k % 2], 1.0)
+        history.record_and_decide_to_keep(sets[k % 2], 1.0)
     message = str(history.make_error("no set", nodes))
-    assert "2 sets come back, which differ at 1 of the nodes, at (3, 1)" in message
+    assert "2 active sets recur, which differ at 1 of the nodes, at (3, 1)" in message

@@ -370,7 +370,7 @@ def test_a_shrunk_ring_has_lames_pressure(method, build):
 
 def test_initial_penetration_needs_interference():
     ring = ShrunkRing(3)
-    with pytest.raises(ValueError, match="is to say interference=True"):
+    with pytest.raises(ValueError, match="or set interference=True"):
         ring.solve_contact(ring.pair(interference=False), ring.end_supports)
 
 

@@ -23,8 +23,8 @@ from pw_elements.contact import (
 from pw_elements.contact.nodes import (
     DeformedKinematics,
     IncrementStart,
+    NoDeformablePairs,
     RigidSurfaceMotion,
-    RigidSurfacesOnly,
 )
 from pw_elements.contact.steps import finite
 from tests.contact.cases import BlockOnFloor, finite_strain_residual, on_plane
@@ -67,18 +67,18 @@ def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
     start_q = np.append(rng.normal(size=dim) * 0.1, 0.5)[None]
     # in the frame of the surface, displacements are small
     starts, ends = (rng.normal(size=(m, dim)) * 0.2 for _ in range(2))
-    displacement = surfaces.displacement_of(start_q, starts)
+    displacement = surfaces.displacement_from_surface_frame(start_q, starts)
     start = IncrementStart(displacement, np.zeros((m, dim)), start_q)
-    kinematics = DeformedKinematics(interface, surfaces, start, RigidSurfacesOnly())
-    a, r = surfaces.displacement_of(q, ends), rng.normal(size=(m, dim))
+    kinematics = DeformedKinematics(interface, surfaces, start, NoDeformablePairs())
+    a, r = surfaces.displacement_from_surface_frame(q, ends), rng.normal(size=(m, dim))
     linearised = kinematics.linearise(q, a, r)
-    R, w = np.eye(dim) + surfaces.rotation_change(q), linearised.torque_map.w
+    R, w = np.eye(dim) + surfaces.rotation_minus_identity(q), linearised.torque_map.w
 
     def invariants(step, motion, displacement_change):
         """Return gap, slip, normal and force in the surface's frame, shear size, and torque."""
         changed_q, changed_a = q + step * motion, a + step * displacement_change
         changed_kinematics, rotation = kinematics.linearise(changed_q, changed_a, r), np.eye(dim)
-        rotation = rotation + surfaces.rotation_change(changed_q)
+        rotation = rotation + surfaces.rotation_minus_identity(changed_q)
         slip = np.einsum(
             "nta,nt->na", changed_kinematics.frame[:, 1:] @ rotation, changed_kinematics.slip
         )

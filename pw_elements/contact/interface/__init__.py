@@ -1,11 +1,6 @@
-"""Contact points, and the operators between them and the unknowns."""
+"""Contact points, and the motion and force operators that couple them to the unknowns."""
 
-from pw_elements.contact.interface.build import (
-    average_cell_midpoints,
-    build_interface,
-    check_piecewise_linear_weights,
-    find_reduced_columns,
-)
+from pw_elements.contact.interface.build import build_interface
 from pw_elements.contact.interface.facing import (
     MortarMatrices,
     measure_gap_and_slip,
@@ -13,19 +8,24 @@ from pw_elements.contact.interface.facing import (
 from pw_elements.contact.interface.mortar import (
     Overlap,
     Trace,
-    compute_cell_sizes,
     compute_flat_facets,
     compute_tributary_areas,
     gather_trace,
 )
 from pw_elements.contact.interface.operators import (
-    DEFORMABLE,
-    OUTWARDS,
-    RIGID,
-    ROUND_OFF,
+    COORDINATE_ROUND_OFF,
+    MIN_OUTWARD_COSINE,
     Interface,
-    NoContactStated,
-    extents,
+    InvalidContactNodes,
+)
+from pw_elements.contact.interface.overlap import compute_cell_sizes
+from pw_elements.contact.interface.pair_points import (
+    DEFORMABLE,
+    RIGID,
+    average_cell_midpoints,
+    check_piecewise_linear_weights,
+    compute_extents,
+    find_reduced_columns,
 )
 from pw_elements.contact.interface.probes import (
     probe_friction,

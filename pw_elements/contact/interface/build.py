@@ -6,32 +6,24 @@ whose user functions give the same values on all processes. All of it is collect
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
-import scipy.sparse as sp
-import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
-from scipy.spatial import cKDTree
 
-from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction
-from pw_elements.arrays import Array, Indices, LocalIndices, Mask
+from pw_elements.arrays import Array, LocalIndices
 from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
-from pw_elements.contact.interface.mortar import Overlap, Trace, gather_trace
-from pw_elements.contact.interface.operators import (
-    DEFORMABLE,
-    RIGID,
-    InitialGap,
-    Interface,
-    Points,
-    extents,
+from pw_elements.contact.interface.operators import Interface
+from pw_elements.contact.interface.pair_points import (
+    BodyNodes,
     gather_points,
+    make_mortar_points,
+    make_points,
+    make_sliding_points,
+    match_opposite_nodes,
 )
 from pw_elements.contact.interface.probes import compare_pairs_between_processes
 from pw_elements.contact.interface.sliding import SlidingMortar
@@ -50,100 +42,15 @@ from pw_elements.elasticity import (
     StressState,
     facet_nodes,
     facets_with_all_nodes,
-    order_by_position,
 )
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
     AssemblyRecord,
-    Part,
-    SubSpace,
-    assemble_vector,
-    gather_from_owners,
     is_hybrid,
-    locate_exterior_facets,
-    locate_nodes,
 )
 
 # Attributes of surfaces that are vectors (dim,)
 _SURFACE_VECTOR_ATTRIBUTES = ("point", "direction", "apex", "centre")
-# Cells processed at a time, to limit memory
-_CELLS_PER_BLOCK = 20_000
-# Largest distance of a node from the expected position of its opposite node, over the body's
-# diagonal
-_MAX_MATCHING_DISTANCE = 1e-6
-# Largest distance of a node on the axis of revolution from it, over the body's diagonal
-_AXIS_TOLERANCE = 1e-10
-# Smallest cosine between a normal and its projection into a symmetry plane for which the normal is
-# replaced by it
-_MIN_SYMMETRY_PLANE_COSINE = 0.9
-# Largest gap between coincident sides, over the mean edge of the slave's sub-facets; the ratio is
-# 0.01 on an octant of a sphere with two quadratic facets along each side
-_MAX_COINCIDENT_GAP = 0.05
-# Limit of mesh gaps per edge length over interference per body diagonal; above it pressures change
-# by a tenth, and a warning is logged
-_MAX_MESH_GAP_RATIO = 0.03
-_MESH_GAP_WARNING = (
-    "contact pair %d: gaps between the meshes within facets are a large part of its interference, "
-    "and pressures are off by a tenth or more: use finer meshes, or DeformableSurface(..., "
-    "coincident=True) and the depth as interference"
-)
-# Limit of the ratio of mean edges, slave to master, where they face each other; above it a warning
-# is logged
-_MAX_EDGE_RATIO = 3.0
-
-
-class BodyNodes:
-    """Nodes of a body: positions, normals, and columns of their unknowns in the reduced system.
-
-    Args:
-        unknowns_space: space of all unknowns.
-        reduction: supports of the body.
-
-    Attributes:
-        unknowns_space: space of all unknowns.
-        displacements: the displacements among them.
-        space: space of these displacements.
-        x: (nodes, dim), positions, including those of ghosts.
-        reduced_column: (owned nodes, dim), see `find_reduced_columns`.
-        outward_normal: (owned nodes, dim), normals integrated with the shape functions.
-        mean_cell_midpoint: (nodes, dim), mean of the midpoints of the adjacent cells.
-        diagonal: length of the diagonal of the bounding box.
-        on_axis: (nodes, dim), radial components of nodes on an axis of revolution.
-    """
-
-    def __init__(self, unknowns_space: fem.FunctionSpace, reduction: Reduction) -> None:
-        self.unknowns_space = unknowns_space
-        self.displacements = SubSpace.displacements(unknowns_space)
-        self.space = self.displacements.space
-        mesh = self.space.mesh
-        dim = mesh.geometry.dim
-        self.x: Array = self.space.tabulate_dof_coordinates()[:, :dim]
-        self.reduced_column: Indices = find_reduced_columns(reduction.right)[
-            self.displacements.owned_unknowns
-        ]
-        v = ufl.TestFunction(self.space)
-        normal = assemble_vector(ufl.inner(ufl.FacetNormal(mesh), v) * ufl.ds)
-        # a copy, since a view in a traceback would keep the vector alive on one process only
-        self.outward_normal = np.array(normal.array_r).reshape(-1, dim)
-        self.mean_cell_midpoint = average_cell_midpoints(self.space)
-        self.diagonal = float(np.linalg.norm(extents(mesh.comm, mesh.geometry.x)))
-        self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
-
-    def mark_axis_nodes(self, assembly: AssemblyRecord | None) -> None:
-        """Mark radial components on the axis, if the stiffness is known to be axisymmetric."""
-        if assembly is not None and StressState.AXISYMMETRIC.value in assembly.stress_states:
-            self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _AXIS_TOLERANCE * self.diagonal
-
-    def find_owned_nodes(self, whose: str, nodes: Part) -> LocalIndices:
-        """Return the nodes of a part that this process owns; `whose` names the part in errors."""
-        selected = locate_nodes(self.unknowns_space, whose, nodes)
-        return selected[selected < self.space.dofmap.index_map.size_local]
-
-    def refuse_nodes(self, nodes: LocalIndices, reason: str) -> None:
-        """Raise ValueError with the positions of nodes, if any process has some; collective."""
-        positions = np.concatenate(self.space.mesh.comm.allgather(self.x[nodes]))
-        if len(positions):
-            raise ValueError(f"contact nodes at {format_points(positions)} {reason}")
 
 
 def build_interface(
@@ -224,13 +131,13 @@ def build_interface(
             opposite = body.find_owned_nodes(f"contact pair {k}, opposite side", pair.surface.nodes)
             opposite_nodes.append(opposite)
             matched = match_opposite_nodes(k, pair.surface, node, opposite, cone.has_friction, body)
-            pair_points = _make_points(body, node, cone, matched)
+            pair_points = make_points(body, node, cone, matched)
         else:
-            pair_points = _make_points(body, node, cone, None)
+            pair_points = make_points(body, node, cone, None)
         points.append(pair_points)
-    interfering = [pair.interference is not False for pair in pairs]
+    allows_interference = [pair.interference is not False for pair in pairs]
     inverse = None if assembly is None or assembly.sibling is None else assembly.sibling.inverse
-    interface = Interface(points, shapes, body.displacements, interfering, inverse, mortars)
+    interface = Interface(points, shapes, body.displacements, allows_interference, inverse, mortars)
     _check_contact_nodes(body, np.concatenate([*nodes, *opposite_nodes]))
     interface.check(body.diagonal)
     compare_pairs_between_processes(interface, pairs, shapes)
@@ -352,343 +259,3 @@ def _is_axisymmetric(
             f"is one in {' and '.join(sorted(assembly.stress_states))}"
         )
     return bool(axisymmetric or master.revolved)
-
-
-def average_cell_midpoints(space: fem.FunctionSpace) -> Array:
-    """Return the mean midpoint of the cells around each node, (nodes, dim), including ghosts."""
-    mesh = space.mesh
-    dim, n_owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
-    sums = la.vector(space.dofmap.index_map, dim + 1)
-    sums.array[:] = 0.0
-    for start in range(0, n_owned, _CELLS_PER_BLOCK):
-        block = slice(start, min(start + _CELLS_PER_BLOCK, n_owned))
-        midpoint = mesh.geometry.x[cell_nodes(mesh)[block], :dim].mean(axis=1)
-        midpoint_and_count = np.concatenate([midpoint, np.ones((len(midpoint), 1))], axis=1)
-        cells = space.dofmap.list[block]
-        repeated = np.repeat(midpoint_and_count, cells.shape[1], axis=0)
-        np.add.at(sums.array.reshape(-1, dim + 1), cells.ravel(), repeated)
-    sums.scatter_reverse(la.InsertMode.add)
-    sums.scatter_forward()
-    values = sums.array.reshape(-1, dim + 1)
-    return np.asarray(values[:, :dim] / values[:, dim:])
-
-
-def find_reduced_columns(right: PETSc.Mat) -> Indices:
-    """Return the column of each owned row of R that is a row of the identity.
-
-    Rows without entries (prescribed values) get -1, combinations of unknowns -2.
-    """
-    indptr, indices, data = right.getValuesCSR()
-    count = np.diff(indptr)
-    column = np.where(count == 0, -1, -2).astype(np.int64)
-    single = np.flatnonzero(count == 1)
-    identity = single[data[indptr[single]] == 1.0]
-    column[identity] = indices[indptr[identity]]
-    return column
-
-
-def _make_points(
-    body: BodyNodes, nodes: LocalIndices, cone: FrictionCone, opposite: Indices | None
-) -> Points:
-    """Return contact points at owned nodes (m,).
-
-    `opposite` has the global numbers (m,) of the nodes that they face, None of a rigid surface.
-    """
-    dim = body.x.shape[1]
-    number = (nodes + body.space.dofmap.index_map.local_range[0]).astype(np.int64)
-    ends = [(number, 1.0)] + ([] if opposite is None else [(opposite, -1.0)])
-    dofs = [(end[:, None] * dim + np.arange(dim)).ravel() for end, _ in ends]
-    value = np.repeat([sign for _, sign in ends], len(nodes) * dim)
-    row = np.tile(np.arange(len(nodes) * dim), len(ends))
-    shape = (len(nodes) * dim, body.displacements.sizes[1])
-    motion = sp.csr_matrix((value, (row, np.concatenate(dofs))), shape)
-    return Points(
-        body.x[nodes],
-        cone,
-        body.reduced_column[nodes],
-        motion,
-        motion,
-        body.mean_cell_midpoint[nodes],
-        body.outward_normal[nodes],
-        number,
-        np.full_like(number, RIGID) if opposite is None else opposite,
-        body.on_axis[nodes],
-        np.full(body.x[nodes].shape, -1, dtype=np.int64),
-    )
-
-
-def match_opposite_nodes(
-    number: int,
-    matching: MatchingNodes,
-    nodes: LocalIndices,
-    opposite: LocalIndices,
-    has_friction: Mask,
-    body: BodyNodes,
-) -> Indices:
-    """Return the global number (m,) of the opposite node that each node of a pair faces.
-
-    Args:
-        number: of the pair.
-        matching: opposite part and its offset.
-        nodes: (m,), owned nodes of the pair.
-        opposite: (k,), owned nodes of the opposite side.
-        has_friction: (m,); friction would be lost where a displacement is prescribed on the pair's
-            own side only, which is refused.
-        body: both bodies.
-
-    Raises:
-        ValueError: if nodes do not match one to one, or for such prescribed displacements.
-    """
-    comm, dim = body.space.mesh.comm, body.x.shape[1]
-    offset = np.zeros(dim) if matching.offset is None else np.asarray(matching.offset, dtype=float)
-    if offset.shape != (dim,):
-        raise ValueError(f"contact pair {number}: its offset {offset.tolist()} is not {dim}-D")
-    first_number = np.int64(body.space.dofmap.index_map.local_range[0])
-    opposite_number, opposite_x, opposite_prescribed = (
-        np.concatenate(comm.allgather(values))
-        for values in (
-            opposite + first_number,
-            body.x[opposite],
-            body.reduced_column[opposite] == -1,
-        )
-    )
-    if not len(opposite_number):
-        raise ValueError(f"contact pair {number} has no opposite nodes: their marker holds nowhere")
-    distance, nearest = cKDTree(opposite_x).query(body.x[nodes] + offset)
-    far = distance > _MAX_MATCHING_DISTANCE * body.diagonal
-    body.refuse_nodes(nodes[far], "face no node of the opposite side")
-    count = np.bincount(nearest, minlength=len(opposite_number))
-    comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
-    body.refuse_nodes(nodes[count[nearest] > 1], "face the same node of the opposite side")
-    prescribed = body.reduced_column[nodes] == -1
-    one_sided = (prescribed & ~opposite_prescribed[nearest]).any(axis=1)
-    body.refuse_nodes(
-        nodes[one_sided & has_friction],
-        "have a prescribed displacement that their counterparts have not: exchange both sides",
-    )
-    return np.asarray(opposite_number[nearest])
-
-
-def check_piecewise_linear_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
-    """Raise ValueError unless a stiffness (n, n) has piecewise-linear weights, or is not recorded.
-
-    Weight functions are identified by their values at a quarter of an edge, where quadratic ones
-    are as low as -1/8.
-    """
-    assembled = AssemblyRecord.read(K)
-    if (test := assembled.test_space) is None:
-        return
-    element = (test.sub([0]) if is_hybrid(space) else test).element.basix_element
-    quarter = np.eye(1, space.mesh.topology.dim) / 4
-    if assembled.sibling is not None or element.tabulate(0, quarter).min() < -0.1:
-        raise ValueError(
-            "a deformable surface transfers forces by piecewise-linear weights, but the stiffness "
-            "has other ones: use Spaces.petrov_galerkin or Spaces.hybrid"
-        )
-
-
-def _gather_sides(
-    number: int, pair: ContactPair, nodes: LocalIndices, body: BodyNodes
-) -> tuple[Indices, Trace, Trace]:
-    """Return global numbers of a pair's owned nodes (m,), and traces of slave and master.
-
-    Raises:
-        ValueError: for an empty side, nodes that belong to no facet or to both sides, or an edge
-            of the slave.
-    """
-    space, master, name = body.space, pair.surface, f"contact pair {number}"
-    assert isinstance(master, DeformableSurface)
-    owned = nodes + np.int64(space.dofmap.index_map.local_range[0])
-    pair_nodes = np.concatenate(space.mesh.comm.allgather(owned))
-    if not len(pair_nodes):
-        raise ValueError(f"{name} has no nodes: its marker holds nowhere")
-    slave_trace = gather_trace(space, facets_with_all_nodes(space, pair_nodes))
-    master_trace = gather_trace(space, locate_exterior_facets(space.mesh, master.where))
-    if not len(master_trace.facet_nodes):
-        raise ValueError(f"{name} has no opposite facets: their marker holds nowhere")
-    without_facet = nodes[~np.isin(owned, slave_trace.facet_nodes)]
-    body.refuse_nodes(without_facet, "belong to no facet that is all in their pair")
-    on_master = nodes[np.isin(owned, master_trace.facet_nodes)]
-    body.refuse_nodes(on_master, "belong to both sides of their pair")
-    if len(edge_positions := slave_trace.find_sharp_edges()):
-        raise ValueError(
-            f"{name} has an edge at {format_points(edge_positions)}, where its normal would belong "
-            "to neither side: state each side as a pair of its own, one with the nodes of the edge"
-        )
-    return owned, slave_trace, master_trace
-
-
-_NO_OVERLAP_MESSAGE = (
-    "contact pair %d: no part of its facets faces the opposite part: one of both is on the far "
-    "side of its body, or they do not overlap"
-)
-
-
-def make_sliding_points(
-    number: int,
-    pair: ContactPair,
-    nodes: LocalIndices,
-    cone: FrictionCone,
-    body: BodyNodes,
-    revolved: bool,
-) -> tuple[Points, InitialGap, SlidingMortar]:
-    """Return points, initial gap and mortar at owned nodes (m,) of a pair that may slide far.
-
-    `revolved` tells whether areas are those of the whole circumference.
-    """
-    owned, slave, master = _gather_sides(number, pair, nodes, body)
-    mortar = SlidingMortar(slave, master, revolved)
-    undeformed = mortar.linearise(mortar.x)
-    if not undeformed.faces_master.any():
-        raise ValueError(_NO_OVERLAP_MESSAGE % number)
-    free = ~_find_prescribed_components(slave.nodes, body)
-    # as in `_turn_into_symmetry_planes`
-    near = np.linalg.norm(undeformed.normals * free, axis=1) > _MIN_SYMMETRY_PLANE_COSINE
-    mortar.allowed_components[near] = free[near]
-    undeformed = mortar.linearise(mortar.x)
-    index = np.searchsorted(slave.nodes, owned)
-    gap = np.where(undeformed.faces_master, undeformed.gaps, np.inf)[index]
-    points = replace(
-        _make_points(body, nodes, cone, None), **_opposite_side_fields(owned, nodes, master, body)
-    )
-    return points, InitialGap(body.x[nodes], gap, undeformed.normals[index]), mortar
-
-
-def _opposite_side_fields(
-    owned: Indices, nodes: LocalIndices, master: Trace, body: BodyNodes
-) -> dict[str, Any]:
-    """Return the fields of `Points` that describe the master: faced, opposite, counterpart."""
-    x = master.node_positions()
-    order, prescribed = order_by_position(x), _find_prescribed_components(master.nodes, body)
-    counterpart = np.full(body.x[nodes].shape, -1, dtype=np.int64)
-    for axis in range(x.shape[1]):
-        candidates = np.flatnonzero(prescribed[:, axis])
-        if len(candidates):
-            nearest = cKDTree(x[candidates]).query(body.x[nodes])[1]
-            counterpart[:, axis] = master.nodes[candidates[nearest]]
-    return {
-        "faced": np.full_like(owned, DEFORMABLE),
-        "opposite": master.nodes[order],
-        "counterpart": counterpart,
-    }
-
-
-def make_mortar_points(
-    number: int,
-    pair: ContactPair,
-    nodes: LocalIndices,
-    cone: FrictionCone,
-    body: BodyNodes,
-    revolved: bool,
-    depth: Array | None,
-) -> tuple[Points, InitialGap]:
-    """Return points and initial gap at owned nodes (m,) of a pair with a deformable surface.
-
-    Points that face nothing have an infinite gap.
-
-    Args:
-        number: of the pair.
-        pair: as the user states it.
-        nodes: (m,), owned nodes.
-        cone: friction of the pair.
-        body: both bodies.
-        revolved: whether areas are those of the whole circumference.
-        depth: (m,), nominal interference of coincident sides, None for other pairs.
-    """
-    comm = body.space.mesh.comm
-    owned, slave, master = _gather_sides(number, pair, nodes, body)
-    overlap = Overlap.from_traces(slave, master, owned, revolved)
-    if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
-        raise ValueError(_NO_OVERLAP_MESSAGE % number)
-    edge_ratio = overlap.mean_edge(overlap.size_ratio, comm)
-    if edge_ratio > _MAX_EDGE_RATIO:
-        words = (
-            f"contact pair {number}: its facets are {edge_ratio:.1f} times as large as those they "
-            "face; let the finer mesh be the pair's, or the opposite body's forces may have either "
-            "sign"
-        )
-        log_on_root(comm, logging.WARNING, words, ".contact")
-    m, dim = len(nodes), body.x.shape[1]
-    shape = m, body.displacements.sizes[1] // dim
-    area = overlap.integrate_per_point(np.ones(len(overlap.measure)), m)
-    faced = area > 0
-    inverse_area = sp.diags_array(1 / np.where(faced, area, 1.0))
-    identity = sp.csr_array((np.ones(m), (np.arange(m), owned)), shape)
-    unfaced_identity = sp.diags_array(np.where(faced, 0.0, 1.0)) @ identity
-    (nodes1, N1), (nodes2, N2), (weight_nodes2, w2) = overlap.functions
-    motion = overlap.assemble_integrals(overlap.weight, nodes1, N1, shape)
-    motion -= overlap.assemble_integrals(overlap.weight, nodes2, N2, shape)
-    force = identity - inverse_area @ overlap.assemble_integrals(
-        overlap.dual, weight_nodes2, w2, shape
-    )
-    coupled = (
-        overlap.assemble_integrals(overlap.weight, weight_nodes2, w2, shape)[:, master.nodes] > 0
-    )
-    prescribed = body.reduced_column[nodes] == -1
-    one_sided = prescribed & ~(coupled @ _find_prescribed_components(master.nodes, body))
-    body.refuse_nodes(
-        nodes[faced & cone.has_friction & one_sided.any(axis=1)],
-        "have a prescribed displacement that none of the nodes which they face has, so that these "
-        "would get no friction: exchange both sides",
-    )
-    normal = _turn_into_symmetry_planes(
-        -slave.average_normals(owned), body.reduced_column[nodes] >= 0
-    )
-    distance = np.stack([overlap.integrate_per_point(x, m) for x in overlap.separation.T], axis=1)
-    gap = np.where(faced, np.sum(normal * distance, axis=1) * inverse_area.diagonal(), np.inf)
-    edge = overlap.mean_edge(overlap.slave_size, comm)
-    if depth is not None:
-        body.refuse_nodes(
-            nodes[faced & (np.abs(gap) > _MAX_COINCIDENT_GAP * edge)],
-            "lie away from the opposite side, farther than meshes of one surface do (coincident)",
-        )
-        gap = np.where(faced, -depth, np.inf)
-    elif pair.interference:
-        normal_distance = np.einsum("qki,qi->qk", normal[overlap.point], overlap.separation)
-        mean_squares = overlap.integrate_per_point(normal_distance**2, m) * inverse_area.diagonal()
-        _warn_of_mesh_gaps(number, mean_squares, gap, body, edge)
-    axes = sp.eye_array(dim)
-    points = replace(
-        _make_points(body, nodes, cone, None),
-        motion=sp.csr_matrix(sp.kron(inverse_area @ motion + unfaced_identity, axes)),
-        force=sp.csr_matrix(sp.kron(force, axes)),
-        **_opposite_side_fields(owned, nodes, master, body),
-    )
-    return points, InitialGap(body.x[nodes], gap, normal)
-
-
-def _warn_of_mesh_gaps(
-    number: int, mean_squares: Array, gap: Array, body: BodyNodes, edge: float
-) -> None:
-    """Log a warning where gaps between the meshes are a large part of an interference.
-
-    Args:
-        number: of the pair.
-        mean_squares: (m,), mean squares of the distances around each point.
-        gap: (m,), means of these distances.
-        body: both bodies.
-        edge: mean edge of the slave's sub-facets.
-    """
-    comm, pressed = body.space.mesh.comm, gap < 0
-    variance = (mean_squares - gap**2)[pressed].clip(0)
-    sums = np.array([np.sum(variance), np.sum(gap[pressed]), len(variance)])
-    total, depth, count = comm.allreduce(sums, MPI.SUM)
-    if np.sqrt(total * count) * body.diagonal > -_MAX_MESH_GAP_RATIO * edge * depth:
-        log_on_root(comm, logging.WARNING, _MESH_GAP_WARNING % number, ".contact")
-
-
-def _find_prescribed_components(nodes: Indices, body: BodyNodes) -> Mask:
-    """Return which displacements (n, dim) of global nodes (n,) are prescribed; collective."""
-    return gather_from_owners(body.space, nodes, (body.reduced_column == -1).astype(np.int8)) > 0
-
-
-def _turn_into_symmetry_planes(normal: Array, free: Mask) -> Array:
-    """Return unit normals (n, dim) without prescribed components, where these are small.
-
-    A normal on a symmetry plane is the mean of facets on one side of the plane only. `free` (n,
-    dim) marks components that are not prescribed.
-    """
-    inside = np.where(free, normal, 0.0)
-    length = np.linalg.norm(inside, axis=1, keepdims=True)
-    near = length > _MIN_SYMMETRY_PLANE_COSINE
-    return np.asarray(np.where(near, inside / np.where(near, length, 1.0), normal))

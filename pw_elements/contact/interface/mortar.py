@@ -5,14 +5,6 @@ the slave's weight functions w: slave node j receives the force r_j = A_j t_j, a
 receives -M_jk r_j / A_j, with M_jk = integral of psi_j w_k. H has a unit entry in the equation of
 each contact point, as for matching nodes. H is not G^T, because tractions are weighted with duals
 and gaps with weight functions (B. Wohlmuth, https://doi.org/10.1137/S0036142999350929).
-
-Sub-facets of the two surfaces overlap in intervals or polygons. A sub-facet is an interval, a
-triangle or a quadrilateral, defined by its corners and treated as flat. Sub-facets of the master
-are projected onto those of the slave along a direction of the latter. Overlaps are split into
-simplices, in coordinates along the edges of the slave's sub-facet, so that a quadrature rule for a
-simplex integrates polynomials on both surfaces exactly. Corners of quadrilaterals are in tensor
-product order; their weight functions are bilinear in reference coordinates, which are polynomials
-of the coordinates used here only on parallelograms.
 """
 
 from dataclasses import dataclass, replace
@@ -24,9 +16,15 @@ import basix
 import numpy as np
 import scipy.sparse as sp
 from dolfinx import fem
-from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, LocalIndices
+from pw_elements.contact.interface.overlap import (
+    compute_cell_normals,
+    compute_cell_sizes,
+    compute_jacobian_factors,
+    evaluate_corner_functions,
+    find_overlaps,
+)
 from pw_elements.elasticity import locate_facets_in_cells
 
 # Nodes of each sub-facet of a facet, by the number of the facet's nodes: vertices come first, then
@@ -36,8 +34,6 @@ _SUB_FACET_NODES = {
     6: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
     9: ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
 }
-# Corners of the simplices that make up a sub-facet, by its number of corners
-_SIMPLEX_CORNERS = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
 # Cell type of a sub-facet, by its number of corners
 _SUB_FACET_CELL_TYPES = {
     2: basix.CellType.interval,
@@ -46,17 +42,6 @@ _SUB_FACET_CELL_TYPES = {
 }
 # Cosine of the angle between the normals of adjacent facets below which their edge is sharp
 _MAX_SHARP_EDGE_COSINE = float(np.cos(np.pi / 4)) - 1e-9
-
-# Smallest overlap, relative to the size of the slave's sub-facet
-_MIN_OVERLAP_FRACTION = 1e-12
-# Largest cosine between the normals of sub-facets that face each other
-MAX_FACING_COSINE = -1e-2
-# Corners of a sub-facet in the order along its rim, by their number
-_CORNERS_ALONG_RIM = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
-# Newton's method for reference coordinates in a quadrilateral: limit of steps, and largest change
-# of a coordinate in the final step
-_MAX_NEWTON_STEPS = 25
-_NEWTON_TOLERANCE = 1e-14
 # Polynomial degree of products of weights, quadratic functions and, in axisymmetry, the radius, by
 # the number of corners of a sub-facet; and the degree of the rule where quadrilaterals are not
 # parallelograms, so that the integrand is not a polynomial
@@ -193,258 +178,6 @@ def compute_flat_facets(
     normal = compute_cell_normals(x[nodes[:, :dim]])
     normal *= np.sign(np.sum(normal * (x[nodes[:, 0]] - cell_middle), axis=1))[:, None]
     return nodes, x[nodes], normal
-
-
-def compute_cell_normals(corners: Array) -> Array:
-    """Return unit normals (n, dim) of cells with corners (n, k, dim); the sign is arbitrary.
-
-    Cells are intervals in the plane, triangles or quadrilaterals in space.
-    """
-    vectors = _spanning_vectors(corners)
-    if corners.shape[2] == 2:
-        normal = np.asarray(vectors[:, 0, ::-1] * [1.0, -1.0])
-    else:
-        normal = np.asarray(np.cross(vectors[:, 0], vectors[:, 1]))
-    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
-
-
-def compute_cell_sizes(corners: Array) -> Array:
-    """Return lengths or areas (n,) of cells with corners (n, k, dim).
-
-    The area of a quadrilateral is that of its projection along its normal.
-    """
-    if corners.shape[1] == 4:
-        u, v = np.swapaxes(_spanning_vectors(corners), 0, 1)
-        return np.asarray(np.linalg.norm(np.cross(u, v), axis=1) / 2)
-    return compute_jacobian_factors(corners) / (corners.shape[1] - 1)
-
-
-def _spanning_vectors(corners: Array) -> Array:
-    """Return the edges from the first corner of simplices, or the diagonals of quadrilaterals."""
-    if corners.shape[1] == 4:
-        return np.asarray(corners[:, [3, 2]] - corners[:, :2])
-    return np.asarray(corners[:, 1:] - corners[:, :1])
-
-
-@dataclass(frozen=True)
-class OverlapSimplices:
-    """Simplices (q) of dimension d that make up the overlaps of sub-facets.
-
-    Coordinates are along the first edges of the slave's sub-facet.
-    """
-
-    slave_sub_facet: Indices  # (q,)
-    master_sub_facet: Indices  # (q,)
-    corners: Array  # (q, d + 1, d)
-    slave_corners: Array  # (q, k, d), of the slave's sub-facet
-    master_corners: Array  # (q, k, d), of the master's sub-facet, projected
-    size: Array  # (q,), lengths or areas in these coordinates
-
-
-def find_overlaps(
-    slave: Array, master: Array, directions: Array, outward: Array
-) -> OverlapSimplices:
-    """Return the overlaps of two surfaces, projected along directions of the slave.
-
-    Args:
-        slave: (s, k, dim), corners of the slave's sub-facets.
-        master: (m, k, dim), corners of the master's sub-facets.
-        directions: (s, dim), unit vectors out of the slave's body.
-        outward: (m, dim), unit normals of the master.
-    """
-    slave_index, master_index = _find_candidate_pairs(slave, master, directions)
-    cosine = np.sum(directions[slave_index] * outward[master_index], axis=1)
-    facing = cosine < MAX_FACING_COSINE
-    slave_index, master_index = slave_index[facing], master_index[facing]
-    edges = slave[:, 1 : slave.shape[2]] - slave[:, :1]
-    basis = np.concatenate([edges, directions[:, None]], axis=1)[slave_index]
-    slave_corners, master_corners = (  # without the last coordinate, along the projection
-        _coordinates_along_edges(basis, corners - slave[slave_index, :1])[..., :-1]
-        for corners in (slave[slave_index], master[master_index])
-    )
-    pair, corners = (_intersect_intervals if slave.shape[2] == 2 else _intersect_polygons)(
-        slave_corners, master_corners
-    )
-    size, whole = compute_cell_sizes(corners), slave_corners[pair]
-    keep = size > _MIN_OVERLAP_FRACTION * sum(
-        compute_cell_sizes(whole[:, simplex]) for simplex in _SIMPLEX_CORNERS[whole.shape[1]]
-    )
-    pair, corners, size = pair[keep], corners[keep], size[keep]
-    return OverlapSimplices(
-        slave_index[pair],
-        master_index[pair],
-        corners,
-        slave_corners[pair],
-        master_corners[pair],
-        size,
-    )
-
-
-def evaluate_corner_functions(corners: Array, points: Array) -> Array:
-    """Return values (q, g, k) of the functions of corners (q, k, d) at points (q, g, d).
-
-    They are linear on intervals and triangles, bilinear on quadrilaterals, where Newton's method
-    finds the reference coordinates of the points.
-    """
-    k, d = corners.shape[1:]
-    edges = corners[:, 1 : d + 1] - corners[:, :1]
-    coordinates = _coordinates_along_edges(edges, points - corners[:, :1])
-    if k == d + 1:
-        vertex_function = 1 - coordinates.sum(axis=2, keepdims=True)
-        return np.concatenate([vertex_function, coordinates], axis=2)
-    difference = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
-    twist = _coordinates_along_edges(edges, difference[:, None])
-    u, v = coordinates[..., 0].copy(), coordinates[..., 1].copy()
-    for _ in range(_MAX_NEWTON_STEPS):  # u + twist_0 u v and v + twist_1 u v are the coordinates
-        residual = [
-            value + twist[..., i] * u * v - coordinates[..., i] for i, value in enumerate((u, v))
-        ]
-        a, b = 1 + twist[..., 0] * v, twist[..., 0] * u
-        c, e = twist[..., 1] * v, 1 + twist[..., 1] * u
-        determinant = a * e - b * c
-        step = (
-            (e * residual[0] - b * residual[1]) / determinant,
-            (a * residual[1] - c * residual[0]) / determinant,
-        )
-        u, v = u - step[0], v - step[1]
-        if np.abs(step).max(initial=0.0) < _NEWTON_TOLERANCE:
-            break
-    return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=2)
-
-
-def _coordinates_along_edges(edges: Array, vectors: Array) -> Array:
-    """Return coordinates (q, g, d) of vectors (q, g, d) in the basis of edges (q, d, d), rows."""
-    return np.swapaxes(np.linalg.solve(*(np.swapaxes(x, 1, 2) for x in (edges, vectors))), 1, 2)
-
-
-def compute_jacobian_factors(corners: Array, corner_weights: Array | None = None) -> Array:
-    """Return lengths or areas (q,) per unit of the reference cell.
-
-    Args:
-        corners: (q, k, dim), of cells.
-        corner_weights: (q, k), values of the corners' functions at a point of each cell; needed on
-            quadrilaterals, as the factor is constant on simplices.
-    """
-    edges = corners[:, 1:3] - corners[:, :1]
-    if corners.shape[1] == 2:
-        return np.asarray(np.linalg.norm(edges[:, 0], axis=1))
-    if corner_weights is not None and corners.shape[1] == 4:
-        opposite_edges = corners[:, 3:] - corners[:, [2, 1]]
-        v_and_u = np.stack(
-            [corner_weights[:, 2:].sum(axis=1), corner_weights[:, 1::2].sum(axis=1)], axis=1
-        )
-        edges = edges + v_and_u[:, :, None] * (opposite_edges - edges)
-    if corners.shape[2] == 2:
-        return np.asarray(np.abs(np.linalg.det(edges)))
-    return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
-
-
-def _find_candidate_pairs(
-    slave: Array, master: Array, directions: Array
-) -> tuple[Indices, Indices]:
-    """Return numbers (q,) of sub-facets of slave and master whose bounding boxes intersect.
-
-    The slave's boxes are aligned with their directions, along which they extend as far as the
-    search radius. The master's boxes are aligned with the axes; in the order of a k-d tree they are
-    merged two by two, up to one box of all, from which the search descends for all slaves at once.
-    """
-    if not len(slave) or not len(master):
-        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-    slave_middle, master_middle = slave.mean(axis=1), master.mean(axis=1)
-    tree = cKDTree(master_middle)
-    from_middle = slave - slave_middle[:, None]
-    slave_radius, master_radius = (
-        np.linalg.norm(x, axis=2).max(axis=1)
-        for x in (from_middle, master - master_middle[:, None])
-    )
-    search_radius = slave_radius + master_radius.max() + tree.query(slave_middle)[0]
-    axes = np.linalg.svd(directions[:, None])[2]  # of the slave's boxes; the first is the direction
-    half_width = np.abs(from_middle @ np.swapaxes(axes, 1, 2)).max(axis=1)
-    half_width[:, 0] = search_radius
-    boxes = [np.stack([end(master[tree.indices], axis=1) for end in (np.min, np.max)])]
-    while (n := boxes[-1].shape[1]) > 1:
-        pairs = np.arange(0, n, 2)
-        low, high = boxes[-1]
-        merged = np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)
-        boxes.append(np.stack(merged))
-    slave_index: Indices = np.arange(len(slave))
-    box: Indices = np.zeros(len(slave), dtype=np.int64)
-    for level, (low, high) in enumerate(reversed(boxes)):
-        if level:
-            slave_index, box = np.repeat(slave_index, 2), (2 * box[:, None] + np.arange(2)).ravel()
-            slave_index, box = slave_index[box < len(low)], box[box < len(low)]
-        centre, extent = (low + high) / 2, (high - low) / 2
-        for k in range(slave.shape[2]):
-            axis = axes[slave_index, k]
-            distance = np.abs(np.sum(axis * (centre[box] - slave_middle[slave_index]), axis=1))
-            reach = half_width[slave_index, k] + np.sum(np.abs(axis) * extent[box], axis=1)
-            intersects = distance <= reach
-            slave_index, box = slave_index[intersects], box[intersects]
-    master_index = tree.indices[box]
-    distance = np.linalg.norm(master_middle[master_index] - slave_middle[slave_index], axis=1)
-    near = distance <= search_radius[slave_index]
-    return slave_index[near], master_index[near]
-
-
-def _intersect_intervals(slave: Array, master: Array) -> tuple[Indices, Array]:  # noqa: ARG001
-    """Return the pairs (q,) that overlap, and the ends (q, 2, 1) of their overlaps.
-
-    The slave's intervals are [0, 1] in these coordinates, and are not used.
-    """
-    low, high = (np.clip(end(master[:, :, 0], axis=1), 0.0, 1.0) for end in (np.min, np.max))
-    pair = np.flatnonzero(high > low)
-    return pair, np.stack([low, high], axis=1)[pair, :, None]
-
-
-def _intersect_polygons(slave: Array, master: Array) -> tuple[Indices, Array]:
-    """Return triangles that make up the overlaps: their pairs (q,) and corners (q, 3, 2).
-
-    The master's polygon is clipped at each side of the slave's in turn (Sutherland and Hodgman,
-    https://doi.org/10.1145/360767.360802), and the remaining polygon is split into a fan.
-    """
-    n, k = master.shape[:2]
-    rim = slave[:, _CORNERS_ALONG_RIM[k]]
-    polygon: Array = np.zeros((n, 2 * k + 1, 2))
-    polygon[:, :k] = master[:, _CORNERS_ALONG_RIM[k]]
-    count: Indices = np.full(n, k)
-    for side in range(k):
-        start, end = rim[:, side], rim[:, (side + 1) % k]
-        inwards = np.stack([start[:, 1] - end[:, 1], end[:, 0] - start[:, 0]], axis=1)
-        height = np.einsum("nd,nmd->nm", inwards, polygon - start[:, None])
-        polygon, count = _clip_polygons(polygon, count, height)
-    fans = [np.flatnonzero(count > j + 2) for j in range(2 * k - 1)]
-    pair = np.concatenate(fans)
-    triangles = [polygon[indices][:, [0, j + 1, j + 2]] for j, indices in enumerate(fans)]
-    return pair, np.concatenate(triangles)
-
-
-def _clip_polygons(polygon: Array, count: Indices, height: Array) -> tuple[Array, Indices]:
-    """Remove the parts of polygons that have a negative height, linear between corners.
-
-    Args:
-        polygon: (n, max_count, 2), corners.
-        count: (n,), number of corners of each polygon.
-        height: (n, max_count), at the corners.
-
-    Returns:
-        Corners and their numbers of the clipped polygons.
-    """
-    n, max_count, _ = polygon.shape
-    clipped, size = np.zeros_like(polygon), np.zeros(n, dtype=np.int64)
-    row = np.arange(n)
-    for k in range(max_count):
-        exists = k < count
-        following = np.where(k + 1 < count, k + 1, 0)
-        start, end = polygon[:, k], polygon[row, following]
-        a, b = height[:, k], height[row, following]
-        inside = exists & (a >= 0)
-        clipped[row[inside], size[inside]] = start[inside]
-        size += inside
-        crossed = exists & ((a >= 0) != (b >= 0))
-        t = (a / np.where(crossed, a - b, 1.0))[:, None]
-        clipped[row[crossed], size[crossed]] = (start + t * (end - start))[crossed]
-        size += crossed
-    return clipped, size
 
 
 @dataclass(frozen=True)

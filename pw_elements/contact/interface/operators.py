@@ -1,17 +1,20 @@
 """The interface: contact points, and two operators that couple them to the body.
 
-With a the displacements (n,) of all nodes and r the contact forces at the points,
+Let a be the displacements (n,) of all nodes and r the contact forces at the m points. Then
 
-    motion of the points  = G a,          G (points x dim, n),
-    K a - f               = H r,          H (n, points x dim).
+    motion of the points  = G a,          G (m dim, n),
+    K a - f               = H r,          H (n, m dim).
 
-Builders make the `Points` of a pair. What the rest relies on is that the force can be read from
-`Points.equation`, and that G's unit times H's is a stiffness over K's, by which the law's scale is
-found. Law, kinematics and loop see points only.
+`build_interface` makes the `PairPoints` of each pair. Law, kinematics and iteration use points
+only.
+
+The module guarantees operators, and values of surfaces, at the points of each process, and the same
+errors on all processes. It assumes that a force component can be read from its equation in
+`PairPoints.equation`, and that the units of G and H together turn K into force per length, the unit
+of the factor c in the law.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
@@ -24,6 +27,14 @@ import scipy.sparse as sp
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
+from pw_elements.contact.interface.pair_points import (
+    DEFORMABLE,
+    RIGID,
+    KnownGapSurface,
+    PairPoints,
+    compute_extents,
+    gather_points,
+)
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     BUILT_IN_CLOSEST_POINTS,
@@ -39,170 +50,155 @@ from pw_elements.contact.model import (
 from pw_elements.elasticity import order_by_position
 from pw_elements.spaces import SubSpace, gather_from_owners
 
-# Values of `faced` that are no node: a rigid surface, or a deformable one, which has many
-RIGID, DEFORMABLE = -1, -2
-
-# What of a coordinate may be round-off
-ROUND_OFF = 4 * float(np.finfo(float).eps)
-# Largest initial penetration that passes for round-off and faceting, over the body's diagonal
-_PENETRATION = 1e-6
-# Largest normal component of a prescribed displacement, a cosine
-_TANGENTIAL = 1e-8
-# Step of differences of closest points, over the extent of the contact nodes
-_DIFFERENCES = 1e-6
-# Difference of prescribed displacements, over their size, up to which they are alike
-_UNLIKE = 1e-9
-# Largest difference of a normal's length from one
-_UNIT = 1e-6
-# Cosine from which on a push counts as outwards
-OUTWARDS = 0.1
+# Round-off of coordinates, relative to their magnitude
+COORDINATE_ROUND_OFF = 4 * float(np.finfo(float).eps)
+# Largest initial penetration attributed to round-off and faceting, relative to the body's diagonal
+_MAX_INITIAL_PENETRATION = 1e-6
+# Largest cosine between the normal and a supported component
+_MAX_PRESCRIBED_NORMAL_COSINE = 1e-8
+# Step of finite differences of closest points, relative to the extent of the contact nodes
+_DIFFERENCE_STEP = 1e-6
+# Largest relative difference of prescribed displacements that count as equal
+_MAX_SUPPORT_DIFFERENCE = 1e-9
+# Largest difference of the length of a unit normal from one
+_UNIT_TOLERANCE = 1e-6
+# Smallest cosine between a surface's normal and the body's outward normal at which the surface
+# pushes the body outwards
+MIN_OUTWARD_COSINE = 0.1
 
 
-@dataclass(frozen=True)
-class Points:
-    """The contact points (m) of one pair that belong to this process."""
-
-    position: Array  # (m, dim), undeformed
-    cone: FrictionCone
-    # (m, dim), the reduced equation, owned by this process, that holds this component of the
-    # point's force and of no other; -1 where none does: the law is not stated there
-    equation: Indices
-    motion: sp.csr_matrix  # (m dim, n), rows of G, for the displacements alone
-    force: sp.csr_matrix  # (m dim, n), columns of H, transposed, likewise
-    # (m, dim), mean midpoint of the cells around: tells points apart that coincide, such as those
-    # of two bodies that touch
-    beside: Array
-    outward: Array  # (m, dim), the body's outward normal; zero where there is none
-    node: Indices  # (m,), global number of the node that the point is, or whose force it has
-    # (m,), global number of the node that it faces, or `RIGID` or `DEFORMABLE`
-    faced: Indices
-    on_axis: Mask  # (m, dim), radial components of nodes on the axis of a body of revolution
-    # (m, dim), global number of the nearest node of a deformable surface that supports hold in this
-    # component, too; -1 without any
-    counterpart: Indices
-    # (k,), global numbers of a deformable surface's nodes, of all processes, `order_by_position`
-    opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+# Surfaces that each process evaluates at its own points only, and surfaces whose evaluation cannot
+# fail
+_LOCALLY_EVALUATED_SURFACES = (*CLOSED_FORM_SURFACES, KnownGapSurface)
+_UNGUARDED_SURFACES = (*SURFACES_DEFINED_EVERYWHERE, KnownGapSurface)
 
 
-@dataclass(frozen=True)
-class InitialGap:
-    """The gap (m,) at a mortar's own points, which change with the master's rigid motion alone."""
-
-    position: Array
-    initial: Array
-    direction: Array
-
-    def gap(self, x: Array) -> Array:
-        """Gap (m,) of the points (m, dim), as they were or shifted all alike."""
-        return self.initial + np.sum(self.direction * (x - self.position), axis=1)
-
-    def normal(self, x: Array) -> Array:  # noqa: ARG002
-        return self.direction
-
-
-# Surfaces of which each process asks for its own points alone, and those that cannot fail there
-_ASKED_LOCALLY = (*CLOSED_FORM_SURFACES, InitialGap)
-_CANNOT_FAIL = (*SURFACES_DEFINED_EVERYWHERE, InitialGap)
-
-
-class NoContactStated(ValueError):
-    """Points of which no contact is stated, where they or their surfaces are."""
+class InvalidContactNodes(ValueError):
+    """Contact nodes at which contact cannot be stated, because of their position or surface."""
 
 
 class Interface:
-    """All contact points of this process (m of them), pair after pair, as in `Points`."""
+    """All contact points (m) of this process, in the order of the pairs.
+
+    Args:
+        points: contact points of each pair.
+        surfaces: surfaces of the pairs at their initial positions.
+        field: displacements among the unknowns (n,).
+        allows_interference: for each pair, whether its points may be inside its surface initially.
+        sibling_inverse: T^-T, (n, n), which turns displacements into the sibling's coefficients;
+            None if the unknowns are displacements.
+        mortars: mortars of the pairs of two bodies at large sliding, by pair; they replace `force`
+            and the kinematics of these pairs.
+
+    Attributes:
+        pair: (m,), index of the pair of each point.
+        pairs: number of pairs.
+        motion: G, (m dim, n).
+        force: H, (n, m dim).
+        held_components: (m, dim), components with friction that supports prescribe.
+        holds_friction: whether there are such components on any process.
+    """
 
     def __init__(
         self,
-        points: Sequence[Points],
+        points: Sequence[PairPoints],
         surfaces: Sequence[Surface],
         field: SubSpace,
-        interfering: Sequence[bool],
-        inverse: PETSc.Mat | None,
+        allows_interference: Sequence[bool],
+        sibling_inverse: PETSc.Mat | None,
         mortars: Mapping[int, SlidingMortar],
     ) -> None:
-        """Puts pairs together, whose points move with displacements among the unknowns (n,).
-
-        Surfaces, at their initial places, may cut the body in pairs that are `interfering`.
-        Unknowns are displacements, or coefficients which `inverse`, (n, n), makes of these. Pairs
-        of bodies at large sliding have `mortars`, which tell `force` and the rest anew.
-        """
         self.mortars = mortars
         self.field = field
         self.comm: MPI.Comm = field.space.mesh.comm
         self.surfaces, self.pairs = list(surfaces), len(surfaces)
-        self._cannot_fail = all(type(surface) in _CANNOT_FAIL for surface in surfaces)
+        self._needs_no_guard = all(type(surface) in _UNGUARDED_SURFACES for surface in surfaces)
         counts = [len(part.position) for part in points]
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
         cones = [part.cone for part in points]
         self.cone = FrictionCone([c.laws[0] for c in cones], [c.parameters[0] for c in cones], [])
 
-        def joined(name: str) -> npt.NDArray:
+        def concatenate(name: str) -> npt.NDArray:
             return np.concatenate([getattr(part, name) for part in points])
 
-        self.position: Array = joined("position")
-        self.equation, self.node, self.faced = map(joined, ("equation", "node", "faced"))
-        self.outward, self._beside = joined("outward"), joined("beside")
+        self.position: Array = concatenate("position")
+        self.equation, self.node, self.faced = map(concatenate, ("equation", "node", "faced"))
+        self.outward, self._mean_cell_midpoint = (
+            concatenate("outward"),
+            concatenate("mean_cell_midpoint"),
+        )
         self.opposite = [part.opposite for part in points]
-        self.motion = self.rows(sp.vstack([part.motion for part in points], "csr"))
-        self.force = self.rows(sp.vstack([part.force for part in points], "csr")).transpose(
+        self.motion = self.rows(sp.vstack([part.motion_rows for part in points], "csr"))
+        self.force = self.rows(sp.vstack([part.force_columns for part in points], "csr")).transpose(
             PETSc.Mat()
         )
-        self._inverse = inverse
-        # (m, dim), components that supports prescribe and along which friction acts all the same:
-        # not on the axis, where it has no direction, nor between bodies that supports hold alike
+        self._sibling_inverse = sibling_inverse
+        # no friction on the axis of revolution, where it has no direction, nor along supports of
+        # two bodies with the same prescribed motion
         stated = (self.equation >= 0) | (self.faced == DEFORMABLE)[:, None]
-        self.held_components: Mask = ~stated & ~joined("on_axis") & self.cone.has_friction[:, None]
-        self._counterpart = joined("counterpart")
-        between = (self.equation < 0) & (self.faced == DEFORMABLE)[:, None] & ~joined("on_axis")
-        self._held_between = between & self.cone.has_friction[:, None]
+        self.held_components: Mask = (
+            ~stated & ~concatenate("on_axis") & self.cone.has_friction[:, None]
+        )
+        self._counterpart = concatenate("counterpart")
+        between = (
+            (self.equation < 0) & (self.faced == DEFORMABLE)[:, None] & ~concatenate("on_axis")
+        )
+        self._held_between_bodies = between & self.cone.has_friction[:, None]
         self.holds_friction: bool = self.comm.allreduce(bool(self.held_components.any()), MPI.LOR)
-        self._interfering = np.array(interfering)[self.pair]
+        self._allows_interference = np.array(allows_interference)[self.pair]
 
-    def check(self, diagonal: float) -> None:
-        """Raises ValueError for what states no contact problem.
+    def check(self, body_diagonal: float) -> None:
+        """Check pairs, friction laws, supports, normals and initial gaps; collective.
 
-        `diagonal` is the size of the body, against which penetrations are measured.
+        Args:
+            body_diagonal: diagonal of the body's bounding box, the reference of penetrations.
+
+        Raises:
+            ValueError: if a contact condition cannot be stated.
         """
         for k in range(self.pairs):
             if self.comm.allreduce(int(np.sum(self.pair == k)), MPI.SUM) == 0:
                 raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
         with np.errstate(invalid="ignore"):  # of an infinite coefficient
-            nothing, slope = self.cone.limit(np.zeros(len(self.pair)))
+            limit_at_zero, slope = self.cone.limit(np.zeros(len(self.pair)))
         rises = self.cone.find_rising_coefficients()
         self.check_laws()
-        wrong = ~(np.isfinite(slope) & (slope >= 0) & (nothing == 0))
-        self.refuse(wrong, "have a friction coefficient that is negative or not finite")
+        is_invalid = ~(np.isfinite(slope) & (slope >= 0) & (limit_at_zero == 0))
+        self.refuse(is_invalid, "have a friction coefficient that is negative or not finite")
         self.refuse(
             rises,
             "have a law of friction whose coefficient, the limit over the normal force, rises with "
-            "the force: it may stay or fall, so that its slope at zero bounds it",
+            "the force: it must not rise, so that the slope of the limit at zero bounds it",
         )
         self.check_supports(self.normals(None), self.gaps(None))
-        gap = self._by_pair("gap", None)
-        cut = ~(gap >= -_PENETRATION * diagonal) & ~self._interfering
+        gap = self._evaluate_surfaces("gap", None)
+        cut = ~(gap >= -_MAX_INITIAL_PENETRATION * body_diagonal) & ~self._allows_interference
         deepest = -self.gathered(np.where(cut, gap, 0.0)).min()
-        apart = f"move them apart by {deepest:.3g}, or the pair is to say interference=True"
+        remedy = f"move them apart by {deepest:.3g}, or set interference=True in the pair"
         rigid = self.faced == RIGID
-        self.refuse(cut & rigid, f"lie inside the rigid surface before any motion: {apart}")
-        self.refuse(cut & ~rigid, f"lie inside the body that they face before any motion: {apart}")
-        self._check_sides()
+        self.refuse(cut & rigid, f"lie inside the rigid surface before any motion: {remedy}")
+        self.refuse(cut & ~rigid, f"lie inside the body that they face before any motion: {remedy}")
+        self._check_surface_sides()
 
     def check_laws(self, force: Array | None = None) -> None:
-        """Raise, on all processes, what a law of friction has raised on one.
+        """Raise the errors of users' friction laws on all processes; collective.
 
-        Laws that do not hold what is asked of them at normal forces (m,) are a ValueError.
+        Args:
+            force: normal forces (m,) at which limits and slopes are checked, or None.
+
+        Raises:
+            ValueError: if a law gives a wrong slope or a coefficient that rises with the force.
         """
         if force is not None:
-            slope, difference, unlike = self.cone.compare_slopes(force)
+            slope, difference, is_wrong = self.cone.compare_slopes(force)
             rises = self.cone.find_rising_coefficients_at(force)
         with collective_errors(self.comm):
             call_user_function(self.comm, "a law of friction", self.cone.raise_law_error)
         if force is None:
             return
         with collective_errors(self.comm):
-            if unlike.any():
-                k = int(unlike.argmax())
+            if is_wrong.any():
+                k = int(is_wrong.argmax())
                 raise ValueError(
                     f"the law of friction of contact pair {self.pair[k]} gives the slope "
                     f"{slope[k]:.6g} at the normal force {force[k]:.6g} of the node at "
@@ -213,29 +209,34 @@ class Interface:
                 k = int(rises.argmax())
                 raise ValueError(
                     f"the law of friction of contact pair {self.pair[k]} has a coefficient, the "
-                    f"limit over the normal force, that rises up to the normal force {force[k]:.6g}"
-                    f" of the node at {format_points(self.position[[k]])}, or there: it may stay "
-                    "or fall, so that its slope at zero bounds it"
+                    f"limit over the normal force, that rises at or below the normal force "
+                    f"{force[k]:.6g} of the node at {format_points(self.position[[k]])}: it must "
+                    "not rise, so that the slope of the limit at zero bounds it"
                 )
 
     @cached_property
     def interference(self) -> Array:
-        """Depth (m,) of the points inside their surface, zero unless that is asked for."""
-        return np.where(self._interfering, np.maximum(0.0, -self._by_pair("gap", None)), 0.0)
+        """Depth (m,) of the points inside their surface; zero in pairs without interference."""
+        return np.where(
+            self._allows_interference, np.maximum(0.0, -self._evaluate_surfaces("gap", None)), 0.0
+        )
 
     def check_supports(self, normal: Array, gap: Array) -> None:
-        """Raise ValueError if a point that a surface faces cannot move along its normal.
+        """Check normals (m, dim) and gaps (m,), and that points can move along their normals.
 
-        Normals (m, dim) and gaps (m,) that are none are refused likewise.
+        Raises:
+            InvalidContactNodes: if gap or normal of a node is invalid, or a support prescribes its
+                normal displacement.
         """
-        self.refuse(np.isnan(gap), "see a surface whose gap is not a number")
+        self.refuse(np.isnan(gap), "face a surface whose gap is not a number")
         faced = np.isfinite(gap)
         length = np.linalg.norm(normal, axis=1)
-        self.refuse(~(np.abs(length - 1) < _UNIT), "see a surface whose normal is no unit vector")
-        along = np.where(self.equation < 0, normal, 0.0)
-        held = np.abs(along).max(axis=1, initial=0) > _TANGENTIAL
+        is_unit = np.abs(length - 1) < _UNIT_TOLERANCE
+        self.refuse(~is_unit, "face a surface whose normal is no unit vector")
+        supported_part = np.where(self.equation < 0, normal, 0.0)
+        is_held = np.abs(supported_part).max(axis=1, initial=0) > _MAX_PRESCRIBED_NORMAL_COSINE
         self.refuse(
-            held & faced,
+            is_held & faced,
             "have a prescribed normal displacement: they cannot be in contact. Let the pair end "
             "one facet away from the support",
         )
@@ -243,79 +244,97 @@ class Interface:
     def check_supports_between(
         self, prescribed: PETSc.Vec, translations: Array, pressed: Mask
     ) -> None:
-        """Raise ValueError where supports move the sides of a rough pair of bodies unlike.
+        """Check that supports move both sides of pairs of bodies with friction in the same way.
 
-        Only nodes (m,) that are `pressed` on the other body matter. Where supports move both alike,
-        as on a plane of symmetry, there is no friction along them. `prescribed` (n,) is what they
-        prescribe, translations are (pairs, dim), NaN where they are free.
+        If they do, as on a plane of symmetry, there is no friction along the supports.
+
+        Args:
+            prescribed: prescribed displacements, (n,).
+            translations: translations of the masters, (pairs, dim), NaN where they are free.
+            pressed: (m,), nodes with a contact force; the others are not checked.
+
+        Raises:
+            ValueError: if the prescribed displacements of both sides differ.
         """
-        held, counterpart = self._held_between, self._counterpart
-        every = np.unique(self.gathered(counterpart[held]))
-        if not len(every):
+        is_held, counterpart = self._held_between_bodies, self._counterpart
+        counterparts = np.unique(self.gathered(counterpart[is_held]))
+        if not len(counterparts):
             return
-        dim = held.shape[1]
-        values = self.at_nodes(np.maximum(every, 0), prescribed)
-        number = np.searchsorted(every, np.where(held, counterpart, every[0]))
-        theirs = np.take_along_axis(values[number], np.arange(dim)[None, :, None], axis=2)[..., 0]
-        theirs = theirs + translations[self.pair, :dim]
-        own = self.at_points(prescribed)
-        apart = np.where(counterpart < 0, np.inf, np.abs(own - theirs))
-        allowed = _UNLIKE * (np.abs(own) + np.abs(theirs)) + ROUND_OFF * self.extent
-        wrong = held & pressed[:, None] & ~(apart <= allowed)
-        places = self.gathered(self.position[wrong.any(axis=1)])
-        if len(places):
+        dim = is_held.shape[1]
+        values = self.at_nodes(np.maximum(counterparts, 0), prescribed)
+        index = np.searchsorted(counterparts, np.where(is_held, counterpart, counterparts[0]))
+        master = np.take_along_axis(values[index], np.arange(dim)[None, :, None], axis=2)[..., 0]
+        master = master + translations[self.pair, :dim]
+        slave = self.at_points(prescribed)
+        difference = np.where(counterpart < 0, np.inf, np.abs(slave - master))
+        allowed = (
+            _MAX_SUPPORT_DIFFERENCE * (np.abs(slave) + np.abs(master))
+            + COORDINATE_ROUND_OFF * self.extent
+        )
+        is_invalid = is_held & pressed[:, None] & ~(difference <= allowed)
+        positions = self.gathered(self.position[is_invalid.any(axis=1)])
+        if len(positions):
             raise ValueError(
-                f"contact nodes at {format_points(places)} have a displacement along the surface "
-                "that supports prescribe, but what they face is not moved in the same way: "
-                "friction between two bodies is not known there. Prescribe the same of both sides, "
-                "leave these nodes free, or make the body that is dragged along a rigid surface"
+                f"contact nodes at {format_points(positions)} have a prescribed displacement "
+                "along the surface, but the opposite side is not moved in the same way: friction "
+                "between the two bodies is not defined there. Prescribe the same displacement on "
+                "both sides, leave these nodes free, or replace the moved body by a rigid surface"
             )
 
-    def _check_sides(self) -> None:
+    def _check_surface_sides(self) -> None:
         pushed = np.sum(self.normals(None) * self.outward, axis=1)
-        wrong = pushed > OUTWARDS * np.linalg.norm(self.outward, axis=1)
-        known = np.any(self.outward != 0, axis=1) & np.isfinite(self.gaps(None))
+        is_outwards = pushed > MIN_OUTWARD_COSINE * np.linalg.norm(self.outward, axis=1)
+        is_checked = np.any(self.outward != 0, axis=1) & np.isfinite(self.gaps(None))
         for k in range(self.pairs):
-            right = self.gathered(~wrong[known & (self.pair == k)])
-            if len(right) and not right.any():
+            is_inwards = self.gathered(~is_outwards[is_checked & (self.pair == k)])
+            if len(is_inwards) and not is_inwards.any():
                 raise ValueError(
                     f"the surface of contact pair {k} pushes the body outwards at each of its "
-                    "nodes: its direction is to point from the rigid into the body; reverse it"
+                    "nodes: its direction has to point from the rigid surface into the body; "
+                    "reverse it"
                 )
 
-    def refuse(self, wrong: Mask, what: str) -> None:
-        """Raises NoContactStated, with the positions of points, if there are any."""
-        places = self.gathered(self.position[wrong])
-        if len(places):
-            raise NoContactStated(f"contact nodes at {format_points(places)} {what}")
+    def refuse(self, is_invalid: Mask, fault: str) -> None:
+        """Raise InvalidContactNodes with the positions of invalid points (m,); collective.
+
+        `fault` is a verb phrase that follows "contact nodes at ..." in the message.
+        """
+        positions = self.gathered(self.position[is_invalid])
+        if len(positions):
+            raise InvalidContactNodes(f"contact nodes at {format_points(positions)} {fault}")
 
     def gathered(self, values: npt.NDArray) -> npt.NDArray:
+        """Return the values (k, ...) of all processes, by rank; collective."""
         return np.concatenate(self.comm.allgather(values))
 
     def in_order(self, pair: int, values: npt.NDArray) -> npt.NDArray:
-        """Values (m, ...) at a pair's points of all processes, sorted by position."""
-        return self.gathered(values[self.pair == pair])[self._order[pair]]
+        """Return values (m, ...) at a pair's points of all processes, by position; collective."""
+        return self.gathered(values[self.pair == pair])[self._position_order[pair]]
 
     def gather_pairs(self, values: Mapping[str, npt.NDArray]) -> list[dict[str, npt.NDArray]]:
-        """Return values (m, ...) of each pair, at its points of all processes, as `in_order`."""
+        """Return the values (m, ...) of each pair in the order of `in_order`; collective."""
         of_ranks = self.comm.allgather((self.pair, dict(values)))
         return [
             {
                 name: np.concatenate([part[name][pair == k] for pair, part in of_ranks])[order]
                 for name in values
             }
-            for k, order in enumerate(self._order)
+            for k, order in enumerate(self._position_order)
         ]
 
     def local(self, states: Sequence[PairState], *names: str) -> list[npt.NDArray]:
         """Return attributes (m, ...) of the pairs' states at the points of this process."""
-        own = list(zip(states, self._rows_in_order, strict=True))
+        local_rows = list(zip(states, self._ordered_rows, strict=True))
         return [
-            np.concatenate([getattr(state, name)[rows] for state, rows in own]) for name in names
+            np.concatenate([getattr(state, name)[rows] for state, rows in local_rows])
+            for name in names
         ]
 
     def rows(self, rows: sp.csr_matrix) -> PETSc.Mat:
-        """A matrix with these rows on this process, of displacements, for all unknowns."""
+        """Return the matrix with local `rows`, whose columns become those of all unknowns (n,).
+
+        The columns of `rows` are displacements. Each process contributes its own rows.
+        """
         csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
         sizes = ((rows.shape[0], PETSc.DETERMINE), self.field.sizes)
         matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=self.comm)
@@ -324,48 +343,52 @@ class Interface:
         )
 
     @cached_property
-    def _order(self) -> list[npt.NDArray[np.intp]]:
-        """Order by position of each pair's points as they are gathered."""
+    def _position_order(self) -> list[npt.NDArray[np.intp]]:
+        """Indices that sort the gathered points of each pair by position."""
         return [
             order_by_position(
                 self.gathered(self.position[self.pair == k]),
-                self.gathered(self._beside[self.pair == k]),
+                self.gathered(self._mean_cell_midpoint[self.pair == k]),
             )
             for k in range(self.pairs)
         ]
 
     @cached_property
-    def _rows_in_order(self) -> list[Indices]:
-        """Places of this process' points of each pair among those of all, sorted by position."""
+    def _ordered_rows(self) -> list[Indices]:
+        """Indices of this process' points of each pair among all its points in `in_order`."""
         rows = []
-        for k, order in enumerate(self._order):
+        for k, order in enumerate(self._position_order):
             counts = self.comm.allgather(int(np.sum(self.pair == k)))
-            first = sum(counts[: self.comm.rank])
-            rows.append(np.argsort(order)[first : first + counts[self.comm.rank]])
+            offset = sum(counts[: self.comm.rank])
+            rows.append(np.argsort(order)[offset : offset + counts[self.comm.rank]])
         return rows
 
     @property
     def own_nodes(self) -> Indices:
-        """Numbers (m,) of the points' nodes on this process, which owns them."""
-        first: int = self.field.space.dofmap.index_map.local_range[0]
-        return np.asarray(self.node - first)
+        """Local indices (m,) of the points' nodes on this process, which owns them."""
+        node_offset: int = self.field.space.dofmap.index_map.local_range[0]
+        return np.asarray(self.node - node_offset)
 
     @cached_property
     def first_nodes(self) -> list[Array]:
-        """Position (1, dim) of each pair's first node: who has no points asks surfaces there.
+        """Position (1, dim) of the first node of each pair.
 
-        So all processes call a user's surface equally often, which may communicate.
+        Processes without points evaluate users' surfaces there, so that all processes call them
+        equally often: users' surfaces may communicate.
         """
         return [self.in_order(k, self.position)[:1] for k in range(self.pairs)]
 
     @cached_property
     def extent(self) -> float:
-        return float(extents(self.comm, self.position).max())
+        """Largest extent of the undeformed contact points of all processes along an axis."""
+        return float(compute_extents(self.comm, self.position).max())
 
     def on_opposite(self, force: Array, force_operator: PETSc.Mat) -> list[Array]:
-        """Return nodal forces (k, dim) of forces (m, dim) on the `opposite` nodes of each pair.
+        """Return the nodal forces (k, dim) on the `opposite` nodes of each pair; collective.
 
-        `force_operator` is H, (n, m dim).
+        Args:
+            force: forces on the points, (m, dim).
+            force_operator: H, (n, m dim).
         """
         forces: list[Array] = [np.zeros((0, force.shape[1])) for _ in self.opposite]
         for k, nodes in enumerate(self.opposite):
@@ -376,79 +399,88 @@ class Interface:
         return forces
 
     def at_points(self, unknowns: PETSc.Vec) -> Array:
-        """What unknowns (n,) have at the points' nodes, (m, dim)."""
+        """Return the displacements (m, dim) among the unknowns (n,) at the nodes of the points."""
         values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
         return np.asarray(values[self.own_nodes])
 
     def at_nodes(self, nodes: Indices, unknowns: PETSc.Vec) -> Array:
-        """What unknowns (n,), or their equations, have at global nodes (k,): (k, dim)."""
+        """Return the values (k, dim) of a vector (n,) at global nodes (k,); collective."""
         values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
         return gather_from_owners(self.field.space, nodes, values)
 
     def gaps(self, translations: Array | None) -> Array:
-        """Gap (m,) of the undeformed body to the translated surfaces, as the unknowns see it.
+        """Return the gaps (m,) of the undeformed body to the translated surfaces; collective.
 
-        Gaps of a sibling's coefficients are T^-T g, as if gaps were displacements. A node keeps its
-        own where any node on which its coefficient depends faces nothing.
+        For the sibling, gaps are transformed like displacements, to T^-T g. A node keeps its own
+        gap if no surface faces a node on which its coefficient depends.
         """
-        gap, inverse = self._by_pair("gap", translations), self._inverse
+        gap, inverse = self._evaluate_surfaces("gap", translations), self._sibling_inverse
         if inverse is None:
             return gap
         normal = self.normals(translations)
         faced = np.isfinite(gap)
-        first, last = inverse.getOwnershipRange()
+        begin, end = inverse.getOwnershipRange()
         dim = normal.shape[1]
-        node = self.node - first // dim
+        node = self.node - begin // dim
 
-        def transformed(values: Array) -> Array:
+        def apply_inverse(values: Array) -> Array:
             vector = inverse.createVecRight()
-            of_nodes = np.zeros(((last - first) // dim, dim))
-            of_nodes[node] = values
-            vector.setArray(of_nodes.ravel())
+            nodal_values = np.zeros(((end - begin) // dim, dim))
+            nodal_values[node] = values
+            vector.setArray(nodal_values.ravel())
             return np.asarray((inverse * vector).array_r.reshape(-1, dim)[node])
 
-        whole = np.abs(transformed(np.tile(faced[:, None], dim))[:, 0] - 1) < _UNIT
-        away = transformed(np.where(faced, gap, 0.0)[:, None] * normal)
-        return np.where(whole, np.sum(away * normal, axis=1), gap)
+        row_sums = apply_inverse(np.tile(faced[:, None], dim))[:, 0]
+        depends_on_faced_nodes = np.abs(row_sums - 1) < _UNIT_TOLERANCE
+        gap_vector = apply_inverse(np.where(faced, gap, 0.0)[:, None] * normal)
+        return np.where(depends_on_faced_nodes, np.sum(gap_vector * normal, axis=1), gap)
 
     def normals(self, translations: Array | None) -> Array:
-        """Normals (m, dim) of the translated surfaces at the undeformed body."""
-        return self._by_pair("normal", translations)
+        """Return the normals (m, dim) of the translated surfaces at the undeformed body."""
+        return self._evaluate_surfaces("normal", translations)
 
-    def closest(self, moved: Array) -> tuple[Array, Array, Array]:
-        """Gap (m,), normal (m, dim), its derivative (m, dim, dim) of points that have moved.
+    def closest(self, motion: Array) -> tuple[Array, Array, Array]:
+        """Return gaps (m,), normals (m, dim) and their derivatives (m, dim, dim); collective.
 
-        They are zero in pairs of bodies; gaps are infinite where nothing faces a point.
+        `motion` (m, dim) are the motions of the points in the frames of their surfaces. In pairs of
+        two bodies all values are zero. Gaps are infinite where no surface faces a point.
 
         Raises:
             NotFound: if a point has no closest point.
         """
-        gap, normal, bend = self.look_for_closest(moved)
-        lost = self.gathered(self.position[np.isnan(gap)])
-        if len(lost):
-            raise NotFound.with_positions("contact nodes first at {} have no closest point", lost)
-        return gap, normal, bend
+        gap, normal, curvature = self.look_for_closest(motion)
+        positions = self.gathered(self.position[np.isnan(gap)])
+        if len(positions):
+            raise NotFound.with_positions(
+                "contact nodes initially at {} have no closest point", positions
+            )
+        return gap, normal, curvature
 
-    def look_for_closest(self, moved: Array) -> tuple[Array, Array, Array]:
-        """Return the same as `closest`, with NaN for points that have no closest point."""
-        dim = moved.shape[1]
+    def look_for_closest(self, motion: Array) -> tuple[Array, Array, Array]:
+        """Return the values of `closest`, NaN for points without a closest point; collective."""
+        dim = motion.shape[1]
         layout = "it takes points as rows (n, dim), gives (n,), (n, dim) and (n, dim, dim)"
-        found = [np.zeros((len(moved), *shape)) for shape in ((), (dim,), (dim, dim))]
-        # surfaces without closest points are refused before
-        self._ask("closest", self.position + moved, found, layout)
-        gap, normal, bend = found
-        known = np.isfinite(gap) & np.isfinite(bend).all(axis=(1, 2)) | np.isposinf(gap)
-        known &= np.isfinite(normal).all(axis=1)
-        for values in found:
-            values[~known] = np.nan
-        return gap, normal, bend
+        results = [np.zeros((len(motion), *shape)) for shape in ((), (dim,), (dim, dim))]
+        # all surfaces have closest points, which has been checked
+        self._call_surfaces("closest", self.position + motion, results, layout)
+        gap, normal, curvature = results
+        is_finite = np.isfinite(gap) & np.isfinite(curvature).all(axis=(1, 2))
+        is_valid = (is_finite | np.isposinf(gap)) & np.isfinite(normal).all(axis=1)
+        for values in results:
+            values[~is_valid] = np.nan
+        return gap, normal, curvature
 
-    def check_closest(self, moved: Array, pressed: Mask) -> None:
-        """Raise ValueError where a user's surface gives wrong derivatives at nodes (m,) in contact.
+    def check_closest(self, motion: Array, pressed: Mask) -> None:
+        """Check the derivatives of users' surfaces by finite differences; collective.
 
-        These have moved (m, dim) in the frame of their surfaces.
+        Args:
+            motion: (m, dim), motions of the points in the frames of their surfaces.
+            pressed: (m,), points at which the surfaces are checked.
+
+        Raises:
+            ValueError: if a surface gives wrong derivatives.
         """
-        x, step = self.position + moved, _DIFFERENCES * (self.extent or 1.0)
+        x, step = self.position + motion, _DIFFERENCE_STEP * (self.extent or 1.0)
         users = [
             (k, surface, self.gathered(x[(self.pair == k) & pressed]))
             for k, surface in enumerate(self.surfaces)
@@ -458,73 +490,72 @@ class Interface:
             for k, surface, points in users:
                 if not isinstance(surface, ClosestPointSurface) or not len(points):
                     continue
-                whose = f"the closest points of the surface of contact pair {k}"
-                wrong = call_user_function(
-                    self.comm, whose, describe_wrong_derivatives, surface, points, step
+                subject = f"the closest points of the surface of contact pair {k}"
+                fault = call_user_function(
+                    self.comm, subject, describe_wrong_derivatives, surface, points, step
                 )
-                if wrong:
-                    raise ValueError(f"{whose} have the {wrong}: correct it")
+                if fault:
+                    raise ValueError(f"{subject} have the {fault}: correct it")
 
-    def _by_pair(self, what: Literal["gap", "normal"], translations: Array | None) -> Array:
-        values = np.empty_like(self.position if what == "normal" else self.position[:, 0])
-        gives = "(n, dim)" if what == "normal" else "(n,)"
-        moved = 0.0 if translations is None else translations[self.pair]
-        layout = f"it takes points as rows (n, dim) and gives {gives}"
-        self._ask(what, self.position - moved, [values], layout)
+    def _evaluate_surfaces(
+        self, quantity: Literal["gap", "normal"], translations: Array | None
+    ) -> Array:
+        """Return gaps (m,) or normals (m, dim) of the translated surfaces; collective."""
+        values = np.empty_like(self.position if quantity == "normal" else self.position[:, 0])
+        shape = "(n, dim)" if quantity == "normal" else "(n,)"
+        translation = 0.0 if translations is None else translations[self.pair]
+        layout = f"it takes points as rows (n, dim) and gives {shape}"
+        self._call_surfaces(quantity, self.position - translation, [values], layout)
         return values
 
-    def _ask(self, what: str, x: Array, answers: Sequence[Array], layout: str) -> None:
-        """Fill in what surfaces say of points x (m, dim), or raise what one of them raises.
+    def _call_surfaces(self, method: str, x: Array, results: Sequence[Array], layout: str) -> None:
+        """Call a method of all surfaces at points x (m, dim) and write its values to `results`.
 
-        A user's surface is asked of the points of all processes on each of them, so that all call
-        it equally often: it may communicate, or look for closest points until all are found. Its
-        errors, and answers of the wrong shape, are a ValueError on all processes.
+        A user's surface is called on each process with the points of all processes. All processes
+        then call it equally often, so it may communicate or iterate until all points converge.
+
+        Args:
+            method: "gap", "normal" or "closest".
+            x: positions of the points in the frames of their surfaces, (m, dim).
+            results: arrays (m, ...), one for each array that the method returns.
+            layout: description of valid arguments and results for error messages.
+
+        Raises:
+            ValueError: on all processes, if a user's surface raises an error or returns arrays of a
+                wrong shape.
         """
-        asked = [
+        calls = [
             (k, surface, self.pair == k)
             for k, surface in enumerate(self.surfaces)
-            if not (what == "closest" and k in self.mortars)
+            if not (method == "closest" and k in self.mortars)
         ]
-        if self._cannot_fail:
-            for _, surface, mine in asked:
-                given = getattr(surface, what)(x[mine])
-                for values, known in zip(answers, _as_tuple(given, answers), strict=True):
-                    values[mine] = known
+        if self._needs_no_guard:
+            for _, surface, in_pair in calls:
+                arrays = _as_tuple(getattr(surface, method)(x[in_pair]), results)
+                for result, values in zip(results, arrays, strict=True):
+                    result[in_pair] = values
             return
-        name = "closest points" if what == "closest" else what
-        pairs = []
-        for k, surface, mine in asked:
-            if type(surface) in _ASKED_LOCALLY:
-                points, own = x[mine], slice(None)
+        name = "closest points" if method == "closest" else method
+        calls_with_points = []
+        for k, surface, in_pair in calls:
+            if type(surface) in _LOCALLY_EVALUATED_SURFACES:
+                points, local_part = x[in_pair], slice(None)
             else:
-                points, own = gather_points(self.comm, x[mine])
+                points, local_part = gather_points(self.comm, x[in_pair])
             if len(points):
-                pairs.append((k, mine, points, own))
+                calls_with_points.append((k, in_pair, points, local_part))
         with collective_errors(self.comm):
-            for k, mine, points, own in pairs:
-                whose = f"the {name} of the surface of contact pair {k}"
-                given = call_user_function(
-                    self.comm, whose, getattr(self.surfaces[k], what), points
+            for k, in_pair, points, local_part in calls_with_points:
+                subject = f"the {name} of the surface of contact pair {k}"
+                value = call_user_function(
+                    self.comm, subject, getattr(self.surfaces[k], method), points
                 )
-                for values, known in zip(answers, _as_tuple(given, answers), strict=True):
-                    shape = (len(points), *values.shape[1:])
-                    values[mine] = arguments.check_function_values(whose, known, shape, layout)[own]
+                for result, values in zip(results, _as_tuple(value, results), strict=True):
+                    shape = (len(points), *result.shape[1:])
+                    values = arguments.check_function_values(subject, values, shape, layout)
+                    result[in_pair] = values[local_part]
 
 
-def _as_tuple(given: Any, answers: Sequence[Array]) -> Sequence[Any]:  # noqa: ANN401
-    """Return the answers of a surface's method, of which a single one is given alone."""
-    return given if len(answers) > 1 else (given,)
-
-
-def gather_points(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:
-    """Return the points (n, dim) of all processes, and which of them are this one's; collective."""
-    parts = comm.allgather(x)
-    first = sum(map(len, parts[: comm.rank]))
-    return np.concatenate(parts), slice(first, first + len(x))
-
-
-def extents(comm: MPI.Comm, x: Array) -> Array:
-    """Extents (dim,) along the axes of points (n, dim) of all processes."""
-    ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
-    comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
-    return -ends.sum(axis=0)
+def _as_tuple(value: Any, results: Sequence[Array]) -> Sequence[Any]:  # noqa: ANN401
+    """Return the arrays that a surface's method returned; a single array becomes a tuple."""
+    return value if len(results) > 1 else (value,)

@@ -21,7 +21,7 @@ from pw_elements.checks import (
     collective_errors,
     evenly_spaced_rows,
 )
-from pw_elements.contact.interface.operators import InitialGap, Interface
+from pw_elements.contact.interface.operators import Interface, KnownGapSurface
 from pw_elements.contact.model import ClosestPointSurface, ContactPair, Surface
 
 # Number of points at which a surface is evaluated, in a box around a pair's nodes, and margin of
@@ -60,7 +60,7 @@ def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
     They are scaled to be dimensionless and put into one array, which is empty for a deformable
     surface. A method that raises an error on all processes gives NaN. Collective.
     """
-    if isinstance(surface, InitialGap) or number in interface.mortars:
+    if isinstance(surface, KnownGapSurface) or number in interface.mortars:
         return np.empty(0)
     x = _spread_points(interface.in_order(number, interface.position))
     names = ["gap", "normal", *(["closest"] if isinstance(surface, ClosestPointSurface) else [])]

@@ -19,13 +19,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
-from pw_elements.arrays import Array, Indices, Mask
+from pw_elements.arrays import Array, AutoDiffArray, Indices, Mask, stack_values_and_derivatives
 from pw_elements.contact.interface.facing import (
     MortarMatrices,
     MortarSides,
     evaluate_mortar_matrices,
 )
-from pw_elements.contact.interface.mortar import MAX_FACING_COSINE, Trace
+from pw_elements.contact.interface.mortar import Trace
+from pw_elements.contact.interface.overlap import MAX_FACING_COSINE
 
 # Gauss' rule on [-1, 1], exact for a cubic, such as two weight functions and a radius along a
 # segment; directions of projection are no polynomials
@@ -36,51 +37,7 @@ N_PATH_PIECES = 8
 _MIN_COVERED_FRACTION = 1e-6
 
 
-class AutoDiffArray:
-    """Numbers (n,) with derivatives (n, k): automatic differentiation in forward mode."""
-
-    __array_ufunc__ = None  # so that NumPy arrays leave mixed operations to this class
-
-    def __init__(self, value: Array, derivative: Array) -> None:
-        self.value, self.derivative = value, derivative
-
-    def __add__(self, other: "Numbers") -> "AutoDiffArray":
-        if isinstance(other, AutoDiffArray):
-            return AutoDiffArray(self.value + other.value, self.derivative + other.derivative)
-        return AutoDiffArray(self.value + other, self.derivative)
-
-    def __mul__(self, other: "Numbers") -> "AutoDiffArray":
-        if isinstance(other, AutoDiffArray):
-            derivative = self.derivative * other.value[:, None]
-            derivative = derivative + other.derivative * self.value[:, None]
-            return AutoDiffArray(self.value * other.value, derivative)
-        return AutoDiffArray(self.value * other, (self.derivative.T * other).T)
-
-    def __pow__(self, power: float) -> "AutoDiffArray":
-        factor = power * self.value ** (power - 1)
-        return AutoDiffArray(self.value**power, self.derivative * factor[:, None])
-
-    def __getitem__(self, rows: Indices) -> "AutoDiffArray":
-        return AutoDiffArray(self.value[rows], self.derivative[rows])
-
-    def __neg__(self) -> "AutoDiffArray":
-        return self * -1.0
-
-    def __sub__(self, other: "Numbers") -> "AutoDiffArray":
-        return self + -other
-
-    def __rsub__(self, other: "Numbers") -> "AutoDiffArray":
-        return -self + other
-
-    def __truediv__(self, other: "Numbers") -> "AutoDiffArray":
-        return self * other**-1.0
-
-    __radd__, __rmul__ = __add__, __mul__
-
-
-# Operands of formulas, with or without derivatives
-Numbers: TypeAlias = AutoDiffArray | Array | float
-Vector: TypeAlias = tuple[Any, Any]  # two components, each of type Numbers
+Vector: TypeAlias = tuple[Any, Any]  # two components, with or without derivatives
 
 
 def _cross(a: Vector, b: Vector) -> Any:  # noqa: ANN401
@@ -89,12 +46,6 @@ def _cross(a: Vector, b: Vector) -> Any:  # noqa: ANN401
 
 def _dot(a: Vector, b: Vector) -> Any:  # noqa: ANN401
     return a[0] * b[0] + a[1] * b[1]
-
-
-def stack_values_and_derivatives(numbers: Sequence[AutoDiffArray]) -> tuple[Array, Array]:
-    """Return values (q, j) and derivatives (q, j, k) of j arrays (q,) with derivatives (q, k)."""
-    parts = ([v.value for v in numbers], [v.derivative for v in numbers])
-    return np.stack(parts[0], axis=1), np.stack(parts[1], axis=1)
 
 
 def sum_into_matrix(

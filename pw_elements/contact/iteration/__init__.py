@@ -1,4 +1,4 @@
-"""Newton's method of one increment: equilibrium, equations, active sets, the state at its end."""
+"""Newton's method for one increment: equilibrium, equations, active sets and the final state."""
 
 from pw_elements.contact.iteration.finite import CellGuard, FiniteEquilibrium, SlidingEquilibrium
 from pw_elements.contact.iteration.increment import (
@@ -10,10 +10,15 @@ from pw_elements.contact.iteration.increment import (
 )
 from pw_elements.contact.iteration.newton import solve_increment
 from pw_elements.contact.iteration.results import (
+    compute_reference_sizes,
     make_contact_state,
     make_pair_states,
     make_undeformed_state,
-    reference_sizes,
+)
+from pw_elements.contact.iteration.target import (
+    IncrementTarget,
+    interpolate_targets,
+    make_balanced_target,
 )
 from pw_elements.contact.iteration.updates import (
     ActiveSetUpdate,

@@ -1,8 +1,8 @@
-"""The equations of one increment: equilibrium, kinematics and the law, solved and evaluated.
+"""The equations of one increment: equilibrium, kinematics and law, solved and evaluated.
 
-The module guarantees that the violation of a state counts every condition of the law, every free
-equation and every balance. A linear equilibrium is the case whose tangent is constant: its factors
-are kept by the contact system. It assumes that arguments have been checked where the user calls.
+The module guarantees that the violation of an iterate covers all conditions of the law, all free
+equations and all force balances. It assumes arguments that the functions called by users have
+checked. The tangent of a linear equilibrium is constant, and the contact system keeps its factors.
 """
 
 from collections.abc import Callable
@@ -17,18 +17,18 @@ import numpy as np
 
 from pw_elements.algebra import reduce_load
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import ROUND_OFF, Interface
+from pw_elements.contact.interface import COORDINATE_ROUND_OFF, Interface
 from pw_elements.contact.iteration.support_friction import SupportFriction
 from pw_elements.contact.model import NotFound, NotUnique
 from pw_elements.contact.nodes import (
-    TOLERANCE,
+    FORCE_TOLERANCE,
     ActiveSet,
     ContactNodes,
     IncrementStart,
     Kinematics,
     LinearisedKinematics,
     TorqueMap,
-    count_statuses,
+    describe_status_counts,
     eliminate_known_motions,
 )
 from pw_elements.contact.system import Accuracy, ContactSystem
@@ -36,18 +36,19 @@ from pw_elements.solvers import SingularSystem
 
 # Round-off in K a, relative to |K| |a|
 DISPLACEMENT_ROUND_OFF = 1e-13
-# Relative change of friction beside a singular tangent, and of a solution that goes on there
+# Relative change of friction by which a singular tangent is made regular, and largest relative
+# change of a solution that is continuous across the singularity
 _FRICTION_PERTURBATION = 1e-6
 _MAX_SOLUTION_CHANGE = 1e-3
 
 
 class Equilibrium(Protocol):
-    """Equilibrium of a body with its contact forces, K a = f + H r where it is linearised.
+    """Equilibrium of a body with its contact forces, linearised as K a = f + H r.
 
     Attributes:
-        offset: (n,), displacements that supports prescribe at the end.
-        needs_final_solution: whether the last linear system has to be solved to the final accuracy.
-            It need not where forces are computed anew from the displacements.
+        offset: a_0, (n,), prescribed displacements at the end of the increment.
+        needs_final_solution: whether the last linear system has to be solved to the final accuracy;
+            false if forces are evaluated from the displacements.
     """
 
     @property
@@ -57,30 +58,36 @@ class Equilibrium(Protocol):
     def needs_final_solution(self) -> bool: ...
 
     def linearise(self, torque_map: TorqueMap) -> PETSc.Vec:
-        """Set the tangent of the contact system, with torques; return the reduced load f."""
+        """Pass the tangent and the torque map to the contact system; return the reduced load f."""
 
     def line_search_to(self, reduced: PETSc.Vec) -> float:
-        """Go to a solution of the linear equations; return the accepted part of the step."""
+        """Update towards a linear solution (n_r,); return the accepted step length, at most 1."""
 
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """Return the reduced forces that no load balances: where nothing touches they vanish."""
+        """Return the reduced residual (n_r,), which contact forces alone have to balance."""
 
     def displacements(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """Return all unknowns (n,)."""
+        """Return all unknowns (n,) for reduced displacements (n_r,)."""
 
-    def violation(self, unbalanced: Array, contact_allowance: float, full: PETSc.Vec) -> float:
-        """Return unbalanced forces over what is allowed, of which that of contact is a part."""
+    def violation(self, unbalanced: Array, contact_allowance: float, unknowns: PETSc.Vec) -> float:
+        """Return the largest ratio of an unbalanced force to its tolerance on this process.
+
+        Args:
+            unbalanced: magnitudes of unbalanced forces in the equations of this process.
+            contact_allowance: tolerance due to contact forces, a force.
+            unknowns: all unknowns (n,).
+        """
 
 
 @dataclass(frozen=True)
 class LinearEquilibrium:
-    """Equilibrium K a = f + H r of a body under small strains, reduced by its supports.
+    """Equilibrium K a = f + H r of a body at small strains, reduced by its supports.
 
     Args:
-        stiffness: K, reduced: the tangent at any a.
-        load: f, reduced.
-        right: R, (n, n_r), of all unknowns R a_r + a_0.
-        offset: a_0, (n,).
+        stiffness: reduced K, (n_r, n_r), the constant tangent.
+        load: reduced f, (n_r,).
+        right: R, (n, n_r), of the reduction a = R a_r + a_0.
+        offset: a_0, (n,), prescribed displacements.
         max_row_sum: largest sum of magnitudes in a row of K.
     """
 
@@ -96,7 +103,7 @@ class LinearEquilibrium:
     def from_stiffness(
         cls, system: ContactSystem, K: PETSc.Mat, load: PETSc.Vec, load_factor: float = 1.0
     ) -> "LinearEquilibrium":
-        """Reduce K (n, n) and f (n,) by the supports, whose displacements `load_factor` scales."""
+        """Reduce K (n, n) and f (n,) by the supports; `load_factor` scales their displacements."""
         reduction = system.reduction
         if load_factor != 1:
             reduction = replace(reduction, offset=load_factor * reduction.offset)
@@ -110,12 +117,12 @@ class LinearEquilibrium:
     def line_search_to(self, reduced: PETSc.Vec) -> float:  # noqa: ARG002
         return 1.0
 
-    def violation(self, unbalanced: Array, contact_allowance: float, full: PETSc.Vec) -> float:
-        load, displacement = (v.norm(PETSc.NormType.INFINITY) for v in (self.load, full))
+    def violation(self, unbalanced: Array, contact_allowance: float, unknowns: PETSc.Vec) -> float:
+        load, displacement = (v.norm(PETSc.NormType.INFINITY) for v in (self.load, unknowns))
         round_off = DISPLACEMENT_ROUND_OFF * self.max_row_sum * displacement
-        allowed = contact_allowance + TOLERANCE * load + round_off
-        largest = float(unbalanced.max(initial=0.0))
-        return largest / allowed if largest else 0.0
+        allowed = contact_allowance + FORCE_TOLERANCE * load + round_off
+        max_unbalanced = float(unbalanced.max(initial=0.0))
+        return max_unbalanced / allowed if max_unbalanced else 0.0
 
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
         residual = self.load.duplicate()
@@ -124,31 +131,32 @@ class LinearEquilibrium:
         return residual
 
     def displacements(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        full = self.offset.duplicate()
-        self.right.multAdd(reduced, self.offset, full)
-        return full
+        unknowns = self.offset.duplicate()
+        self.right.multAdd(reduced, self.offset, unknowns)
+        return unknowns
 
 
 @dataclass(frozen=True)
 class NewtonState:
-    """An iterate: the solution of one linear system, and the law evaluated there.
+    """An iterate: the solution of one linear system, and the conditions evaluated there.
 
     Args:
-        reduced: displacements, reduced by the supports.
-        unknowns: all of them, (n,).
+        reduced: displacements reduced by the supports, (n_r,).
+        unknowns: all unknowns, (n,).
         q: motions of the surfaces, (pairs, k).
-        displacement: of the points, (m, dim).
-        force: of the surfaces on the points, (m, dim).
-        unbalanced: sizes of unbalanced forces in the equations of this process.
-        nodes: gaps, slips and forces in the frames.
-        kinematics: through which they are seen.
-        displacement_size: (m, dim), how far a point and what it faces have moved together.
-        allowance: force by which the law may be violated.
-        round_off: force that may be nothing but round-off, a part of the allowance.
-        violation: of the law, equilibrium and balances, over what is allowed.
-        is_solution: whether nothing is violated, by a system that was solved exactly enough.
-        is_exact: whether the same system, solved again, would give nothing better.
-        is_final: whether it was solved exactly enough for an end.
+        displacement: displacements of the points, (m, dim).
+        force: forces of the surfaces on the points, (m, dim).
+        unbalanced: magnitudes of unbalanced forces in the equations of this process.
+        nodes: gaps, slips and forces in the frames of the nodes.
+        kinematics: kinematics by which the nodes were evaluated.
+        displacement_size: (m, dim), sum of the magnitudes of the displacements of a point and of
+            the nodes that it faces.
+        allowance: tolerance of the conditions, a force.
+        round_off: part of the allowance that is due to round-off.
+        violation: largest ratio of a violated condition to its tolerance.
+        is_solution: whether all conditions hold and the linear system was solved to final accuracy.
+        is_exact: whether a repeated solution of the linear system would be no more accurate.
+        is_final: whether the linear system was solved to final accuracy.
     """
 
     reduced: PETSc.Vec
@@ -173,11 +181,11 @@ class Increment:
 
     Args:
         system: linear systems of the contact nodes.
-        equilibrium: of the body at the increment's end.
-        kinematics: of the contact points since its start.
-        start: the state from which slip counts.
+        equilibrium: equilibrium of the body at the end of the increment.
+        kinematics: kinematics of the contact points since the start of the increment.
+        start: state at the start of the increment, the reference of slip.
         prescribed: motions of the surfaces (pairs, k), NaN where they are free.
-        totals: (free,), forces on the free motions, and torques.
+        totals: (free,), prescribed forces and torques of the free motions.
 
     Attributes:
         nearest: the state with the least violation so far.
@@ -197,24 +205,26 @@ class Increment:
         self.interface: Interface = system.interface
         self.kinematics = kinematics
         self.prescribed, self.totals = prescribed, totals
-        self.nearest: NewtonState | None = None
+        self.best_state: NewtonState | None = None
         self._support_displacement = system.point_displacements(equilibrium.offset)
 
     @cached_property
     def support_friction(self) -> SupportFriction:
-        """Friction on supports, which is made where supports hold nodes along a rough surface."""
+        """Support friction of nodes that supports hold along a rough surface."""
         return SupportFriction(self.system, self.start, self.prescribed, self._support_displacement)
 
-    def make_first_set(self, active: ActiveSet, kinematics: LinearisedKinematics) -> ActiveSet:
-        """Return an active set with the friction on supports of the increment's start."""
+    def add_support_friction(
+        self, active: ActiveSet, kinematics: LinearisedKinematics
+    ) -> ActiveSet:
+        """Return the active set with the support friction at the start of the increment."""
         if not self.interface.holds_friction:
             return active
-        return self.support_friction.start_set(active, kinematics)
+        return self.support_friction.initialise_active_set(active, kinematics)
 
     def solve(
         self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: Accuracy
     ) -> NewtonState:
-        """Solve the linear system of an active set and evaluate the law at its solution.
+        """Solve the linear system of an active set and evaluate all conditions at its solution.
 
         Raises:
             SingularSystem: if the tangent is singular.
@@ -222,7 +232,9 @@ class Increment:
         """
         system, equilibrium = self.system, self.equilibrium
         known_q = np.nan_to_num(self.prescribed)[self.interface.pair]
-        torque_map = kinematics.torque_map.eliminate_known(known_q, self._support_displacement)
+        torque_map = kinematics.torque_map.eliminate_known_motions(
+            known_q, self._support_displacement
+        )
         load = equilibrium.linearise(torque_map)
         known_v = system.point_motions(equilibrium.offset)
         law = kinematics.linearise_law(active, system.law_scale)
@@ -230,7 +242,7 @@ class Increment:
         totals: Array = self.totals
         springs: Array = np.zeros(len(system.free_motions))
         if self.interface.holds_friction and system.free_motions:
-            totals, springs = self.support_friction.reduce_totals(totals, active, kinematics)
+            totals, springs = self.support_friction.subtract_from_totals(totals, active, kinematics)
         solution = system.solve(
             load,
             law,
@@ -265,10 +277,16 @@ class Increment:
         is_exact: bool = True,
         is_final: bool = True,
     ) -> NewtonState:
-        """Evaluate the law at reduced displacements and motions q (pairs, k) of the surfaces.
+        """Evaluate all conditions at reduced displacements and surface motions.
 
-        `support_friction` (m, dim - 1) is that of the iteration before, by default of the
-        increment's start; the others are explained at `NewtonState`.
+        Args:
+            reduced: displacements reduced by the supports, (n_r,).
+            q: motions of the surfaces, (pairs, k).
+            kinematics: kinematics of the linear system that was solved.
+            support_friction: (m, dim - 1), support friction of the previous iteration; the default
+                is that at the start of the increment.
+            is_exact: whether a repeated linear solution would be no more accurate.
+            is_final: whether the linear system was solved to final accuracy.
         """
         interface, system = self.interface, self.system
         unknowns = self.equilibrium.displacements(reduced)
@@ -276,16 +294,16 @@ class Increment:
         displacement = system.point_displacements(unknowns)
         displacement_size = system.displacement_sizes(unknowns)
         force, unbalanced = system.split_residual(residual)
-        kinematics, v = self.kinematics.evaluate_iterate(kinematics, q, displacement, force)
+        kinematics, v = self.kinematics.kinematics_at_iterate(kinematics, q, displacement, force)
         nodes = kinematics.evaluate_nodes(v, q, force, cone=interface.cone, scale=system.law_scale)
         if interface.holds_friction:
             if support_friction is None:
-                support_friction = self.support_friction.at_start(kinematics)
+                support_friction = self.support_friction.friction_at_start(kinematics)
             nodes, force = self.support_friction.add_to_nodes(
                 nodes, kinematics, force, support_friction
             )
-        largest_force, of_displacements, of_coordinates = self._force_sizes(
-            force, displacement_size, kinematics.torque_map
+        max_force, displacement_round_off, coordinate_round_off = (
+            self._largest_force_and_round_offs(force, displacement_size, kinematics.torque_map)
         )
         state = NewtonState(
             reduced=reduced,
@@ -297,28 +315,32 @@ class Increment:
             nodes=nodes,
             kinematics=kinematics,
             displacement_size=displacement_size,
-            allowance=TOLERANCE * largest_force + (of_displacements + of_coordinates),
-            round_off=of_displacements + of_coordinates,
+            allowance=FORCE_TOLERANCE * max_force + (displacement_round_off + coordinate_round_off),
+            round_off=displacement_round_off + coordinate_round_off,
             violation=np.inf,
             is_solution=False,
             is_exact=is_exact,
             is_final=is_final,
         )
-        allowed = TOLERANCE * largest_force + of_displacements
-        violation = self.violation(state, allowed, of_coordinates)
+        allowed = FORCE_TOLERANCE * max_force + displacement_round_off
+        violation = self.violation(state, allowed, coordinate_round_off)
         return replace(state, violation=violation, is_solution=violation <= 1 and is_final)
 
     def relinearise(self, state: NewtonState) -> NewtonState:
-        """Evaluate the law again at a solution, with kinematics linearised there."""
+        """Return a solution evaluated by kinematics linearised there; other states are unchanged.
+
+        The state is also unchanged if kinematics linearised there violate a condition, but the
+        surfaces have moved by no more than the tolerance: derivatives of surfaces have noise.
+        """
         if not state.is_solution:
             return state
-        kinematics = self.kinematics.evaluate_solution(
+        kinematics = self.kinematics.kinematics_at_solution(
             state.kinematics, state.q, state.displacement, state.force
         )
         if kinematics is state.kinematics:
             return state
         held_friction = np.where(kinematics.held_tangents, state.nodes.force[:, 1:], 0.0)
-        there = self.evaluate(
+        relinearised = self.evaluate(
             state.reduced,
             state.q,
             kinematics,
@@ -326,113 +348,120 @@ class Increment:
             is_exact=state.is_exact,
             is_final=state.is_final,
         )
-        if there.violation > 1 and self._is_settled(state):
-            return state  # a surface's function has noise, as differences have
-        return there
+        if relinearised.violation > 1 and self._is_near_linearisation(state):
+            return state
+        return relinearised
 
-    def record(self, state: NewtonState) -> None:
-        """Remember the state if none came nearer to a solution."""
-        if self.nearest is None or state.violation < self.nearest.violation:
-            self.nearest = state
+    def record_best_state(self, state: NewtonState) -> None:
+        """Keep the state as `best_state` if its violation is the smallest so far."""
+        if self.best_state is None or state.violation < self.best_state.violation:
+            self.best_state = state
 
     def residuals(
-        self, state: NewtonState, force: float, length: Array | float
+        self, state: NewtonState, reference_force: float, reference_length: Array | float
     ) -> dict[str, Array]:
-        """Return the fields of `Residuals` on this process, over a force and lengths (m,)."""
-        return state.nodes.residuals(force, length) | {
-            "equilibrium": np.asarray(state.unbalanced / force, dtype=float),
+        """Return the fields of `Residuals` at the nodes and equations of this process.
+
+        Forces are divided by the reference force, lengths by the reference length, a number or
+        (m,).
+        """
+        return state.nodes.residuals(reference_force, reference_length) | {
+            "equilibrium": np.asarray(state.unbalanced / reference_force, dtype=float),
             "balance": self.system.balance_residuals(
-                state.force, state.q, self.totals, state.kinematics.torque_map, force
+                state.force, state.q, self.totals, state.kinematics.torque_map, reference_force
             ),
         }
 
     def max_over_ranks(self, *arrays: Array) -> list[float]:
-        """Return the largest value of each array on all processes, 0 without any."""
-        largest = [np.max(values, initial=0.0) for values in arrays]
-        return [float(value) for value in np.max(self.system.comm.allgather(largest), axis=0)]
+        """Return the largest value of each array on all processes, at least 0; collective."""
+        maxima = [np.max(values, initial=0.0) for values in arrays]
+        return [float(value) for value in np.max(self.system.comm.allgather(maxima), axis=0)]
 
-    def violation(self, state: NewtonState, allowed: float, of_coordinates: float) -> float:
-        """Return the largest of the residuals over a force, lengths being forces of the nodes.
+    def violation(self, state: NewtonState, allowed: float, coordinate_round_off: float) -> float:
+        """Return the largest ratio of a residual to its tolerance on all processes; collective.
 
-        Coordinates' round-off is allowed for besides in gaps and balances, and in friction at
-        points which are not pressed by more: slips have no coordinates, but friction's limit has
-        the gap.
+        All residuals are forces; lengths are multiplied by c of the law. The round-off of
+        coordinates, a force, increases the tolerances of gaps and balances, and of friction as
+        `ContactNodes.friction_round_off` states.
         """
         nodes = state.nodes
         if self.interface.cone.has_user_law:
             self.interface.check_laws(nodes.force[:, 0])
         residuals = self.residuals(state, 1.0, 1 / nodes.scale)
-        of_friction = nodes.friction_round_off(of_coordinates)
+        friction_round_off = nodes.friction_round_off(coordinate_round_off)
         worst = self.equilibrium.violation(
-            residuals.pop("equilibrium"), allowed + of_coordinates, state.unknowns
+            residuals.pop("equilibrium"), allowed + coordinate_round_off, state.unknowns
         )
         for name, values in residuals.items():
             is_friction = name in ("cone", "stick", "direction")
-            limit = allowed + (of_friction if is_friction else of_coordinates)
+            limit = allowed + (friction_round_off if is_friction else coordinate_round_off)
             ratio = np.divide(values, limit, out=np.zeros_like(values), where=values != 0)
-            largest = float(ratio.max(initial=0.0))
-            worst = max(worst, np.inf if np.isnan(largest) else largest)
+            max_ratio = float(ratio.max(initial=0.0))
+            worst = max(worst, np.inf if np.isnan(max_ratio) else max_ratio)
         return float(self.system.comm.allreduce(worst, MPI.MAX))
 
-    def _is_settled(self, state: NewtonState) -> bool:
-        """Return whether the surfaces are where they were linearised, to the law's tolerance."""
+    def _is_near_linearisation(self, state: NewtonState) -> bool:
+        """Return whether q differs from that of the linearisation by less than the tolerance."""
         change = np.abs(state.q - state.kinematics.q0).max()
-        largest = self.max_over_ranks(np.abs(state.displacement))[0]
-        return bool(change <= TOLERANCE * largest)
+        max_displacement = self.max_over_ranks(np.abs(state.displacement))[0]
+        return bool(change <= FORCE_TOLERANCE * max_displacement)
 
-    def _force_sizes(
+    def _largest_force_and_round_offs(
         self, force: Array, displacement_size: Array, torque_map: TorqueMap
     ) -> list[float]:
-        """Return the largest force, and those that may be nothing but round-off.
+        """Return the largest contact force, and the round-off of displacements and coordinates.
 
-        The latter are of displacements and of coordinates.
+        The two round-offs are forces.
         """
         position, scale = self.interface.position, self.system.law_scale[:, None]
         arms = torque_map.V[:, :, position.shape[1] :].sum(axis=2)
-        of_displacements = scale * (DISPLACEMENT_ROUND_OFF * displacement_size)
-        of_coordinates = scale * (ROUND_OFF * (np.abs(position) + np.abs(arms)))
-        return self.max_over_ranks(np.abs(force), of_displacements, of_coordinates)
+        displacement_round_off = scale * (DISPLACEMENT_ROUND_OFF * displacement_size)
+        coordinate_round_off = scale * (COORDINATE_ROUND_OFF * (np.abs(position) + np.abs(arms)))
+        return self.max_over_ranks(np.abs(force), displacement_round_off, coordinate_round_off)
 
 
 class LinearIncrement(Increment):
-    """An `Increment` at small strains, which tells what a singular tangent means.
+    """An `Increment` at small strains, which diagnoses singular tangents.
 
-    Its rigid motions are all held. So the tangent is singular by friction alone.
+    All rigid motions are held, so that only friction can make the tangent singular.
     """
 
     def solve(
         self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: Accuracy
     ) -> NewtonState:
-        """Solve the linear system of an active set and evaluate the law at its solution.
+        """Solve the linear system of an active set and evaluate all conditions at its solution.
 
         Raises:
             NotUnique: if the tangent is singular at a solution.
-            NotFound: if it is singular elsewhere.
+            NotFound: if the tangent is singular at another iterate.
             NotConverged: if an iterative solver fails.
         """
         try:
             return super().solve(active, kinematics, accuracy)
         except SingularSystem as error:
             solve = super().solve
-            raise self._diagnose(
-                active, error, lambda other: solve(other, kinematics, accuracy)
+            raise self._diagnose_singular_tangent(
+                active, error, lambda perturbed: solve(perturbed, kinematics, accuracy)
             ) from error
 
-    def _diagnose(
+    def _diagnose_singular_tangent(
         self,
         active: ActiveSet,
         error: SingularSystem,
         solve: Callable[[ActiveSet], NewtonState],
     ) -> NotUnique | NotFound:
-        """Return the error that a singular tangent stands for.
+        """Return the error for a singular tangent.
 
-        With a little more or less friction the tangent is regular. If the equations of the set have
-        solutions, they have about the same one then; else one runs away, to either side.
+        With slightly less and slightly more friction the tangent is regular. If the equations of
+        the active set have solutions, the two perturbed solutions are close to each other;
+        otherwise they diverge in opposite directions.
         """
-        counts, neighbours = count_statuses(active, self.system.comm), []
+        counts, neighbours = describe_status_counts(active, self.system.comm), []
         for factor in (1 - _FRICTION_PERTURBATION, 1 + _FRICTION_PERTURBATION):
             perturbed = replace(
-                active, slope=factor * active.slope, intercept=factor * active.intercept
+                active,
+                limit_slope=factor * active.limit_slope,
+                limit_intercept=factor * active.limit_intercept,
             )
             try:
                 neighbours.append(solve(perturbed))
@@ -442,8 +471,8 @@ class LinearIncrement(Increment):
             less, more = neighbours
             change = (less.unknowns - more.unknowns).norm()
             is_continuous = change <= _MAX_SOLUTION_CHANGE * less.unknowns.norm()
-            if is_continuous and less.violation * TOLERANCE <= _MAX_SOLUTION_CHANGE:
-                self.nearest = less
+            if is_continuous and less.violation * FORCE_TOLERANCE <= _MAX_SOLUTION_CHANGE:
+                self.best_state = less
                 return NotUnique(
                     f"{error}: no rigid motion is free, so the friction of the {counts} is too "
                     "large for a unique answer"

@@ -1,4 +1,8 @@
-"""Newton's method of one increment, step by step as the guide's page on theory has it."""
+"""Newton's method for one increment, in the steps of the theory page ("One increment").
+
+The module guarantees that a returned state satisfies all linearised conditions to their tolerances.
+It assumes an `Increment` whose state at the start is a converged solution.
+"""
 
 from collections.abc import Callable
 from typing import TypeAlias
@@ -7,8 +11,9 @@ from pw_elements.contact.iteration.increment import Increment, NewtonState
 from pw_elements.contact.iteration.updates import ActiveSetUpdate
 from pw_elements.contact.nodes import ActiveSet, LinearisedKinematics
 
-# Called with an iteration's number, active set and violation; what it raises ends the iteration
-AfterIteration: TypeAlias = Callable[[int, ActiveSet, float], None]
+# Called with the iteration number, the active set and the violation; its exceptions end the
+# iteration
+IterationCallback: TypeAlias = Callable[[int, ActiveSet, float], None]
 
 
 def solve_increment(
@@ -18,24 +23,24 @@ def solve_increment(
     update: ActiveSetUpdate,
     *,
     max_iterations: int,
-    after_iteration: AfterIteration,
+    after_iteration: IterationCallback,
 ) -> NewtonState:
     """Iterate from an active set and linearised kinematics until all conditions hold.
 
     Args:
-        increment: the equations.
-        active: first active set.
-        kinematics: linearised where the iteration begins.
-        update: how active sets follow each other.
-        max_iterations: the most linear systems solved.
-        after_iteration: called after each of them.
+        increment: equations of the increment.
+        active: initial active set.
+        kinematics: kinematics linearised at the initial iterate.
+        update: rule that chooses the next active set.
+        max_iterations: largest number of linear systems that are solved.
+        after_iteration: called after each linear solution.
 
     Raises:
         NotUnique: if the tangent is singular at a solution.
         NotFound: if no active set satisfies the conditions.
         NotConverged: if an iterative solver fails.
     """
-    active = increment.make_first_set(active, kinematics)
+    active = increment.add_support_friction(active, kinematics)
     update.start(active, increment)
     accuracy = update.accuracy
     for iteration in range(1, max_iterations + 1):
@@ -44,7 +49,7 @@ def solve_increment(
         state = increment.relinearise(state)
         if state.is_solution:
             return state
-        increment.record(state)
-        active, accuracy = update.advance(active, kinematics, state)
+        increment.record_best_state(state)
+        active, accuracy = update.choose_next_set(active, kinematics, state)
         kinematics = state.kinematics
     raise update.make_error(max_iterations)

@@ -1,4 +1,8 @@
-"""The state that an increment ends in, made of the last iterate of all processes."""
+"""Contact states, assembled from the last iterate on all processes.
+
+The module guarantees states with the same pairs and scalars on all processes. It assumes an iterate
+that `Increment.evaluate` returned.
+"""
 
 from petsc4py import PETSc
 
@@ -6,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
+from pw_elements.contact.interface import COORDINATE_ROUND_OFF, DEFORMABLE, Interface
 from pw_elements.contact.iteration.increment import Increment, NewtonState
 from pw_elements.contact.model import ContactState, PairState, Residuals, ResidualScale, Smallness
 from pw_elements.contact.nodes import HELD, OPEN, remove_normal_part
@@ -25,18 +29,18 @@ def make_contact_state(
     converged: bool = True,
     slides: bool = False,
 ) -> ContactState:
-    """Return the contact state of a Newton state.
+    """Return the contact state of an iterate; collective.
 
     Args:
-        increment: its equations.
-        state: of the iteration.
-        before: at the start of the increment.
-        sizes: as `reference_sizes` gives them.
-        iterations: linear systems solved.
-        report: of their solver.
-        smallness: of the displacements; None at large strains.
-        converged: whether it is a solution.
-        slides: whether the body may slide on for ever.
+        increment: equations of the increment.
+        state: iterate.
+        before: contact state at the start of the increment.
+        sizes: scale, reference force and reference length of `compute_reference_sizes`.
+        iterations: number of linear systems solved.
+        report: report of their solver.
+        smallness: check of the small-strain assumption; None at large strains.
+        converged: whether the iterate is a solution.
+        slides: whether the body may slide without a limit.
     """
     system = increment.system
     signs = frozenset(system.tangent.solver.determinant_signs)
@@ -51,7 +55,7 @@ def make_contact_state(
         increment.interface.check_laws()
     return ContactState(
         displacement=increment.interface.field.extract(state.unknowns),
-        pairs=_make_pair_states(increment, state),
+        pairs=_pair_states_of_iterate(increment, state),
         iterations=iterations,
         unique=False if slides else is_unique,
         residuals=Residuals(**dict(zip(residuals, largest, strict=True))),
@@ -67,7 +71,7 @@ def make_contact_state(
 
 
 def make_undeformed_state(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
-    """Return the state of the body before any load, `unknowns` being a vector (n,) of zeros."""
+    """Return the state of the undeformed body; `unknowns` is a zero vector (n,)."""
     no_vector = np.zeros_like(interface.position)
     pairs = make_pair_states(
         interface,
@@ -81,7 +85,7 @@ def make_undeformed_state(interface: Interface, unknowns: PETSc.Vec) -> ContactS
     return ContactState(interface.field.extract(unknowns), pairs, unknowns=unknowns)
 
 
-def _make_pair_states(increment: Increment, state: NewtonState) -> tuple[PairState, ...]:
+def _pair_states_of_iterate(increment: Increment, state: NewtonState) -> tuple[PairState, ...]:
     interface, start, nodes = increment.interface, increment.start, state.nodes
     active, normal, tangents = nodes.active_set, nodes.frame[:, 0], nodes.frame[:, 1:]
     has_no_tangent = ~tangents.any(axis=(1, 2))
@@ -95,8 +99,8 @@ def _make_pair_states(increment: Increment, state: NewtonState) -> tuple[PairSta
         return np.einsum("nab,na->nb", tangents, values)
 
     path_slip = increment.kinematics.integrate_slip(state.q, state.displacement, normal)
-    of_held = remove_normal_part(motion, normal)
-    slip = np.where((status == HELD)[:, None], of_held, to_global(nodes.slip))
+    held_slip = remove_normal_part(motion, normal)
+    slip = np.where((status == HELD)[:, None], held_slip, to_global(nodes.slip))
     is_closed = (status != OPEN)[:, None]
     return make_pair_states(
         interface,
@@ -114,7 +118,7 @@ def _make_pair_states(increment: Increment, state: NewtonState) -> tuple[PairSta
         status=status,
         displacement=state.displacement,
         direction=to_global(active.direction),
-        friction_ratio=active.turning,
+        friction_ratio=active.friction_ratio,
     )
 
 
@@ -125,43 +129,47 @@ def make_pair_states(
     force_operator: PETSc.Mat,
     **points: npt.NDArray,
 ) -> tuple[PairState, ...]:
-    """Return the states of all pairs.
+    """Return the states of all pairs; collective.
 
     Args:
-        interface: the contact points.
+        interface: contact points of all pairs.
         q: motions of the surfaces, (pairs, k).
-        force: of the surfaces on this process' points, (m, dim).
+        force: forces of the surfaces on the points of this process, (m, dim).
         force_operator: H, (n, m dim).
-        points: what else `PairState` has of each point, (m, ...); zero and open by default.
+        points: further attributes of `PairState` at the points of this process, (m, ...). The
+            default is zero, and open for the status.
     """
     no_vector, dim = np.zeros_like(force), force.shape[1]
-    of_points = {"position": interface.position, "node": interface.node}
-    of_points["faced_node"] = interface.faced
-    of_points |= dict.fromkeys(
+    values = {"position": interface.position, "node": interface.node}
+    values["faced_node"] = interface.faced
+    values |= dict.fromkeys(
         ("force_tangential", "slip", "path_slip", "displacement", "direction"), no_vector
     )
-    of_points |= dict.fromkeys(("force_normal", "friction_ratio", "torque"), no_vector[:, 0])
-    of_points |= {"status": np.full(len(no_vector), OPEN, dtype=np.int8)} | points
+    values |= dict.fromkeys(("force_normal", "friction_ratio", "torque"), no_vector[:, 0])
+    values |= {"status": np.full(len(no_vector), OPEN, dtype=np.int8)} | points
     opposite_force = interface.on_opposite(force, force_operator)
-    of_pairs = interface.gather_pairs(of_points | {"total": force})
+    pair_values = interface.gather_pairs(values | {"total": force})
     return tuple(
         PairState(
             translation=q[k, :dim].copy(),
-            force=of_pair.pop("total").sum(axis=0),
+            force=arrays.pop("total").sum(axis=0),
             rotation=np.array(q[k, dim:].sum()),
-            torque=np.array(of_pair.pop("torque").sum()),
+            torque=np.array(arrays.pop("torque").sum()),
             opposite_node=interface.opposite[k].copy(),
             opposite_force=opposite_force[k],
-            **of_pair,
+            **arrays,
         )
-        for k, of_pair in enumerate(of_pairs)
+        for k, arrays in enumerate(pair_values)
     )
 
 
-def reference_sizes(
+def compute_reference_sizes(
     increment: Increment, state: NewtonState, before: ResidualScale
 ) -> tuple[ResidualScale, float, float]:
-    """Return the scale of the history up to here, and force and length that residuals are over."""
+    """Return the scale of the load history, and the reference force and length of residuals.
+
+    `before` is the scale at the start of the increment.
+    """
     pair, V = increment.interface.pair, state.kinematics.torque_map.V
     shifts = np.einsum("nak,nk->na", V, state.q[pair])
     displacements = np.concatenate([state.displacement_size, shifts])
@@ -175,6 +183,6 @@ def reference_sizes(
     if force > state.round_off:
         scale = ResidualScale(max(force, before.force), max(length, before.length))
     length = max(length, scale.length)
-    length = length if length > ROUND_OFF * extent else extent
+    length = length if length > COORDINATE_ROUND_OFF * extent else extent
     force = scale.force or stiffness * length
     return scale, force, length

@@ -1,10 +1,11 @@
-"""Friction at nodes that supports hold along the surface.
+"""Support friction: friction at a node along a direction that a support holds.
 
-There is no equation for it: the support bears whatever it is. But it acts on the surface and counts
-for the limit of friction. The guide's page on theory has the rules ("The law, linearised").
+No equation determines this force, because the support carries any value. The force nevertheless
+acts on the surface and counts in the friction limit. The theory page states the rules ("The law,
+linearised").
 
-The module guarantees that nodes without supports keep their forces, and assumes that the tangents
-of a node are along or across the components that supports hold.
+The module guarantees that nodes without supports keep their forces. It assumes that each tangent of
+a node is either parallel or perpendicular to the components that supports hold.
 """
 
 from dataclasses import replace
@@ -15,9 +16,9 @@ import numpy as np
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.nodes import (
+    FORCE_TOLERANCE,
     OPEN,
     STICK,
-    TOLERANCE,
     ActiveSet,
     ContactNodes,
     IncrementStart,
@@ -25,29 +26,29 @@ from pw_elements.contact.nodes import (
 )
 from pw_elements.contact.system import ContactSystem
 
-# Stiffness of friction on supports against a surface that is free to slide, over that of nodes:
-# where all tangents are held, and where others are free, whose friction is solved for in turn
-_STIFFNESS, _STIFFNESS_BESIDE_FREE_TANGENT = 1e3, 3.0
-# Slip over a node's coordinates and displacement that is no more than round-off
+# Stiffness of support friction against a surface that is free to slide, relative to c of the node:
+# if all tangents are held, and if another tangent is free
+_STIFFNESS_FACTOR, _STIFFNESS_FACTOR_BESIDE_FREE_TANGENT = 1e3, 3.0
+# Round-off in the slip, relative to a node's coordinates and displacement
 _SLIP_ROUND_OFF = 1e-13
-# Derivative of a slip by a free motion of the surface that counts as none
+# Largest derivative of a slip by a free motion of the surface that counts as zero
 _MIN_COUPLING = 1e-9
-# Passes in which friction along a support that is not along the surface finds its limit, and its
-# change over the limit that ends them
-_MAX_PASSES, _FRICTION_ROUND_OFF = 60, 1e-13
+# Largest number of fixed-point iterations for support friction along a support that is not parallel
+# to the surface, and their tolerance, relative to the friction limit
+_MAX_FRICTION_ITERATIONS, _FRICTION_TOLERANCE = 60, 1e-13
 
 
 class SupportFriction:
-    """Friction on supports in one increment.
+    """Support friction in one increment.
 
-    Where the slip of support and surface is known, it determines the friction. Where there is none
-    friction stays what it was when the increment started, within its limit. Where the surface is
-    free to slide, it is that of the iteration before less a stiffness times the slip: the method
-    of multipliers, in which the slip of nodes that stick vanishes at the end.
+    A prescribed slip between support and surface determines the friction. If the prescribed slip is
+    zero, friction keeps its value at the start of the increment, reduced to its limit. If the
+    surface is free to slide, friction is that of the previous iteration minus a stiffness times the
+    slip (method of multipliers), so that the slip of sticking nodes converges to zero.
 
     Args:
-        system: of the contact nodes.
-        start: of the increment.
+        system: linear systems of the contact nodes.
+        start: state at the start of the increment.
         prescribed: motions of the surfaces (pairs, k), NaN where they are free.
         support_displacement: (m, dim), prescribed displacements of the points.
     """
@@ -63,39 +64,43 @@ class SupportFriction:
         self._free_motions: Mask = np.isnan(prescribed)[self._interface.pair]
         self._support_displacement = support_displacement
 
-    def at_start(self, kinematics: LinearisedKinematics) -> Array:
-        """Friction (m, dim - 1) at the increment's start, along tangents that supports hold."""
-        along = np.einsum("nta,na->nt", kinematics.frame[:, 1:], self._start.force)
-        return np.where(kinematics.held_tangents, along, 0.0)
+    def friction_at_start(self, kinematics: LinearisedKinematics) -> Array:
+        """Return the support friction (m, dim - 1) at the start of the increment."""
+        friction = np.einsum("nta,na->nt", kinematics.frame[:, 1:], self._start.force)
+        return np.where(kinematics.held_tangents, friction, 0.0)
 
-    def start_set(self, active: ActiveSet, kinematics: LinearisedKinematics) -> ActiveSet:
-        """Return an active set with the start's friction on supports where it has none."""
-        known = active.support_friction
-        return replace(
-            active, support_friction=np.where(known == 0, self.at_start(kinematics), known)
-        )
+    def initialise_active_set(
+        self, active: ActiveSet, kinematics: LinearisedKinematics
+    ) -> ActiveSet:
+        """Return the active set with the start's support friction where its own is zero."""
+        friction = active.support_friction
+        friction = np.where(friction == 0, self.friction_at_start(kinematics), friction)
+        return replace(active, support_friction=friction)
 
-    def reduce_totals(
+    def subtract_from_totals(
         self, totals: Array, active: ActiveSet, kinematics: LinearisedKinematics
     ) -> tuple[Array, Array]:
-        """Return totals (free,) less the friction on supports, and the stiffness of the latter."""
+        """Return totals (free,) minus the support friction, and its stiffness (free,).
+
+        `totals` are the prescribed forces and torques of the free motions.
+        """
         interface, system = self._interface, self._system
         dim, factor = interface.position.shape[1], _stiffness_factor(kinematics)
-        held = interface.held_components
-        to_support = self._support_displacement - kinematics.v0[:, :dim]
-        to_support = np.where(held, to_support, 0.0)
+        support_step = self._support_displacement - kinematics.v0[:, :dim]
+        support_step = np.where(interface.held_components, support_step, 0.0)
         slip_by_v = kinematics.motion_by_v[:, 1:, :dim]
-        slip = kinematics.slip + np.einsum("nta,na->nt", slip_by_v, to_support)
+        slip = kinematics.slip + np.einsum("nta,na->nt", slip_by_v, support_step)
         closed = (active.status != OPEN)[:, None]
         coupled = self._coupled_tangents(kinematics).any(axis=1, keepdims=True)
         iterated = closed & kinematics.held_tangents & coupled
         sticks = (active.status == STICK)[:, None]
-        # of slip that turns by l / |v|, which is c M / (1 - M)
-        turning = system.law_scale * active.turning
-        turning = turning / np.maximum(1 - active.turning, 1 / factor) + active.turning_by_slip
-        turning = turning[:, None] * (1 - active.direction**2)
+        # stiffness l / |v| of slip that changes its direction, in terms of M: c M / (1 - M)
+        slip_stiffness = system.law_scale * active.friction_ratio
+        slip_stiffness = slip_stiffness / np.maximum(1 - active.friction_ratio, 1 / factor)
+        slip_stiffness = slip_stiffness + active.friction_per_slip
+        slip_stiffness = slip_stiffness[:, None] * (1 - active.direction**2)
         stick_stiffness = (factor * system.law_scale)[:, None]
-        stiffness = np.where(iterated, np.where(sticks, stick_stiffness, turning), 0.0)
+        stiffness = np.where(iterated, np.where(sticks, stick_stiffness, slip_stiffness), 0.0)
         friction = np.where(closed, active.support_friction, 0.0)
         friction = friction - stiffness * (slip - np.where(sticks, 0.0, active.support_slip))
         tangential_V = np.einsum("nta,nak->ntk", kinematics.frame[:, 1:], kinematics.torque_map.V)
@@ -111,26 +116,35 @@ class SupportFriction:
         force: Array,
         friction: Array,
     ) -> tuple[ContactNodes, Array]:
-        """Add friction on supports to the nodes and to forces (m, dim) of their own equations.
+        """Return the nodes and forces (m, dim) with support friction added.
 
-        `friction` (m, dim - 1) is that of the iteration before.
+        Args:
+            nodes: contact nodes with the forces of their own equations.
+            kinematics: kinematics of the nodes.
+            force: (m, dim), forces of the nodes' own equations in global components.
+            friction: (m, dim - 1), support friction of the previous iteration.
         """
-        interface, scale, held = self._interface, self._system.law_scale, kinematics.held_tangents
+        interface, scale = self._interface, self._system.law_scale
         coupled_tangents = self._coupled_tangents(kinematics)
-        is_coupled = np.asarray(coupled_tangents.any(axis=1))
+        is_coupled_to_surface = np.asarray(coupled_tangents.any(axis=1))
         size = np.abs(interface.position) + np.abs(kinematics.v0[:, : force.shape[1]])
         size = size.sum(axis=1) + np.abs(kinematics.q0).sum(axis=1)[interface.pair]
-        largest = np.abs(force).max(initial=0.0)
-        largest = self._system.comm.allreduce(float(largest), MPI.MAX)
-        no_slip = TOLERANCE * largest / scale + _SLIP_ROUND_OFF * size
-        known_slip = np.where(held & ~coupled_tangents, nodes.slip, 0.0)
-        is_dragged = np.linalg.norm(known_slip, axis=1) > no_slip
-        nodes = replace(nodes, is_dragged=is_dragged, is_coupled=is_coupled)
-        rests = nodes.resting_tangents
-        nodes = replace(nodes, slip=np.where(rests, 0.0, nodes.slip))
-        friction = np.where(rests, self.at_start(kinematics), friction)
-        stiffness = np.where(is_coupled, _stiffness_factor(kinematics), 1.0) * scale
-        return _add_friction(
+        largest_force = np.abs(force).max(initial=0.0)
+        largest_force = self._system.comm.allreduce(float(largest_force), MPI.MAX)
+        min_slip = FORCE_TOLERANCE * largest_force / scale + _SLIP_ROUND_OFF * size
+        is_prescribed = kinematics.held_tangents & ~coupled_tangents
+        prescribed_slip = np.where(is_prescribed, nodes.slip, 0.0)
+        has_prescribed_slip = np.linalg.norm(prescribed_slip, axis=1) > min_slip
+        nodes = replace(
+            nodes,
+            has_prescribed_slip=has_prescribed_slip,
+            is_coupled_to_surface=is_coupled_to_surface,
+        )
+        is_resting = nodes.resting_tangents
+        nodes = replace(nodes, slip=np.where(is_resting, 0.0, nodes.slip))
+        friction = np.where(is_resting, self.friction_at_start(kinematics), friction)
+        stiffness = np.where(is_coupled_to_surface, _stiffness_factor(kinematics), 1.0) * scale
+        return _add_support_friction(
             nodes,
             kinematics,
             force,
@@ -140,7 +154,7 @@ class SupportFriction:
         )
 
     def _coupled_tangents(self, kinematics: LinearisedKinematics) -> Mask:
-        """Return along which held tangents (m, dim - 1) slip depends on a surface's free motion."""
+        """Return a mask (m, dim - 1) of held tangents along which the surface is free to move."""
         depends = np.abs(kinematics.motion_by_q[:, 1:]) > _MIN_COUPLING
         depends = depends & self._free_motions[:, None]
         return np.asarray(depends.any(axis=2) & kinematics.held_tangents)
@@ -148,10 +162,10 @@ class SupportFriction:
 
 def _stiffness_factor(kinematics: LinearisedKinematics) -> Array:
     all_held = kinematics.held_tangents.all(axis=1)
-    return np.where(all_held, _STIFFNESS, _STIFFNESS_BESIDE_FREE_TANGENT)
+    return np.where(all_held, _STIFFNESS_FACTOR, _STIFFNESS_FACTOR_BESIDE_FREE_TANGENT)
 
 
-def _add_friction(
+def _add_support_friction(
     nodes: ContactNodes,
     kinematics: LinearisedKinematics,
     force: Array,
@@ -160,42 +174,43 @@ def _add_friction(
     stiffness: Array,
     components: Mask,
 ) -> tuple[ContactNodes, Array]:
-    """Add to the forces of nodes the friction that the law gives along tangents that are held.
+    """Add the friction that the law gives along held tangents to the forces of the nodes.
 
-    A support that is not along the surface then bears part of the normal force, too, on which the
-    limit of friction depends: the two are found by passes.
+    A support that is not parallel to the surface then also carries a part of the normal force, on
+    which the friction limit depends. Both are determined by fixed-point iteration.
 
     Args:
-        nodes: with the forces that their own equations tell.
-        kinematics: of the nodes.
+        nodes: contact nodes with the forces of their own equations.
+        kinematics: kinematics of the nodes.
         force: (m, dim), the same forces in global components.
-        friction: (m, dim - 1), of the iteration before, along the tangents.
-        stiffness: (m,), of friction against slip.
-        components: (m, dim), which global components supports hold.
+        friction: (m, dim - 1), support friction of the previous iteration.
+        stiffness: (m,), stiffness of the friction against slip.
+        components: (m, dim), whether supports hold a global component.
 
     Returns:
-        The nodes with all forces, and these in global components (m, dim).
+        The nodes with all forces, and these forces in global components (m, dim).
     """
-    held, of_equations = kinematics.held_tangents, nodes.force
-    tangents = np.where(held[:, :, None], kinematics.frame[:, 1:], 0.0)
+    is_held, equation_force = kinematics.held_tangents, nodes.force
+    tangents = np.where(is_held[:, :, None], kinematics.frame[:, 1:], 0.0)
     to_components = np.linalg.pinv(np.where(components[:, None], tangents, 0.0))
-    known = np.einsum("nta,na->nt", tangents, force)
+    held_force = np.einsum("nta,na->nt", tangents, force)
 
-    def add(tangential: Array) -> tuple[Array, Array]:
-        """Return forces (m, dim) on supports that make up tangential ones, and normal forces."""
-        added = np.where(held, tangential - known, 0.0)
-        added = np.einsum("nat,nt->na", to_components, added)
-        return added, of_equations[:, 0] + np.einsum("na,na->n", kinematics.frame[:, 0], added)
+    def compute_support_forces(tangential: Array) -> tuple[Array, Array]:
+        """Return support forces (m, dim) for tangential forces, and all normal forces (m,)."""
+        missing = np.where(is_held, tangential - held_force, 0.0)
+        support_force = np.einsum("nat,nt->na", to_components, missing)
+        normal_part = np.einsum("na,na->n", kinematics.frame[:, 0], support_force)
+        return support_force, equation_force[:, 0] + normal_part
 
-    tangential = np.where(held, friction, of_equations[:, 1:])
-    for _ in range(_MAX_PASSES):
-        _, normal = add(tangential)
-        trial_force = np.column_stack([normal, np.where(held, friction, of_equations[:, 1:])])
+    tangential = np.where(is_held, friction, equation_force[:, 1:])
+    for _ in range(_MAX_FRICTION_ITERATIONS):
+        _, normal = compute_support_forces(tangential)
+        trial_force = np.column_stack([normal, np.where(is_held, friction, equation_force[:, 1:])])
         trial = replace(nodes, force=trial_force)
         limit = trial.friction_limits[0]
-        admitted = replace(trial, scale=stiffness).admitted_friction(limit)
-        before, tangential = tangential, np.where(held, admitted, of_equations[:, 1:])
-        if not np.any(np.abs(tangential - before) > _FRICTION_ROUND_OFF * limit[:, None]):
+        admissible = replace(trial, scale=stiffness).admissible_friction(limit)
+        previous, tangential = tangential, np.where(is_held, admissible, equation_force[:, 1:])
+        if not np.any(np.abs(tangential - previous) > _FRICTION_TOLERANCE * limit[:, None]):
             break
-    added, normal = add(tangential)
-    return replace(nodes, force=np.column_stack([normal, tangential])), force + added
+    support_force, normal = compute_support_forces(tangential)
+    return replace(nodes, force=np.column_stack([normal, tangential])), force + support_force

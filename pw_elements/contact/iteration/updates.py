@@ -1,7 +1,7 @@
-"""The next active set: by the law, but kept from cycling and from losing a body's last hold.
+"""Choice of active sets: by the law, without cycling, and without making the tangent singular.
 
-The active set that an increment starts from is chosen here, too. The module guarantees that a set
-is proposed on all processes alike, and that an iteration which runs through the same sets ends.
+The module also chooses the first active set of an increment. It guarantees decisions that are the
+same on all processes, and that an iteration that cycles ends. It assumes collective calls.
 """
 
 from collections import deque
@@ -26,276 +26,293 @@ from pw_elements.contact.nodes import (
     ActiveSet,
     ContactNodes,
     LinearisedKinematics,
-    count_statuses,
-    find_differences,
+    combine_active_sets,
+    describe_status_counts,
+    find_differing_nodes,
     is_same_set,
     linearise_friction_limits,
     make_sticking_set,
-    rotate_to_frames,
-    select_nodes,
+    rotate_active_set,
 )
 from pw_elements.contact.system import Accuracy
 
-# Names of the rigid motions that an active set in frames (m, dim, dim) leaves free
-FreeMotions = Callable[[ActiveSet, Array], list[str]]
+# Function that returns the names of the rigid motions which an active set in frames (m, dim, dim)
+# leaves free
+FreeMotionFinder = Callable[[ActiveSet, Array], list[str]]
 
-# Decimals to which directions and slopes of active sets are compared
-_DECIMALS = 10
-# Returns to active sets that tell a cycle; change of displacements, over the largest, at which a
-# set's equations are solved; and iterations for which a set is kept at most
+# Decimal places to which directions and slopes of active sets are compared
+_COMPARED_DECIMALS = 10
+# Number of returns to visited active sets from which on the iteration counts as cycling; largest
+# relative change of displacements at which the equations of a set count as solved; and largest
+# number of iterations for which a set is kept
 _MIN_RETURNS_OF_CYCLE = 4
-_MAX_CHANGE_OF_SOLVED = 1e-6
-_MAX_ITERATIONS_OF_SET = 6
-# Changes of the active set among which a cycle is looked for
+_MAX_CHANGE_OF_SOLVED_SET = 1e-6
+_MAX_ITERATIONS_PER_SET = 6
+# Number of recent active sets among which a cycle is sought
 _N_RECENT_SETS = 8
-# Part of the largest violation from which on a node counts among the worst
-_WORST = 1 - 1e-6
-# A gap up to this part of the contact nodes' extent counts as closed where no active set is known
-_TOUCHING_GAP = 1e-9
+# Fraction of the largest violation from which on a node counts as violating the law most
+_WORST_NODE_FRACTION = 1 - 1e-6
+# Largest gap, relative to the extent of the contact nodes, that counts as closed in a first set
+_MAX_RELATIVE_TOUCHING_GAP = 1e-9
 
 
 class CycleGuard:
-    """Active sets visited, and nodes that change one at a time since they were caught cycling."""
+    """Record of visited active sets, which limits cycling nodes to one change per iteration."""
 
     def __init__(self, comm: MPI.Comm) -> None:
         self._comm = comm
         self._visited: list[tuple[bytes, ActiveSet]] = []
         self._limited: Mask | None = None
 
-    def record_and_detect(self, active: ActiveSet) -> bool:
-        """Record a set; return whether it was visited before, and more nodes are limited now.
+    def record_and_detect_cycle(self, active: ActiveSet) -> bool:
+        """Record a set; return True if it was visited before, and limit the nodes of its cycle.
 
         Raises:
-            NotFound: if the cycle remains although its nodes change one at a time.
+            NotFound: if all nodes of the cycle are limited already.
         """
-        vectors = [np.round(v, _DECIMALS) for v in (active.direction, active.turning, active.slope)]
-        key = _digest(self._comm, active.status, *vectors, active.support_friction)
-        keys = [visited for visited, _ in self._visited]
+        vectors = [
+            np.round(v, _COMPARED_DECIMALS)
+            for v in (active.direction, active.friction_ratio, active.limit_slope)
+        ]
+        key = _digest_arrays(self._comm, active.status, *vectors, active.support_friction)
+        keys = [visited_key for visited_key, _ in self._visited]
         self._visited.append((key, active))
         if key not in keys:
             return False
-        cycle = [visited for _, visited in self._visited[keys.index(key) :]]
+        cycle = [visited_set for _, visited_set in self._visited[keys.index(key) :]]
         cycling = np.zeros(len(active.status), dtype=bool)
-        for other in cycle:
-            cycling |= find_differences(other, active)
+        for visited in cycle:
+            cycling |= find_differing_nodes(visited, active)
         if self._limited is None:
             self._limited = np.zeros_like(cycling)
         n_new = self._comm.allreduce(int(np.sum(cycling & ~self._limited)), MPI.SUM)
         if n_new == 0:
             raise NotFound(
-                f"the iteration runs through the same {len(cycle) - 1} active sets again, also "
-                "when the nodes concerned change one at a time"
+                f"the iteration runs through the same {len(cycle) - 1} active sets again, even "
+                "though only one of the cycling nodes changes in each iteration"
             )
         self._limited |= cycling
         self._visited.clear()
         return True
 
-    def propose(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
-        """Return the next active set, in which at most one of the limited nodes changes."""
+    def propose_active_set(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
+        """Return the next active set, in which only the worst of the limited nodes changes."""
         proposed = nodes.next_active_set(active)
         if self._limited is None:
             return proposed
-        violation = np.where(self._limited, np.linalg.norm(nodes.violation(), axis=1), 0.0)
+        violation = np.where(self._limited, np.linalg.norm(nodes.law_violation(), axis=1), 0.0)
         worst = self._comm.allreduce(violation.max(initial=0.0), MPI.MAX)
-        return select_nodes(self._limited & (violation < worst * _WORST), active, proposed)
+        return combine_active_sets(
+            self._limited & (violation < worst * _WORST_NODE_FRACTION), active, proposed
+        )
 
 
-class SetHistory:
-    """Active sets of iterates whose equations are nonlinear, to tell cycles.
+class ActiveSetHistory:
+    """Record of active sets whose equations are nonlinear, for the detection of cycles.
 
-    Newton's method with sets that change in each iteration may run through a few of them for ever,
-    though one of them has a solution: it is left before its equations are solved.
+    If the active set changes in each iteration, Newton's method may cycle through a few sets
+    although one of them has a solution, because it leaves a set before its equations are solved.
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
         self._comm = comm
         self._visited: set[bytes] = set()
-        self._last, self._n_returns, self._n_kept = b"", 0, 0
+        self._last_key, self._n_returns, self._n_kept = b"", 0, 0
         self._recent: deque[tuple[bytes, ActiveSet]] = deque(maxlen=_N_RECENT_SETS)
 
-    def record_and_ask_to_keep(self, active: ActiveSet, change: float) -> bool:
-        """Record a set that was solved for; return whether it should stay once more.
+    def record_and_decide_to_keep(self, active: ActiveSet, change: float) -> bool:
+        """Record the active set of an iteration; return whether to keep it in the next one.
 
         Args:
-            active: the set.
-            change: of the displacements in this iteration, over the largest of them.
+            active: active set of the iteration.
+            change: change of the displacements in the iteration, relative to the largest one.
         """
-        key = _digest(self._comm, active.status, np.round(active.direction))
-        if key != self._last:
+        key = _digest_arrays(self._comm, active.status, np.round(active.direction))
+        if key != self._last_key:
             self._recent.append((key, active))
             self._n_returns += key in self._visited
             self._visited.add(key)
-            self._last, self._n_kept = key, 0
+            self._last_key, self._n_kept = key, 0
         self._n_kept += 1
-        is_solved = change <= _MAX_CHANGE_OF_SOLVED
-        return self._is_cycle and not is_solved and self._n_kept < _MAX_ITERATIONS_OF_SET
+        is_solved = change <= _MAX_CHANGE_OF_SOLVED_SET
+        return self._is_cycle and not is_solved and self._n_kept < _MAX_ITERATIONS_PER_SET
 
     @property
     def _is_cycle(self) -> bool:
         return self._n_returns >= _MIN_RETURNS_OF_CYCLE
 
     def make_error(self, message: str, interface: Interface) -> NotFound:
-        """Return the error, with the nodes whose statuses change in turn if sets have come back."""
+        """Return the error; after cycling, its message names the nodes that change their status."""
         if not self._is_cycle:
             return NotFound(message)
         changing = np.zeros(len(interface.pair), dtype=bool)
-        last = self._recent[-1][1]
+        latest = self._recent[-1][1]
         for _, active in self._recent:
-            changing |= active.status != last.status
-            changing |= (np.round(active.direction) != np.round(last.direction)).any(axis=1)
+            changing |= active.status != latest.status
+            changing |= (np.round(active.direction) != np.round(latest.direction)).any(axis=1)
         positions = interface.gathered(interface.position[changing])
         n_sets = len({key for key, _ in self._recent})
         return Cycling.with_positions(
-            f"{message}: {n_sets} sets come back, which differ at {len(positions)} of the nodes, "
-            "at {}, and the law holds in none of them",
+            f"{message}: {n_sets} active sets recur, which differ at {len(positions)} of the "
+            "nodes, at {}, and the law holds in none of them",
             positions,
         )
 
 
 class ActiveSetUpdate:
-    """The next active set by the law, limited where it cycles and with a body's last hold kept.
+    """Rule for the next active set: by the law, without cycling and without a singular tangent.
 
     Args:
-        free_motions: names the rigid motions that a set leaves free.
-        interface: the contact points.
-        accuracy: of linear solutions on the way.
+        free_motions: function that names the rigid motions which a set leaves free.
+        interface: contact points of all pairs.
+        accuracy: accuracy of linear solutions before the last one.
     """
 
     def __init__(
-        self, free_motions: FreeMotions, interface: Interface, accuracy: Accuracy = "rough"
+        self, free_motions: FreeMotionFinder, interface: Interface, accuracy: Accuracy = "rough"
     ) -> None:
         self._interface, self._comm = interface, interface.comm
         self._free_motions, self.accuracy = free_motions, accuracy
         self._cycles = CycleGuard(self._comm)
 
     def start(self, active: ActiveSet, increment: Increment) -> None:  # noqa: ARG002
-        """Begin at a first active set of an increment."""
+        """Clear the record of visited sets and record the first active set of an increment."""
         self._cycles = CycleGuard(self._comm)
-        self._cycles.record_and_detect(active)
+        self._cycles.record_and_detect_cycle(active)
 
-    def advance(
+    def choose_next_set(
         self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonState
     ) -> tuple[ActiveSet, Accuracy]:
-        """Return the set that follows one and its solution, and how exactly to solve it.
+        """Return the next active set and the accuracy of its linear solution.
 
         Args:
-            active: the set, in the frames of the kinematics.
-            kinematics: for which it was solved.
-            state: its solution.
+            active: active set of the iteration, in the frames of the kinematics.
+            kinematics: kinematics of the linear system.
+            state: solution of the linear system.
 
         Raises:
-            NotFound: for sets that come back.
-            LastContactLost: for a set that would let a body go.
+            NotFound: if the active sets cycle.
+            LastContactLost: if the next active set leaves a rigid motion free.
         """
         if state.violation <= 1:
-            return active, "tightened"  # equilibrium may lag behind
-        active = self._enter_frames(active, kinematics, state)
-        return self._follow(active, state)
+            return active, "tightened"  # the linear system was not solved to final accuracy
+        active = self._rotate_to_state_frames(active, kinematics, state)
+        return self._propose_next_set(active, state)
 
     def make_error(self, max_iterations: int) -> NotFound:
-        """Return the error for an iteration that has not found a solution."""
-        return NotFound(_not_found(max_iterations))
+        """Return the error for an iteration without a solution after `max_iterations`."""
+        return NotFound(_format_not_found_message(max_iterations))
 
-    def _enter_frames(
+    def _rotate_to_state_frames(
         self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonState
     ) -> ActiveSet:
-        """Return the set in the frames of a state; a new linearisation forgets visited sets."""
+        """Return the set in the frames of a state; new kinematics clear the visited sets."""
         if state.kinematics is kinematics:
             return active
         self._cycles = CycleGuard(self._comm)
-        return rotate_to_frames(active, kinematics.frame, state.kinematics.frame)
+        return rotate_active_set(active, kinematics.frame, state.kinematics.frame)
 
-    def _follow(self, active: ActiveSet, state: NewtonState) -> tuple[ActiveSet, Accuracy]:
-        proposed = self._propose(active, state.nodes)
+    def _propose_next_set(
+        self, active: ActiveSet, state: NewtonState
+    ) -> tuple[ActiveSet, Accuracy]:
+        proposed = self._propose_holding_set(active, state.nodes)
         if not state.is_exact and is_same_set(proposed, active, self._comm):
-            return active, "tightened"  # corrected factors leave single gaps open
-        if self._cycles.record_and_detect(proposed):
-            proposed = self._propose(active, state.nodes)
+            return active, "tightened"  # corrected factors may leave small gaps
+        if self._cycles.record_and_detect_cycle(proposed):
+            proposed = self._propose_holding_set(active, state.nodes)
         return proposed, self.accuracy
 
-    def _propose(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
-        return self._prevent_release(self._cycles.propose(active, nodes), active, nodes)
+    def _propose_holding_set(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
+        return self._prevent_release(self._cycles.propose_active_set(active, nodes), active, nodes)
 
     def _prevent_release(
         self, proposed: ActiveSet, active: ActiveSet, nodes: ContactNodes
     ) -> ActiveSet:
-        """Return the proposed set, less changes that would make the tangent singular.
+        """Return the proposed set without releases that would make the tangent singular.
 
-        Of the nodes that let go, those that violate the law least are kept for one more iteration,
-        as many as it takes. LastContactLost is raised if they do not suffice.
+        Of the nodes that would be released, those with the smallest violation of the law keep their
+        status for one more iteration, as many as are needed.
+
+        Raises:
+            LastContactLost: if a rigid motion is free although only the node with the largest
+                violation is released.
         """
         releases = (proposed.status != active.status) & (active.status != OPEN)
         releases &= proposed.status != STICK
-        in_space = proposed.direction.shape[1] > 1  # where a slipping node holds across its slip
-        if not in_space and not self._comm.allreduce(int(np.any(releases)), MPI.MAX):
+        # in space a slipping node holds the body perpendicular to its slip
+        is_spatial = proposed.direction.shape[1] > 1
+        if not is_spatial and not self._comm.allreduce(int(np.any(releases)), MPI.MAX):
             return proposed
         motions = self._free_motions(proposed, nodes.frame)
         if not motions:
             return proposed
-        violation = np.linalg.norm(nodes.violation(), axis=1)
+        violation = np.linalg.norm(nodes.law_violation(), axis=1)
         ranked = np.sort(np.concatenate(self._comm.allgather(violation[releases])))[::-1]
         n_released = len(ranked) // 2
         while n_released > 0:
             is_kept = releases & (violation < ranked[n_released - 1])
-            candidate = select_nodes(is_kept, active, proposed)
+            candidate = combine_active_sets(is_kept, active, proposed)
             if not self._free_motions(candidate, nodes.frame):
                 return candidate
             n_released //= 2
         raise LastContactLost(
-            f"{' and '.join(motions)}: nothing holds it once the nodes that would have to pull are "
-            f"open and those that cannot hold slip ({count_statuses(proposed, self._comm)})"
+            f"{' and '.join(motions)}: not held once the nodes in tension are open and the nodes "
+            "beyond the friction limit slip "
+            f"({describe_status_counts(proposed, self._comm)})"
         )
 
 
 class DeformedSetUpdate(ActiveSetUpdate):
-    """Active sets of a deformed body, whose equations are linearised anew in each iteration.
+    """Rule for the next active set at large strains, where each iteration linearises again.
 
     Args:
-        interface: the contact points.
-        keep_cycling_sets: whether a set that has come back is kept until its equations are solved.
+        interface: contact points of all pairs.
+        keep_cycling_sets: whether a recurring set is kept until its equations are solved.
     """
 
     def __init__(self, interface: Interface, keep_cycling_sets: bool) -> None:
-        super().__init__(_no_free_motions, interface)
-        self._keeps = keep_cycling_sets
+        super().__init__(_report_no_free_motions, interface)
+        self._keeps_cycling_sets = keep_cycling_sets
 
     def start(self, active: ActiveSet, increment: Increment) -> None:
-        """Begin at a first active set of an increment."""
+        """Clear the record of visited sets and record the first active set of an increment."""
         super().start(active, increment)
-        self._history = SetHistory(self._comm)
+        self._history = ActiveSetHistory(self._comm)
         self._displacement = increment.start.displacement
 
     def make_error(self, max_iterations: int) -> NotFound:
-        """Return the error, with the nodes whose statuses change in turn if sets have come back."""
-        return self._history.make_error(_not_found(max_iterations), self._interface)
+        """Return the error; after cycling, its message names the nodes that change their status."""
+        return self._history.make_error(_format_not_found_message(max_iterations), self._interface)
 
-    def _follow(self, active: ActiveSet, state: NewtonState) -> tuple[ActiveSet, Accuracy]:
-        change = self._max(np.abs(state.displacement - self._displacement))
+    def _propose_next_set(
+        self, active: ActiveSet, state: NewtonState
+    ) -> tuple[ActiveSet, Accuracy]:
+        change = self._max_over_ranks(np.abs(state.displacement - self._displacement))
         self._displacement = state.displacement
-        relative_change = change / (self._max(np.abs(state.displacement)) or 1.0)
-        is_kept = self._history.record_and_ask_to_keep(active, relative_change)
-        if self._keeps and is_kept:
+        relative_change = change / (self._max_over_ranks(np.abs(state.displacement)) or 1.0)
+        is_kept = self._history.record_and_decide_to_keep(active, relative_change)
+        if self._keeps_cycling_sets and is_kept:
             return active, self.accuracy
-        return super()._follow(active, state)
+        return super()._propose_next_set(active, state)
 
-    def _max(self, values: Array) -> float:
+    def _max_over_ranks(self, values: Array) -> float:
         return float(self._comm.allreduce(values.max(initial=0.0), MPI.MAX))
 
 
-def _no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
-    """Return no motions: a deformed body's are not looked at."""
+def _report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
+    """Return no names: free rigid motions are not sought at large strains."""
     return []
 
 
-def _not_found(max_iterations: int) -> str:
+def _format_not_found_message(max_iterations: int) -> str:
     return (
         f"no active set satisfies the contact conditions after {max_iterations} iterations "
         "(max_iterations)"
     )
 
 
-def _digest(comm: MPI.Comm, *arrays: npt.NDArray) -> bytes:
-    """Return a key of arrays of all processes; -0.0 counts as 0.0."""
+def _digest_arrays(comm: MPI.Comm, *arrays: npt.NDArray) -> bytes:
+    """Return a hash of arrays on all processes, in which -0.0 equals 0.0; collective."""
     digest = blake2b(digest_size=16)
     for values in arrays:
         digest.update((values + np.zeros(1, values.dtype)).tobytes())
@@ -306,26 +323,28 @@ def choose_first_set(
     interface: Interface,
     kinematics: LinearisedKinematics,
     before: ContactState,
-    free_motions: FreeMotions,
+    free_motions: FreeMotionFinder,
     unloaded: Mask,
 ) -> ActiveSet:
-    """Return the set that the state before ended with, or, from the undeformed body, what touches.
+    """Return the first active set of an increment.
 
-    Pairs (pairs,) whose surfaces are free and `unloaded` begin with what touches in any case. If
-    the set would not hold the body, every node that faces something sticks.
+    It is the final set of the state `before`, or the set of touching nodes if that state is
+    undeformed. In `unloaded` pairs (pairs,), whose surfaces are free, it is the set of touching
+    nodes in any case. If this set does not hold the body, all nodes that face a surface stick.
 
     Raises:
-        FreeBody: if not even that holds the body.
+        FreeBody: if the body is not held even then.
     """
-    touching = _find_touching(interface, kinematics)
+    touching = _find_touching_set(interface, kinematics)
     candidates = [touching]
     if before.increment:
         resumed = resume_active_set(interface, kinematics, before)
-        of_unloaded = unloaded[interface.pair]
-        smooth = np.where(touching.status == STICK, SLIP, touching.status).astype(np.int8)
+        is_unloaded = unloaded[interface.pair]
+        slipping_status = np.where(touching.status == STICK, SLIP, touching.status)
+        slipping = replace(touching, status=slipping_status.astype(np.int8))
         candidates = [
-            select_nodes(of_unloaded, some, resumed)
-            for some in (replace(touching, status=smooth), touching)
+            combine_active_sets(is_unloaded, candidate, resumed)
+            for candidate in (slipping, touching)
         ]
     n_tangents = kinematics.frame.shape[1] - 1
     all_stick = make_sticking_set(np.isfinite(kinematics.gap), interface.cone, n_tangents)
@@ -334,27 +353,27 @@ def choose_first_set(
         if not motions:
             return candidate
     raise FreeBody(
-        f"{' and '.join(motions)}: held neither by supports nor by contact, even if every "
-        "contact node touched and stuck; add a support, friction or contact nodes"
+        f"{' and '.join(motions)}: held neither by supports nor by contact, even if all contact "
+        "nodes touched and stuck; add a support, friction or contact nodes"
     )
 
 
-def _find_touching(interface: Interface, kinematics: LinearisedKinematics) -> ActiveSet:
-    """Return the set of nodes that the surface reaches; the nearest of each pair in any case."""
-    gap, tolerance = kinematics.gap, _TOUCHING_GAP * interface.extent
+def _find_touching_set(interface: Interface, kinematics: LinearisedKinematics) -> ActiveSet:
+    """Return the set in which touching nodes, and at least the nearest of each pair, are closed."""
+    gap, tolerance = kinematics.gap, _MAX_RELATIVE_TOUCHING_GAP * interface.extent
     closed = gap <= tolerance
     for k in range(interface.pairs):
-        of_pair = interface.pair == k
-        nearest = interface.comm.allreduce(gap[of_pair].min(initial=np.inf), MPI.MIN)
-        closed |= of_pair & np.isfinite(gap) & (gap <= nearest + tolerance)
+        in_pair = interface.pair == k
+        min_gap = interface.comm.allreduce(gap[in_pair].min(initial=np.inf), MPI.MIN)
+        closed |= in_pair & np.isfinite(gap) & (gap <= min_gap + tolerance)
     return make_sticking_set(closed, interface.cone, kinematics.frame.shape[1] - 1)
 
 
 def resume_active_set(
     interface: Interface, kinematics: LinearisedKinematics, before: ContactState
 ) -> ActiveSet:
-    """Return the active set that a state ended with."""
-    status, turning, force_normal, *vectors = interface.local(
+    """Return the active set of a state's last iterate, in the frames of the kinematics."""
+    status, friction_ratio, force_normal, *vectors = interface.local(
         before.pairs, "status", "friction_ratio", "force_normal", "direction", "force_tangential"
     )
     direction, friction = (
@@ -366,10 +385,10 @@ def resume_active_set(
     return ActiveSet(
         np.where(status == HELD, STICK, status).astype(np.int8),
         direction,
-        turning,
+        friction_ratio,
         slope,
         intercept,
-        turning_by_slip=np.zeros_like(turning),
+        friction_per_slip=np.zeros_like(friction_ratio),
         support_friction=np.where(kinematics.held_tangents, friction, 0.0),
         support_slip=np.zeros_like(direction),
     )

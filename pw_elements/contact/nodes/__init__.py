@@ -1,31 +1,31 @@
-"""The contact nodes: law, active set and kinematics, undeformed, deformed and of two bodies."""
+"""Contact nodes: law, active set, and kinematics of undeformed and deformed bodies."""
 
 from pw_elements.contact.nodes.deformed import (
+    DeformablePairKinematics,
     DeformedKinematics,
-    PairKinematics,
+    NoDeformablePairs,
     RigidSurfaceMotion,
-    RigidSurfacesOnly,
 )
 from pw_elements.contact.nodes.nodes import (
+    FORCE_TOLERANCE,
     HELD,
     OPEN,
     SLIP,
     STICK,
-    TOLERANCE,
     ActiveSet,
     ContactNodes,
     LinearisedKinematics,
     LinearisedLaw,
     TorqueMap,
     assemble_node_equations,
-    count_statuses,
+    combine_active_sets,
+    describe_status_counts,
     eliminate_known_motions,
-    find_differences,
+    find_differing_nodes,
     is_same_set,
     linearise_friction_limits,
     make_sticking_set,
-    rotate_to_frames,
-    select_nodes,
+    rotate_active_set,
 )
 from pw_elements.contact.nodes.sliding import MortarKinematics
 from pw_elements.contact.nodes.undeformed import (

@@ -1,17 +1,17 @@
-"""The contact nodes: active set, law, and kinematics linearised about a state.
+"""Contact nodes: active set, law, and kinematics linearised about a state.
 
-With the trial pressure p = r_n - c g, the trial friction s = r_t - c v and the limit of friction l,
-the law is F = 0, where
+With the trial pressure p = r_n - c g, the trial friction s = r_t - c v and the friction limit l,
+the law is F = 0 with
 
     F_n = r_n - max(0, p),    F_t = r_t - projection of s on the disc |.| <= l(max(0, p)),
 
-and Newton's method on F is an active-set iteration. The guide's page on theory has the equations of
-open, sticking and slipping nodes ("The law, linearised"). Motions of the points are v = G a, those
-of a surface q = (U, angle).
+and Newton's method applied to F is an active-set iteration. The theory page derives the equations
+of open, sticking and slipping nodes ("The law, linearised"). The motions of the contact points are
+v = G a, the motions of a surface q = (U, angle).
 
-The module guarantees that the equations of an active set hold at a solution of F and have first
-derivatives of all that the law needs. It assumes that limits of friction are concave in the normal
-force, as `Interface.check` verifies, and frames whose first row is a unit normal.
+The module guarantees that the equations of an active set hold at a solution of F = 0 and contain
+the first derivatives of F. It assumes that friction limits are concave in the normal force, which
+`Interface.check` verifies, and that the first row of each frame is a unit normal.
 """
 
 from dataclasses import dataclass, replace
@@ -26,41 +26,45 @@ from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.contact.model import FrictionCone
 
 OPEN, STICK, SLIP = 0, 1, 2
-# Of states alone: in rough contact with a deformable surface, and moved along it by supports
+# Status in states only: rough contact with a deformable surface, along which supports prescribe
+# the motion of the node
 HELD = 3
 
-# Directions, slopes and friction that differ by less belong to the same active set
+# Largest difference of directions and slopes (absolute), and of support friction (relative), within
+# one active set
 _SAME_SET_TOLERANCE = 1e-10
-# Violation of the law over the largest nodal contact force
-TOLERANCE = 1e-9
-# Part of a tangent along held components from which on supports hold it
-_MIN_HELD_PART = 0.5
+# Largest violation of the contact conditions, relative to the largest nodal contact force
+FORCE_TOLERANCE = 1e-9
+# Smallest length of a unit tangent's projection on the supported components at which the tangent
+# counts as held
+_MIN_HELD_FRACTION = 0.5
 
 
 @dataclass(frozen=True)
 class ActiveSet:
-    """Status and linearised friction of every contact node (m of this process) in a linear system.
+    """Status and linearised friction of all contact nodes (m) of this process in a linear system.
 
-    All arrays but the status are zero at nodes that do not slip, and without friction.
+    All arrays except the status are zero at nodes that do not slip or have no friction.
 
     Args:
-        status: (m,) of OPEN, STICK or SLIP.
-        direction: (m, dim - 1), unit vector of the friction force along the tangents.
-        turning: (m,), l(p) / |s|, by which the direction follows the trial force s.
-        slope: (m,), l'(p) of the limit of friction.
-        intercept: (m,), l(p) - l'(p) p, zero by Coulomb's law.
-        turning_by_slip: (m,), l(p) / |v| of nodes that supports move along their surface.
-        support_friction: (m, dim - 1), friction along tangents that supports hold, of the iteration
-            before, at nodes whose surface is free to slide.
-        support_slip: (m, dim - 1), the slip that goes with it.
+        status: (m,), OPEN, STICK or SLIP.
+        direction: (m, dim - 1), unit vectors of the friction forces along the tangents.
+        friction_ratio: (m,), l(p) / |s|, derivative of the friction's direction by the trial
+            friction s.
+        limit_slope: (m,), l'(p) of the friction limit.
+        limit_intercept: (m,), l(p) - l'(p) p, zero for Coulomb's law.
+        friction_per_slip: (m,), l(p) / |v| of nodes that supports move along their surface.
+        support_friction: (m, dim - 1), support friction of the previous iteration at nodes whose
+            surface is free to slide.
+        support_slip: (m, dim - 1), slip along held tangents of the previous iteration.
     """
 
     status: npt.NDArray[np.int8]
     direction: Array
-    turning: Array
-    slope: Array
-    intercept: Array
-    turning_by_slip: Array
+    friction_ratio: Array
+    limit_slope: Array
+    limit_intercept: Array
+    friction_per_slip: Array
     support_friction: Array
     support_slip: Array
 
@@ -68,73 +72,86 @@ class ActiveSet:
 def linearise_friction_limits(
     pressure: Array, limits: tuple[Array, Array], direction: Array
 ) -> tuple[Array, Array]:
-    """Return slope and intercept (m,) of an active set, at pressures max(0, p) (m,).
+    """Return slopes l'(p) and intercepts l(p) - l'(p) p, (m,), zero at nodes without slip.
 
-    Limits of friction and their slopes are (m,) each; `direction` is that of the active set.
+    Args:
+        pressure: max(0, p), (m,).
+        limits: friction limits l(p) and slopes l'(p), (m,) each.
+        direction: (m, dim - 1), directions of friction in the active set, zero without slip.
     """
     (limit, slope), slips = limits, np.any(direction != 0, axis=1)
     return np.where(slips, slope, 0.0), np.where(slips, limit - slope * pressure, 0.0)
 
 
 def make_sticking_set(closed: Mask, cone: FrictionCone, n_tangents: int) -> ActiveSet:
-    """Return the set in which closed nodes (m,) stick, or slip where there is no friction."""
+    """Return the active set in which closed nodes (m,) stick, or slip if they have no friction."""
     m = len(closed)
     status = np.where(closed, np.where(cone.has_friction, STICK, SLIP), OPEN).astype(np.int8)
     no_vector = np.zeros((m, n_tangents))
-    turning, slope, intercept, turning_by_slip = np.zeros((4, m))
+    friction_ratio, slope, intercept, friction_per_slip = np.zeros((4, m))
     return ActiveSet(
-        status, no_vector, turning, slope, intercept, turning_by_slip, no_vector, no_vector
+        status,
+        no_vector,
+        friction_ratio,
+        slope,
+        intercept,
+        friction_per_slip,
+        no_vector,
+        no_vector,
     )
 
 
-def select_nodes(where: Mask, chosen: ActiveSet, other: ActiveSet) -> ActiveSet:
-    """Return the `chosen` set at the nodes (m,) `where` it holds, the `other` set elsewhere."""
-    pairs = zip(vars(chosen).values(), vars(other).values(), strict=True)
-    return ActiveSet(*(np.where(where, one.T, two.T).T for one, two in pairs))
+def combine_active_sets(where: Mask, inside: ActiveSet, elsewhere: ActiveSet) -> ActiveSet:
+    """Return an active set with the values of `inside` at nodes `where` (m,) is true."""
+    pairs = zip(vars(inside).values(), vars(elsewhere).values(), strict=True)
+    return ActiveSet(*(np.where(where, a.T, b.T).T for a, b in pairs))
 
 
-def rotate_to_frames(active: ActiveSet, old_frame: Array, frame: Array) -> ActiveSet:
-    """Return an active set whose vectors refer to new frames (m, dim, dim)."""
+def rotate_active_set(active: ActiveSet, old_frame: Array, frame: Array) -> ActiveSet:
+    """Return the active set with its vectors transformed from old to new frames (m, dim, dim)."""
     rotation = np.einsum("nai,nbi->nab", frame[:, 1:], old_frame[:, 1:])
     names = "direction", "support_friction", "support_slip"
     vectors = {name: np.einsum("nab,nb->na", rotation, getattr(active, name)) for name in names}
     return replace(active, **vectors)
 
 
-def find_differences(a: ActiveSet, b: ActiveSet) -> Mask:
-    """Return at which nodes (m,) two active sets differ."""
+def find_differing_nodes(a: ActiveSet, b: ActiveSet) -> Mask:
+    """Return a mask (m,) of the nodes at which two active sets differ."""
     direction = np.abs(a.direction - b.direction).max(axis=1) > _SAME_SET_TOLERANCE
-    slope = np.abs(a.slope - b.slope) > _SAME_SET_TOLERANCE
+    slope = np.abs(a.limit_slope - b.limit_slope) > _SAME_SET_TOLERANCE
     change = np.abs(a.support_friction - b.support_friction)
     friction = change > _SAME_SET_TOLERANCE * np.abs(a.support_friction)
     return np.asarray((a.status != b.status) | direction | slope | friction.any(axis=1))
 
 
 def is_same_set(a: ActiveSet, b: ActiveSet, comm: MPI.Comm) -> bool:
-    """Return whether two active sets are alike on all processes."""
-    return not comm.allreduce(int(np.any(find_differences(a, b))), MPI.MAX)
+    """Return whether two active sets agree at all nodes of all processes; collective."""
+    return not comm.allreduce(int(np.any(find_differing_nodes(a, b))), MPI.MAX)
 
 
-def count_statuses(active: ActiveSet, comm: MPI.Comm) -> str:
-    """Return how many nodes of all processes are open, stick and slip, in words."""
+def describe_status_counts(active: ActiveSet, comm: MPI.Comm) -> str:
+    """Return the numbers of open, sticking and slipping nodes of all processes as a phrase."""
     counts = [comm.allreduce(int(np.sum(active.status == s)), MPI.SUM) for s in (OPEN, STICK, SLIP)]
     return "{} open, {} sticking, {} slipping contact nodes".format(*counts)
 
 
 @dataclass(frozen=True)
 class ContactNodes:
-    """Gap, slip and force of the contact nodes (m of this process) in their frames.
+    """Gap, slip and force of the contact nodes (m) of this process in their frames.
 
     Args:
-        frame: (m, dim, dim), rows: normal, tangents (zero where the law is not stated).
-        gap: (m,), infinite where nothing faces the node.
-        slip: (m, dim - 1), of this increment.
-        force: (m, dim), components along the frame.
-        cone: the laws of friction.
-        scale: (m,), c.
-        held_tangents: (m, dim - 1), along which supports hold the node, and friction acts.
-        is_dragged: (m,), whether supports and surface make the node slip, whatever its forces.
-        is_coupled: (m,), whether its slip along supports depends on a free motion of the surface.
+        frame: (m, dim, dim), rows are the normal and the tangents; tangents along which the law is
+            not stated are zero.
+        gap: (m,), infinite where no surface faces the node.
+        slip: (m, dim - 1), since the start of the increment.
+        force: (m, dim), components in the frame.
+        cone: friction laws of the nodes.
+        scale: (m,), factor c of the law, force per length.
+        held_tangents: (m, dim - 1), whether supports hold the node along a tangent with friction.
+        has_prescribed_slip: (m,), whether supports and prescribed surface motions make the node
+            slip.
+        is_coupled_to_surface: (m,), whether the slip along a held tangent depends on a free motion
+            of the surface.
     """
 
     frame: Array
@@ -144,65 +161,75 @@ class ContactNodes:
     cone: FrictionCone
     scale: Array
     held_tangents: Mask
-    is_dragged: Mask
-    is_coupled: Mask
+    has_prescribed_slip: Mask
+    is_coupled_to_surface: Mask
 
     @cached_property
     def resting_tangents(self) -> Mask:
-        """Tangents (m, dim - 1) that supports hold while the surface rests along them."""
-        return self.held_tangents & ~(self.is_dragged | self.is_coupled)[:, None]
+        """Mask (m, dim - 1) of held tangents along which neither node nor surface moves."""
+        return (
+            self.held_tangents & ~(self.has_prescribed_slip | self.is_coupled_to_surface)[:, None]
+        )
 
     @cached_property
     def trial_pressure(self) -> Array:
-        """p, (m,); minus infinity for nodes which nothing faces."""
+        """Trial pressure p, (m,), a force; minus infinity where no surface faces the node."""
         return self.force[:, 0] - self.scale * self.gap
 
     @cached_property
     def trial_friction(self) -> Array:
-        """s, (m, dim - 1); without friction on supports that tells nothing of slip."""
+        """Trial friction s, (m, dim - 1); zero along resting tangents, where it implies no slip."""
         trial = self.force[:, 1:] - self.scale[:, None] * self.slip
         return np.asarray(np.where(self.resting_tangents, 0.0, trial))
 
     @cached_property
     def friction_limits(self) -> tuple[Array, Array]:
-        """Limits of friction l(max(0, p)), (m,), and their slopes, (m,)."""
+        """Friction limits l(max(0, p)) and slopes l'(max(0, p)), (m,) each."""
         return self.cone.limit(np.maximum(0.0, self.trial_pressure))
 
-    def admitted_friction(self, limit: Array) -> Array:
-        """Tangential forces (m, dim - 1) of the law, under limits (m,), at these slips."""
+    def admissible_friction(self, limit: Array) -> Array:
+        """Return the friction (m, dim - 1) that the law gives for friction limits (m,).
+
+        It opposes the slip of nodes with prescribed slip; at other nodes it is the projection of
+        the trial friction on the disc. The support friction of resting tangents is shortened to the
+        part of the limit that friction along the free tangents leaves.
+        """
         slip_size = np.linalg.norm(self.slip, axis=1)
-        against_slip = -(limit / np.where(self.is_dragged, slip_size, 1.0))[:, None] * self.slip
-        friction = shorten_to(limit, self.trial_friction)
-        if self.resting_tangents.any():  # what friction along free tangents leaves of the limit
-            left = np.sqrt(np.maximum(0.0, limit**2 - np.sum(friction**2, axis=1)))
-            friction += shorten_to(left, np.where(self.resting_tangents, self.force[:, 1:], 0.0))
-        return np.where(self.is_dragged[:, None], against_slip, friction)
+        against_slip = (
+            -(limit / np.where(self.has_prescribed_slip, slip_size, 1.0))[:, None] * self.slip
+        )
+        friction = shorten_to_limit(limit, self.trial_friction)
+        if self.resting_tangents.any():
+            remaining_limit = np.sqrt(np.maximum(0.0, limit**2 - np.sum(friction**2, axis=1)))
+            support_friction = np.where(self.resting_tangents, self.force[:, 1:], 0.0)
+            friction += shorten_to_limit(remaining_limit, support_friction)
+        return np.where(self.has_prescribed_slip[:, None], against_slip, friction)
 
     @cached_property
     def active_set(self) -> ActiveSet:
-        """The linearisation of F here, whatever set came before."""
+        """Active set of these gaps, slips and forces, independent of any previous set."""
         return self._linearise(np.zeros_like(self.slip))
 
-    def next_active_set(self, before: ActiveSet) -> ActiveSet:
-        """Return the linearisation of F here; nodes whose slip turned back since `before` stick."""
-        return self._linearise(before.direction)
+    def next_active_set(self, previous: ActiveSet) -> ActiveSet:
+        """Return the active set here; nodes whose slip has reversed since `previous` stick."""
+        return self._linearise(previous.direction)
 
-    def _linearise(self, direction_before: Array) -> ActiveSet:
+    def _linearise(self, previous_direction: Array) -> ActiveSet:
         p, s, limit = self.trial_pressure, self.trial_friction, self.friction_limits[0]
         size = np.linalg.norm(s, axis=1)
         slipping = (p > 0) & (size >= limit)
-        slipping &= ~(np.sum(s * direction_before, axis=1) < 0)
-        dragged = self.is_dragged & (p > 0)
-        slipping |= dragged
+        slipping &= ~(np.sum(s * previous_direction, axis=1) < 0)
+        is_moved_by_support = self.has_prescribed_slip & (p > 0)
+        slipping |= is_moved_by_support
         slip_size = np.linalg.norm(self.slip, axis=1)
-        s = np.where(dragged[:, None], -self.slip, s)
-        size = np.where(dragged, slip_size, size)
+        s = np.where(is_moved_by_support[:, None], -self.slip, s)
+        size = np.where(is_moved_by_support, slip_size, size)
         has_direction = slipping & self.cone.has_friction
         status = np.where(p > 0, STICK, OPEN)
         status[slipping] = SLIP
         divisor = np.where(has_direction, size, 1.0)
-        turning = np.where(has_direction, limit / divisor, 0.0)
-        of_iteration_before = self.held_tangents & self.is_coupled[:, None]
+        ratio = np.where(has_direction, limit / divisor, 0.0)
+        is_iterated = self.held_tangents & self.is_coupled_to_surface[:, None]
         direction = np.where(has_direction, 1 / divisor, 0.0)[:, None] * s
         slope, intercept = linearise_friction_limits(
             np.maximum(0.0, p), self.friction_limits, direction
@@ -210,49 +237,58 @@ class ContactNodes:
         return ActiveSet(
             status.astype(np.int8),
             direction,
-            np.where(dragged, 0.0, turning),
+            np.where(is_moved_by_support, 0.0, ratio),
             slope,
             intercept,
-            turning_by_slip=np.where(dragged, turning, 0.0),
-            support_friction=np.where(of_iteration_before, self.force[:, 1:], 0.0),
-            support_slip=np.where(of_iteration_before, self.slip, 0.0),
+            friction_per_slip=np.where(is_moved_by_support, ratio, 0.0),
+            support_friction=np.where(is_iterated, self.force[:, 1:], 0.0),
+            support_slip=np.where(is_iterated, self.slip, 0.0),
         )
 
-    def violation(self) -> Array:
-        """F, (m, dim), forces: zero at a solution."""
+    def law_violation(self) -> Array:
+        """Return F, (m, dim), in units of force; F is zero at a solution."""
         normal = self.force[:, :1] - np.maximum(0.0, self.trial_pressure)[:, None]
-        tangential = self.force[:, 1:] - self.admitted_friction(self.friction_limits[0])
+        tangential = self.force[:, 1:] - self.admissible_friction(self.friction_limits[0])
         return np.hstack([normal, tangential])
 
-    def friction_round_off(self, of_coordinates: float) -> Array:
-        """Return what of friction (m,) may be round-off, given that of nodes' coordinates.
+    def friction_round_off(self, coordinate_round_off: float) -> Array:
+        """Return the round-off (m,) of friction that the round-off of coordinates causes.
 
-        Slips have no coordinates, but friction's limit has the gap at nodes that are pressed by
-        more than this round-off.
+        `coordinate_round_off` is a force. Slips do not depend on coordinates. The friction limit
+        depends on the gap, which matters at nodes whose normal force exceeds this round-off.
         """
         gap = np.where(np.isfinite(self.gap), np.abs(self.gap), 0.0)
-        of_limit = self.friction_limits[1] * self.scale * gap
-        return np.where(self.force[:, 0] > of_coordinates, of_limit, of_coordinates)
+        limit_round_off = self.friction_limits[1] * self.scale * gap
+        is_pressed = self.force[:, 0] > coordinate_round_off
+        return np.where(is_pressed, limit_round_off, coordinate_round_off)
 
-    def residuals(self, force: float, length: Array | float) -> dict[str, Array]:
-        """Return how far each condition is from holding, (m,), over a force and lengths (m,)."""
+    def residuals(
+        self, reference_force: float, reference_length: Array | float
+    ) -> dict[str, Array]:
+        """Return the violation (m,) of each contact condition, by the fields of `Residuals`.
+
+        Forces are divided by the reference force, lengths by the reference length, a number or
+        (m,).
+        """
         normal, tangential, gap = self.force[:, 0], self.force[:, 1:], self.gap
         limit, _ = self.cone.limit(np.maximum(0.0, normal))
-        sticks = (np.linalg.norm(self.trial_friction, axis=1) < limit) & ~self.is_dragged
-        difference = np.abs(tangential - self.admitted_friction(limit)).max(axis=1, initial=0.0)
+        sticks = (np.linalg.norm(self.trial_friction, axis=1) < limit) & ~self.has_prescribed_slip
+        difference = np.abs(tangential - self.admissible_friction(limit)).max(axis=1, initial=0.0)
         slip_size = np.where(sticks, np.linalg.norm(self.slip, axis=1), 0.0)
         return {
-            "penetration": np.maximum(0.0, -gap) / length,
-            "tension": np.maximum(0.0, -normal) / force,
-            "complementarity": np.maximum(0.0, np.minimum(normal / force, gap / length)),
-            "cone": np.maximum(0.0, np.linalg.norm(tangential, axis=1) - limit) / force,
-            "stick": slip_size / length,
-            "direction": np.where(sticks, 0.0, difference) / force,
+            "penetration": np.maximum(0.0, -gap) / reference_length,
+            "tension": np.maximum(0.0, -normal) / reference_force,
+            "complementarity": np.maximum(
+                0.0, np.minimum(normal / reference_force, gap / reference_length)
+            ),
+            "cone": np.maximum(0.0, np.linalg.norm(tangential, axis=1) - limit) / reference_force,
+            "stick": slip_size / reference_length,
+            "direction": np.where(sticks, 0.0, difference) / reference_force,
         }
 
 
-def shorten_to(limit: Array, vectors: Array) -> Array:
-    """Return vectors (m, dim - 1), of which those longer than a limit (m,) are shortened to it."""
+def shorten_to_limit(limit: Array, vectors: Array) -> Array:
+    """Return vectors (m, dim - 1), shortened to limits (m,) where they are longer."""
     size = np.linalg.norm(vectors, axis=1)
     is_longer = size > limit
     factor = np.where(is_longer, limit / np.where(is_longer, size, 1.0), 1.0)
@@ -260,7 +296,10 @@ def shorten_to(limit: Array, vectors: Array) -> Array:
 
 
 def assemble_node_equations(active: ActiveSet, scale: Array) -> tuple[Array, Array, Array]:
-    """Return A, B (m, dim, dim) and b (m, dim) of A force + B (gap; slip) = b in nodes' frames."""
+    """Return the law of an active set, A r + B (g; v) = b, in the frames of the nodes.
+
+    `scale` (m,) is c of the law. A and B are (m, dim, dim), b is (m, dim).
+    """
     m, n_tangents = active.direction.shape
     A, B = np.zeros((2, m, n_tangents + 1, n_tangents + 1))
     identity = np.eye(n_tangents + 1)
@@ -271,24 +310,25 @@ def assemble_node_equations(active: ActiveSet, scale: Array) -> tuple[Array, Arr
 
     slip = active.status == SLIP
     d, c = active.direction[slip], scale[slip]
-    across = identity[1:, 1:] - d[:, :, None] * d[:, None, :]
-    M = active.turning[slip, None, None] * across
+    projector = identity[1:, 1:] - d[:, :, None] * d[:, None, :]
+    M = active.friction_ratio[slip, None, None] * projector
     B[slip, 0, 0] = c
-    A[slip, 1:, 0] = -active.slope[slip, None] * d
+    A[slip, 1:, 0] = -active.limit_slope[slip, None] * d
     A[slip, 1:, 1:] = identity[1:, 1:] - M
-    B[slip, 1:, 1:] = c[:, None, None] * M + active.turning_by_slip[slip, None, None] * across
-    return A, B, np.pad(active.intercept[:, None] * active.direction, ((0, 0), (1, 0)))
+    B[slip, 1:, 1:] = c[:, None, None] * M + active.friction_per_slip[slip, None, None] * projector
+    return A, B, np.pad(active.limit_intercept[:, None] * active.direction, ((0, 0), (1, 0)))
 
 
 @dataclass(frozen=True)
 class LinearisedLaw:
-    """Linear equations E r + C G a - D q = c of the contact points (m) of this process.
+    """Linearised law E r + C v - D q = c of the contact points (m) of this process.
 
     Args:
-        E: (m, dim, dim), of forces in global components.
-        C: (m, dim, p), of motions v = G a.
-        D: (m, dim, k), of the surfaces' motions q: translations, and angles if they may turn.
-        c: (m, dim).
+        E: (m, dim, dim), coefficients of forces in global components.
+        C: (m, dim, p), coefficients of the motions v = G a.
+        D: (m, dim, k), coefficients of the surface motions q: translations, and angles of surfaces
+            that may rotate.
+        c: (m, dim), right-hand side.
     """
 
     E: Array
@@ -298,25 +338,25 @@ class LinearisedLaw:
 
 
 def eliminate_known_motions(law: LinearisedLaw, q: Array, v: Array) -> LinearisedLaw:
-    """Return the law of what is free, known parts (m, k) of q and (m, p) of v being given."""
-    known = np.einsum("nij,nj->ni", law.D, q)
-    known -= np.einsum("nij,nj->ni", law.C, v)
-    return replace(law, c=law.c + known)
+    """Return the law with known parts q (m, k) and v (m, p) of the motions moved into c."""
+    change = np.einsum("nij,nj->ni", law.D, q)
+    change -= np.einsum("nij,nj->ni", law.C, v)
+    return replace(law, c=law.c + change)
 
 
 @dataclass(frozen=True)
 class TorqueMap:
-    """Resultants V^T r of point forces (m, dim) on the k motions q of their surfaces.
+    """Map from point forces r (m, dim) to forces and torques V^T r on the surfaces.
 
-    The torque of a surface that may turn changes with the lever arms: linear about displacements
-    a_0 and translations U_0, the resultants are
+    The torque on a surface that may rotate changes with the lever arms. Linearised about
+    displacements a_0 and translations U_0, forces and torques are
 
         V^T r - w·(a - U - d_0) e,    e = (0, 1), d_0 = a_0 - U_0.
 
     Args:
-        V: (m, dim, k), displacements of points that are carried along, by q.
-        w: (m, dim), change of forces that turn with the surface, by the angle.
-        d0: (m, dim), displacements relative to the translation.
+        V: (m, dim, k), derivative by q of the displacements of points that move with the surface.
+        w: (m, dim), derivative by the angle of forces that rotate with the surface.
+        d0: (m, dim), displacements relative to the translation of the surface.
     """
 
     V: Array
@@ -324,16 +364,16 @@ class TorqueMap:
     d0: Array
 
     @classmethod
-    def of_translations(cls, m: int, dim: int) -> "TorqueMap":
-        """Return the map of surfaces that do not turn."""
+    def without_rotation(cls, m: int, dim: int) -> "TorqueMap":
+        """Return the map of m points on surfaces that do not rotate."""
         return cls(np.broadcast_to(np.eye(dim), (m, dim, dim)), *np.zeros((2, m, dim)))
 
     def resultants(self, force: Array) -> Array:
-        """V^T r, (m, k), of forces (m, dim)."""
+        """Return V^T r, (m, k), of forces (m, dim)."""
         return np.einsum("nak,na->nk", self.V, force)
 
-    def eliminate_known(self, q: Array, v: Array) -> "TorqueMap":
-        """Return the map of what is free, known parts (m, k) of q and (m, dim) of a being given."""
+    def eliminate_known_motions(self, q: Array, v: Array) -> "TorqueMap":
+        """Return the map for the free parts of q and a, given known parts q (m, k), v (m, dim)."""
         return replace(self, d0=self.d0 + q[:, : v.shape[1]] - v)
 
 
@@ -345,18 +385,18 @@ class LinearisedKinematics:
         force       = frame_0 r       + force_by_v (v - v_0)  + force_by_q (q - q_0).
 
     Args:
-        pair: (m,), number of the pair of each point.
-        torque_map: of the surfaces.
-        v0: (m, p).
-        q0: (pairs, k).
+        pair: (m,), index of the contact pair of each point.
+        torque_map: map from point forces to forces and torques on the surfaces.
+        v0: v_0, (m, p).
+        q0: q_0, (pairs, k).
         frame: (m, dim, dim), normals and tangents.
-        gap: (m,), infinite where nothing faces a point.
-        slip: (m, dim - 1).
-        motion_by_v: (m, dim, p), and the others: derivatives.
-        motion_by_q: (m, dim, k).
-        force_by_v: (m, dim, p).
-        force_by_q: (m, dim, k).
-        held_tangents: (m, dim - 1), along which supports hold a point, and friction acts.
+        gap: gap_0, (m,), infinite where no surface faces a point.
+        slip: slip_0, (m, dim - 1).
+        motion_by_v: (m, dim, p), derivative of gap and slip by v.
+        motion_by_q: (m, dim, k), derivative of gap and slip by q.
+        force_by_v: (m, dim, p), derivative of the force components by v.
+        force_by_q: (m, dim, k), derivative of the force components by q.
+        held_tangents: (m, dim - 1), whether supports hold a point along a tangent with friction.
     """
 
     pair: LocalIndices
@@ -375,7 +415,7 @@ class LinearisedKinematics:
     def evaluate_nodes(
         self, v: Array, q: Array, force: Array, *, cone: FrictionCone, scale: Array
     ) -> ContactNodes:
-        """Return the nodes at motions v (m, p) and q (pairs, k), under forces r (m, dim)."""
+        """Return the contact nodes at motions v (m, p) and q (pairs, k) and forces r (m, dim)."""
         dv, dq = v - self.v0, (q - self.q0)[self.pair]
 
         def expand(by_v: Array, by_q: Array) -> Array:
@@ -384,7 +424,7 @@ class LinearisedKinematics:
         motion = expand(self.motion_by_v, self.motion_by_q)
         components = expand(self.force_by_v, self.force_by_q)
         components += np.einsum("nab,nb->na", self.frame, force)
-        no = np.zeros(len(self.gap), dtype=bool)
+        no_nodes = np.zeros(len(self.gap), dtype=bool)
         return ContactNodes(
             frame=self.frame,
             gap=self.gap + motion[:, 0],
@@ -393,12 +433,15 @@ class LinearisedKinematics:
             cone=cone,
             scale=scale,
             held_tangents=self.held_tangents,
-            is_dragged=no,
-            is_coupled=no,
+            has_prescribed_slip=no_nodes,
+            is_coupled_to_surface=no_nodes,
         )
 
     def linearise_law(self, active: ActiveSet, scale: Array) -> LinearisedLaw:
-        """Return the law of an active set, in global components; c of the law is `scale` (m,)."""
+        """Return the linearised law of an active set in global components.
+
+        `scale` (m,) is the factor c of gaps and slips in the law.
+        """
         A, B, b = assemble_node_equations(active, scale)
         b = b - np.einsum("nab,nb->na", A[:, :, 1:], active.support_friction)
         is_stated = np.pad(~self.held_tangents, ((0, 0), (1, 0)), constant_values=True)
@@ -407,15 +450,19 @@ class LinearisedKinematics:
         D = -(A @ self.force_by_q + B @ self.motion_by_q)
         gap = np.where(np.isfinite(self.gap), self.gap, 0.0)
         motion = np.concatenate([gap[:, None], self.slip], axis=1)
-        known = np.einsum("nab,nb->na", C, self.v0) - np.einsum("nab,nb->na", B, motion)
-        c = b + (known - np.einsum("nab,nb->na", D, self.q0[self.pair]))
+        offset = np.einsum("nab,nb->na", C, self.v0) - np.einsum("nab,nb->na", B, motion)
+        c = b + (offset - np.einsum("nab,nb->na", D, self.q0[self.pair]))
         to_global = np.swapaxes(stated_frame, 1, 2)
         E, C, D, c = (to_global @ part for part in (A @ stated_frame, C, D, c[:, :, None]))
         return LinearisedLaw(E, C, D, c[:, :, 0])
 
 
 def make_frames(normal: Array, stated: Mask) -> Array:
-    """Return normals and tangents (m, dim, dim); components not stated have to be tangential."""
+    """Return frames (m, dim, dim): unit normals (m, dim), and tangents along stated components.
+
+    `stated` (m, dim) marks the global components in which the law is stated; the others have to be
+    tangential. Tangents that are left over are zero.
+    """
     free = np.eye(normal.shape[1]) * stated[:, None, :]
     projector = free - normal[:, :, None] * normal[:, None, :]
     values, vectors = np.linalg.eigh(projector)  # eigenvalues 0 and 1, ascending
@@ -424,7 +471,10 @@ def make_frames(normal: Array, stated: Mask) -> Array:
 
 
 def add_tangents_along_supports(frame: Array, held: Mask) -> Array:
-    """Fill the empty tangents of frames (m, dim, dim) along components (m, dim) that are held."""
+    """Return frames (m, dim, dim) whose zero tangents are replaced by tangents along supports.
+
+    `held` (m, dim) marks the global components that supports hold.
+    """
     frame = frame.copy()
     for t in range(1, frame.shape[1]):
         empty = np.flatnonzero(held.any(axis=1) & ~frame[:, t].any(axis=1))
@@ -437,6 +487,6 @@ def add_tangents_along_supports(frame: Array, held: Mask) -> Array:
 
 
 def find_held_tangents(frame: Array, held: Mask) -> Mask:
-    """Return which tangents (m, dim - 1) of frames lie along components (m, dim) that are held."""
-    along = np.where(held[:, None], frame[:, 1:], 0.0)
-    return np.asarray(np.linalg.norm(along, axis=2) > _MIN_HELD_PART)
+    """Return a mask (m, dim - 1) of the tangents along held global components `held` (m, dim)."""
+    held_part = np.where(held[:, None], frame[:, 1:], 0.0)
+    return np.asarray(np.linalg.norm(held_part, axis=2) > _MIN_HELD_FRACTION)

@@ -1,8 +1,11 @@
-"""Gap, slip and forces of two deformed bodies that slide on each other, by mortars.
+"""Gap, slip and forces of two deformed bodies that slide on each other, by mortar integrals.
 
-A node that another body faces has three motions: the changes of its gap and slip, and the angle by
-which its normal turns. The rows G of these motions are made anew at each iterate, and so is H,
-which hands forces on to the other body. See the guide's page on theory ("Large strains").
+A slave node that faces the master has three motions: the changes of its gap and slip, and the
+rotation angle of its normal. The motion operator G of these motions and the force operator H are
+assembled again at each iterate. See the theory page ("Large strains").
+
+The module guarantees G and H at the current positions, and the derivative of H r. It assumes plane
+or axisymmetric bodies, and `update_force_operator` before any other evaluation at an iterate.
 """
 
 from dataclasses import replace
@@ -17,21 +20,21 @@ from pw_elements.arrays import Array
 from pw_elements.contact.interface import RIGID, Interface, SlidingReference
 from pw_elements.contact.nodes.nodes import LinearisedKinematics, make_frames
 
-# Motions of a node that another body faces: gap, slip and angle
-_N_MOTIONS = 3
+# Motions of a slave node that faces the master: gap, slip and angle of the normal
+_MOTIONS_PER_NODE = 3
 
 
 class MortarKinematics:
-    """Kinematics of all pairs of two bodies in one increment.
+    """Kinematics of all pairs of two bodies at large sliding in one increment.
 
     Args:
-        interface: the contact points (m).
-        start: all unknowns (n,) where the increment starts.
-        q_start: motions (pairs, dim + 1) of the opposite bodies there.
-        q_end: the same at its end.
+        interface: contact points (m) of all pairs.
+        start: all unknowns (n,) at the start of the increment.
+        q_start: motions (pairs, dim + 1) of the masters at the start.
+        q_end: motions (pairs, dim + 1) of the masters at the end.
 
     Attributes:
-        motion: G of the law, (m p, n), at the last iterate.
+        motion_operator: G of the law, (m p, n), at the last iterate.
     """
 
     def __init__(
@@ -39,24 +42,24 @@ class MortarKinematics:
     ) -> None:
         self._interface, self._translations = interface, q_end[:, :-1]
         self._references = {
-            k: mortar.make_reference(self._positions_of(k, start, q_start[:, :-1]))
+            k: mortar.make_reference(self._gather_positions(k, start, q_start[:, :-1]))
             for k, mortar in interface.mortars.items()
         }
-        # points of this process, and their numbers among the slave's nodes
+        # points of this process, and their indices among the slave's nodes
         self._points = {k: np.flatnonzero(interface.pair == k) for k in self._references}
-        self._slave_number = {
+        self._slave_indices = {
             k: np.searchsorted(
                 interface.mortars[k].nodes[: interface.mortars[k].n_slave_nodes], node
             )
             for k, node in ((k, interface.node[points]) for k, points in self._points.items())
         }
-        self.motion: PETSc.Mat = interface.motion
+        self.motion_operator: PETSc.Mat = interface.motion
 
-    def update(self, unknowns: PETSc.Vec) -> PETSc.Mat:
-        """Evaluate the mortars at all unknowns (n,) and return H, (n, m dim)."""
+    def update_force_operator(self, unknowns: PETSc.Vec) -> PETSc.Mat:
+        """Linearise the mortars at all unknowns (n,) and return H, (n, m dim)."""
         interface = self._interface
         self._positions = {
-            k: self._positions_of(k, unknowns, self._translations) for k in self._references
+            k: self._gather_positions(k, unknowns, self._translations) for k in self._references
         }
         self._mortars = {k: interface.mortars[k].linearise(x) for k, x in self._positions.items()}
         m, (_, n_dofs), dim = (
@@ -65,10 +68,10 @@ class MortarKinematics:
             interface.position.shape[1],
         )
         entries = [(np.arange(m), interface.node, np.ones(m))]
-        for k, met in self._mortars.items():
+        for k, mortar_state in self._mortars.items():
             mortar, parts = (
                 interface.mortars[k],
-                sp.coo_array(met.master_fractions[self._slave_number[k]]),
+                sp.coo_array(mortar_state.master_fractions[self._slave_indices[k]]),
             )
             node = mortar.nodes[mortar.n_slave_nodes :][parts.col]
             entries.append((self._points[k][parts.row], node, -parts.data))
@@ -77,19 +80,20 @@ class MortarKinematics:
         rows = sp.csr_matrix(sp.kron(nodal, sp.eye_array(dim)))
         return interface.rows(rows).transpose(PETSc.Mat())
 
-    def force_stiffness(self, force: Array) -> PETSc.Mat:
-        """Return the derivative (n, n) of -H r for forces r (m, dim) that are fixed."""
+    def force_operator_stiffness(self, force: Array) -> PETSc.Mat:
+        """Return the derivative (n, n) of -H r by the unknowns at constant forces r (m, dim)."""
         interface, dim = self._interface, force.shape[1]
-        first, sizes = interface.field.space.dofmap.index_map.local_range[0], interface.field.sizes
+        node_offset = interface.field.space.dofmap.index_map.local_range[0]
+        sizes = interface.field.sizes
         total = sp.csr_matrix(sizes)
-        for k, met in self._mortars.items():
+        for k, mortar_state in self._mortars.items():
             mortar = interface.mortars[k]
             slave_force = np.zeros((mortar.n_slave_nodes, dim))
-            slave_force[self._slave_number[k]] = force[self._points[k]]
+            slave_force[self._slave_indices[k]] = force[self._points[k]]
             interface.comm.Allreduce(MPI.IN_PLACE, slave_force, MPI.SUM)
-            part = sp.coo_array(met.differentiate_master_forces(slave_force))
+            part = sp.coo_array(mortar_state.differentiate_master_forces(slave_force))
             dofs = (mortar.nodes[:, None] * dim + np.arange(dim)).ravel()
-            row = dofs[mortar.n_slave_nodes * dim :][part.row] - first * dim
+            row = dofs[mortar.n_slave_nodes * dim :][part.row] - node_offset * dim
             is_owned = (row >= 0) & (row < sizes[0])
             indices = row[is_owned], dofs[part.col[is_owned]]
             total += sp.csr_matrix((part.data[is_owned], indices), sizes)
@@ -97,45 +101,52 @@ class MortarKinematics:
         return matrix if field.is_whole_space else field.selection_matrix().transposeMatMult(matrix)
 
     def fill_pairs(self, kinematics: LinearisedKinematics, force: Array) -> LinearisedKinematics:
-        """Return kinematics with the points of these pairs filled in, under forces (m, dim)."""
+        """Return the kinematics with the values of these pairs at forces (m, dim)."""
         interface, (m, dim) = self._interface, force.shape
         gap, slip = kinematics.gap.copy(), kinematics.slip.copy()
         frame = kinematics.frame.copy()
         v0, motion_by_v, force_by_v = (
-            np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, _N_MOTIONS - dim)])
+            np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, _MOTIONS_PER_NODE - dim)])
             for values in (kinematics.v0, kinematics.motion_by_v, kinematics.force_by_v)
         )
         node = interface.node * dim
         rigid = np.flatnonzero(interface.faced == RIGID)
-        rows = [(rigid * _N_MOTIONS + a, node[rigid] + a, np.ones(len(rigid))) for a in range(dim)]
-        for k, met in self._mortars.items():
-            mortar, points, number = interface.mortars[k], self._points[k], self._slave_number[k]
-            slips, motions = met.measure_slip_and_rates(self._references[k], self._positions[k])
+        rows = [
+            (rigid * _MOTIONS_PER_NODE + a, node[rigid] + a, np.ones(len(rigid)))
+            for a in range(dim)
+        ]
+        for k, mortar_state in self._mortars.items():
+            mortar, points, number = interface.mortars[k], self._points[k], self._slave_indices[k]
+            slips, motions = mortar_state.measure_slip_and_rates(
+                self._references[k], self._positions[k]
+            )
             normal, tangent, faced = (
-                met.normals[number],
-                met.tangents[number],
-                met.faces_master[number],
+                mortar_state.normals[number],
+                mortar_state.tangents[number],
+                mortar_state.faces_master[number],
             )
             frame[points] = make_frames(normal, interface.equation[points] >= 0)
-            side = np.sum(frame[points, 1] * tangent, axis=1)
-            gap[points] = np.where(faced, met.gaps[number], np.inf)
-            slip[points, 0] = np.where(faced, side * slips[number], 0.0)
+            sign = np.sum(frame[points, 1] * tangent, axis=1)  # of the frame's tangent
+            gap[points] = np.where(faced, mortar_state.gaps[number], np.inf)
+            slip[points, 0] = np.where(faced, sign * slips[number], 0.0)
             normal_force = np.sum(normal * force[points], axis=1)
             tangential_force = np.sum(tangent * force[points], axis=1)
             motion_by_v[points], force_by_v[points] = 0.0, 0.0
-            motion_by_v[points, 0, 0], motion_by_v[points, 1, 1] = faced, faced * side
+            motion_by_v[points, 0, 0], motion_by_v[points, 1, 1] = faced, faced * sign
             force_by_v[points, 0, 2] = tangential_force
-            force_by_v[points, 1, 2] = -side * normal_force
+            force_by_v[points, 1, 2] = -sign * normal_force
             shift = self._positions[k] - mortar.x
             shift[mortar.n_slave_nodes :] -= self._translations[k]
             dofs = (mortar.nodes[:, None] * dim + np.arange(dim)).ravel()
             for motion, change in enumerate(motions):
                 part = sp.coo_array(change[number])
-                rows.append((points[part.row] * _N_MOTIONS + motion, dofs[part.col], part.data))
+                rows.append(
+                    (points[part.row] * _MOTIONS_PER_NODE + motion, dofs[part.col], part.data)
+                )
                 v0[points, motion] = change[number] @ shift.ravel()
         row, column, value = (np.concatenate(part) for part in zip(*rows, strict=True))
-        shape = (m * _N_MOTIONS, interface.field.sizes[1])
-        self.motion = interface.rows(sp.csr_matrix((value, (row, column)), shape))
+        shape = (m * _MOTIONS_PER_NODE, interface.field.sizes[1])
+        self.motion_operator = interface.rows(sp.csr_matrix((value, (row, column)), shape))
         return replace(
             kinematics,
             frame=frame,
@@ -148,24 +159,27 @@ class MortarKinematics:
 
     @property
     def references(self) -> dict[int, SlidingReference]:
-        """State of both sides of each pair from which slip counts."""
+        """Reference state of each pair, from which its slip is measured."""
         return self._references
 
     @property
     def sides(self) -> dict[int, tuple[SlidingReference, Array]]:
-        """Reference state and, at the last iterate, positions (nodes, dim) of both sides."""
+        """Reference state, and positions (nodes, dim) at the last iterate, of both sides."""
         return {k: (start, self._positions[k]) for k, start in self._references.items()}
 
     def fill_path_slip(self, slip: Array) -> Array:
-        """Return slips (m, dim) along the path with those of these pairs filled in."""
+        """Return path slips (m, dim) with the values of these pairs."""
         slip = slip.copy()
         for k, mortar in self._interface.mortars.items():
             path_slip = mortar.integrate_slip(self._references[k].x, self._positions[k])
-            slip[self._points[k]] = path_slip[self._slave_number[k]]
+            slip[self._points[k]] = path_slip[self._slave_indices[k]]
         return slip
 
-    def _positions_of(self, pair: int, unknowns: PETSc.Vec, translations: Array) -> Array:
-        """Positions (nodes, dim) of both sides of a pair, of all processes."""
+    def _gather_positions(self, pair: int, unknowns: PETSc.Vec, translations: Array) -> Array:
+        """Return the positions (nodes, dim) of both sides of a pair on all processes; collective.
+
+        `translations` (pairs, dim) move the masters.
+        """
         mortar = self._interface.mortars[pair]
         displacement = self._interface.at_nodes(mortar.nodes, unknowns)
         displacement[mortar.n_slave_nodes :] += translations[pair]

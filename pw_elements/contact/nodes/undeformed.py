@@ -1,7 +1,11 @@
-"""Gap, slip and frame of an undeformed body, as displacements and translations move its points.
+"""Gap, slip and frame at small strains, evaluated at the undeformed positions of the points.
 
-Planes make all linear. Normals of a curved surface that is free to move change with its
-translation: derivatives by it are differences.
+With planes the kinematics are linear in displacements and translations. The normals of a curved
+surface that is free to move change with its translation, and the derivatives by the translation are
+differences.
+
+The module guarantees kinematics that depend on displacements linearly. It assumes surfaces that do
+not rotate and displacements that are small compared to their radii.
 """
 
 from dataclasses import dataclass
@@ -20,18 +24,18 @@ from pw_elements.contact.nodes.nodes import (
     make_frames,
 )
 
-# Step of differences along free translations, over the extent of the contact nodes
+# Step of finite differences along free translations, relative to the extent of the contact nodes
 _DIFFERENCE_STEP = 1e-4
 
 
 @dataclass(frozen=True)
 class IncrementStart:
-    """State at the start of an increment, from which slip counts.
+    """State at the start of an increment, the reference of slip.
 
     Args:
-        displacement: of the points, (m, dim).
-        force: on the points, (m, dim).
-        q: translations of the surfaces, with angles if they may turn, (pairs, k).
+        displacement: displacements of the points, (m, dim).
+        force: forces on the points, (m, dim).
+        q: translations of the surfaces, and angles if they may rotate, (pairs, k).
     """
 
     displacement: Array
@@ -40,7 +44,7 @@ class IncrementStart:
 
 
 def make_increment_start(state: ContactState, interface: Interface, q: Array) -> IncrementStart:
-    """Return this process' values of a state, in which the motions of the surfaces are q."""
+    """Return a state's displacements and forces at the points of this process, with motions q."""
     displacement, force = interface.local(state.pairs, "displacement", "force_vector")
     return IncrementStart(displacement, force, q)
 
@@ -48,35 +52,45 @@ def make_increment_start(state: ContactState, interface: Interface, q: Array) ->
 class Kinematics(Protocol):
     """Gap, slip and frame of the contact points since the start of an increment."""
 
-    def evaluate_iterate(
-        self, before: LinearisedKinematics, q: Array, displacement: Array, force: Array
+    def kinematics_at_iterate(
+        self, previous: LinearisedKinematics, q: Array, displacement: Array, force: Array
     ) -> tuple[LinearisedKinematics, Array]:
-        """Return the kinematics through which an iterate is seen, and its motions v (m, p).
+        """Return the kinematics that evaluate an iterate, and its motions v (m, p).
 
         Args:
-            before: the kinematics of the linear system that was solved.
-            q: motions of the surfaces (pairs, k).
-            displacement: of the points (m, dim).
-            force: on the points (m, dim).
+            previous: kinematics of the linear system that was solved.
+            q: motions of the surfaces, (pairs, k).
+            displacement: displacements of the points, (m, dim).
+            force: forces on the points, (m, dim).
         """
 
-    def evaluate_solution(
-        self, before: LinearisedKinematics, q: Array, displacement: Array, force: Array
+    def kinematics_at_solution(
+        self, previous: LinearisedKinematics, q: Array, displacement: Array, force: Array
     ) -> LinearisedKinematics:
-        """Return the kinematics at a solution of the law, linearised there; arguments likewise."""
+        """Return kinematics linearised at a solution, for the arguments of `kinematics_at_iterate`.
+
+        The kinematics at small strains are linearised anew; at large strains `previous` already is
+        the linearisation at the solution.
+        """
 
     def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
-        """Return slip (m, dim) on the straight path there from the start of the increment."""
+        """Return the path slip (m, dim) from the start of the increment.
+
+        Args:
+            q: motions of the surfaces at the end, (pairs, k).
+            displacement: displacements of the points at the end, (m, dim).
+            normal: normals at the end, (m, dim).
+        """
 
 
 class UndeformedKinematics:
-    """Kinematics of an undeformed body: a linearisation stays until the law is solved through it.
+    """Kinematics at small strains; they are linearised again only when the law is solved.
 
     Args:
-        interface: the contact points.
-        start: of the increment.
+        interface: contact points of all pairs.
+        start: state at the start of the increment.
         prescribed: translations (pairs, dim), NaN where they are free.
-        load_factor: share of the interference of pairs that is applied.
+        load_factor: fraction of the interference of pairs that is applied.
     """
 
     def __init__(
@@ -85,18 +99,18 @@ class UndeformedKinematics:
         self._interface, self._start, self._load_factor = interface, start, load_factor
         self._free: Mask = np.isnan(prescribed)
 
-    def evaluate_iterate(
+    def kinematics_at_iterate(
         self,
-        before: LinearisedKinematics,
+        previous: LinearisedKinematics,
         q: Array,  # noqa: ARG002
         displacement: Array,
         force: Array,  # noqa: ARG002
     ) -> tuple[LinearisedKinematics, Array]:
-        return before, displacement
+        return previous, displacement
 
-    def evaluate_solution(
+    def kinematics_at_solution(
         self,
-        before: LinearisedKinematics,  # noqa: ARG002
+        previous: LinearisedKinematics,  # noqa: ARG002
         q: Array,
         displacement: Array,
         force: Array,
@@ -109,13 +123,13 @@ class UndeformedKinematics:
     def linearise(
         self, translations: Array, displacement: Array, force: Array
     ) -> LinearisedKinematics:
-        """Linearise at translations (pairs, dim), displacements and forces (m, dim)."""
+        """Linearise at translations (pairs, dim), displacements (m, dim) and forces (m, dim)."""
         return self._linearise(self._free, translations, displacement, force)
 
     def linearise_by_all_translations(
         self, translations: Array, displacement: Array, force: Array
     ) -> LinearisedKinematics:
-        """Linearise with derivatives by translations that are prescribed, too."""
+        """Linearise like `linearise`, with derivatives by prescribed translations as well."""
         return self._linearise(np.ones_like(self._free), translations, displacement, force)
 
     def _relative_motion(self, q: Array, displacement: Array) -> Array:
@@ -125,28 +139,28 @@ class UndeformedKinematics:
     def _linearise(
         self, free: Mask, translations: Array, displacement: Array, force: Array
     ) -> LinearisedKinematics:
-        interface, held = self._interface, self._interface.held_components
-        force = np.where(held, 0.0, force)
+        interface, held_components = self._interface, self._interface.held_components
+        force = np.where(held_components, 0.0, force)
         step = _DIFFERENCE_STEP * (interface.extent or 1.0)
         normal, gap = interface.normals(translations), interface.gaps(translations)
         frame = make_frames(normal, interface.equation >= 0)
-        frame = add_tangents_along_supports(frame, held)
+        frame = add_tangents_along_supports(frame, held_components)
         tangents, gap_loss = frame[:, 1:], normal.copy()
-        if self._load_factor != 1:  # points inside their surface are pressed out step by step
+        if self._load_factor != 1:  # interference is applied in steps
             gap = gap + (1 - self._load_factor) * interface.interference
         normal_by_q = np.zeros_like(frame)  # (m, component, translation)
         for axis in np.flatnonzero(free.any(axis=0)):
-            ahead, behind = translations.copy(), translations.copy()
-            ahead[free[:, axis], axis] += step
-            behind[free[:, axis], axis] -= step
+            forward, backward = translations.copy(), translations.copy()
+            forward[free[:, axis], axis] += step
+            backward[free[:, axis], axis] -= step
             is_moved = free[interface.pair, axis]
-            change = (interface.normals(ahead) - interface.normals(behind)) / (2 * step)
+            change = (interface.normals(forward) - interface.normals(backward)) / (2 * step)
             with np.errstate(invalid="ignore"):  # infinite gaps
-                loss = (interface.gaps(behind) - interface.gaps(ahead)) / (2 * step)
+                loss = (interface.gaps(backward) - interface.gaps(forward)) / (2 * step)
             smooth = is_moved & np.isfinite(loss)
             normal_by_q[smooth, :, axis] = change[smooth]
             gap_loss[smooth, axis] = loss[smooth] - np.sum(change * displacement, axis=1)[smooth]
-        # tangents turn so that they stay normal to it: dt = -(t·dn) n
+        # tangents rotate with the normal: dt = -(t·dn) n
         tilt = np.einsum("nta,nak->ntk", tangents, normal_by_q)
         relative = self._start.displacement - self._start.q[interface.pair]
         origin = relative + translations[interface.pair]
@@ -156,7 +170,7 @@ class UndeformedKinematics:
         normal_force_by_q = np.einsum("na,nak->nk", force, normal_by_q)[:, None]
         return LinearisedKinematics(
             pair=interface.pair,
-            torque_map=TorqueMap.of_translations(*force.shape),
+            torque_map=TorqueMap.without_rotation(*force.shape),
             v0=np.zeros_like(force),
             q0=translations,
             frame=frame,
@@ -168,10 +182,10 @@ class UndeformedKinematics:
             force_by_q=np.concatenate(
                 [normal_force_by_q, -tilt * normal_force[:, None, None]], axis=1
             ),
-            held_tangents=find_held_tangents(frame, held),
+            held_tangents=find_held_tangents(frame, held_components),
         )
 
 
 def remove_normal_part(vectors: Array, normal: Array) -> Array:
-    """Return vectors (m, dim) less their parts along unit normals (m, dim)."""
+    """Return vectors (m, dim) without their components along unit normals (m, dim)."""
     return vectors - np.sum(vectors * normal, axis=1)[:, None] * normal

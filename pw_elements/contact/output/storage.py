@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, collective_errors
-from pw_elements.contact.interface import average_cell_midpoints, extents
+from pw_elements.contact.interface import average_cell_midpoints, compute_extents
 from pw_elements.contact.model import (
     ContactPair,
     ContactState,
@@ -182,7 +182,7 @@ def read_state(
         if name.startswith(_FINGERPRINT_PREFIX)
     }
     fingerprint.refuse_other_problem(path, comm.bcast(stored), changed)
-    length = _MAX_DISPLACEMENT * float(np.linalg.norm(extents(comm, space.mesh.geometry.x)))
+    length = _MAX_DISPLACEMENT * float(np.linalg.norm(compute_extents(comm, space.mesh.geometry.x)))
     max_scale = ResidualScale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
     fields = list_fields(space)
     with collective_errors(comm):

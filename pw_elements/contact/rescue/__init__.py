@@ -14,4 +14,9 @@ from pw_elements.contact.rescue.refusals import (
     solve_with_springs,
 )
 from pw_elements.contact.rescue.rigid import RigidMotions
-from pw_elements.contact.rescue.substeps import combine_substeps, solve_in_substeps
+from pw_elements.contact.rescue.substeps import (
+    combine_substeps,
+    count_straight_segments,
+    round_up_to_power_of_two,
+    solve_in_substeps,
+)

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective_errors
-from pw_elements.contact.interface import OUTWARDS, ROUND_OFF, Interface
+from pw_elements.contact.interface import COORDINATE_ROUND_OFF, MIN_OUTWARD_COSINE, Interface
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.spaces import gather_from_owners
 
@@ -176,7 +176,7 @@ def ends_all_contact(
     depth = np.max([pair.depth for pair in separations], axis=0)
     deformation = max(pair.deformation for pair in separations)
     return bool(
-        depth[0] > ROUND_OFF * interface.extent
+        depth[0] > COORDINATE_ROUND_OFF * interface.extent
         and depth.max() <= _MAX_DEPTH_GROWTH * depth[0]
         and all(pair.clearance > deformation and pair.is_outside for pair in separations)
         and (
@@ -219,7 +219,7 @@ def _measure_tool_separation(
     comm.Allreduce(MPI.IN_PLACE, depth, MPI.MAX)
     outward = ends_in_surface_frame - in_surface_frame
     normal_part = np.sum(normal * outward, axis=2)
-    is_pushed_inwards = normal_part <= OUTWARDS * np.linalg.norm(outward, axis=2)
+    is_pushed_inwards = normal_part <= MIN_OUTWARD_COSINE * np.linalg.norm(outward, axis=2)
     deformed = interface.at_points(unknowns)[in_pair] + x
     return _RigidSeparation(
         depth,

@@ -28,8 +28,8 @@ from pw_elements.contact.iteration import (
     Increment,
     LinearIncrement,
     NewtonState,
+    compute_reference_sizes,
     make_contact_state,
-    reference_sizes,
     solve_increment,
 )
 from pw_elements.contact.model import (
@@ -45,7 +45,7 @@ from pw_elements.contact.model import (
     describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
-    TOLERANCE,
+    FORCE_TOLERANCE,
     ActiveSet,
     LinearisedKinematics,
     UndeformedKinematics,
@@ -327,7 +327,7 @@ def _make_unsolved_state(
         increment,
         state,
         before,
-        sizes=reference_sizes(increment, state, before.scale),
+        sizes=compute_reference_sizes(increment, state, before.scale),
         iterations=iterations,
         report=report,
         smallness=Smallness(np.nan, np.nan, np.nan),
@@ -374,9 +374,9 @@ def rescue_increment(
         if solution is not None:
             return solution
     nearest, state = "", None
-    if increment.nearest is not None:
-        state = _make_unsolved_state(increment, increment.nearest, before, measure_cost())
-        violation = f"{increment.nearest.violation * TOLERANCE:.1g}"
+    if increment.best_state is not None:
+        state = _make_unsolved_state(increment, increment.best_state, before, measure_cost())
+        violation = f"{increment.best_state.violation * FORCE_TOLERANCE:.1g}"
         nearest = (
             f" The state that came nearest violates the law by {violation} of its largest force."
         )
@@ -542,7 +542,7 @@ def solve_with_springs(
         unknowns, q = spring_state.unknowns, spring_state.q
         linearised = kinematics.linearise(q, spring_state.displacement, spring_state.force)
         state = increment.evaluate(spring_state.reduced, q, linearised)
-        increment.record(state)
+        increment.record_best_state(state)
         active = spring_state.nodes.active_set
         is_steady = previous is not None and is_same_set(previous, active, comm)
         if state.violation <= 1 or is_steady:

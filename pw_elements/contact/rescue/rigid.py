@@ -30,7 +30,7 @@ from pw_elements.contact.nodes import (
     ActiveSet,
     ContactNodes,
     assemble_node_equations,
-    select_nodes,
+    combine_active_sets,
 )
 from pw_elements.contact.system import ContactSystem, extract_local_rows, make_border_columns
 from pw_elements.solvers import RigidComponents, destroy_objects, null_space, qr_triangle
@@ -206,9 +206,14 @@ class RigidMotions:
             active,
             status=np.full_like(active.status, SLIP),
             direction=direction,
-            **{name: np.ones(len(is_at_limit)) for name in ("turning", "slope", "intercept")},
+            **{
+                name: np.ones(len(is_at_limit))
+                for name in ("friction_ratio", "limit_slope", "limit_intercept")
+            },
         )
-        free = self._find_free_motions(select_nodes(~is_at_limit, active, sliding), nodes.frame)
+        free = self._find_free_motions(
+            combine_active_sets(~is_at_limit, active, sliding), nodes.frame
+        )
         motions = (self._relative_motions @ free.T).reshape(*nodes.frame.shape[:2], len(free))
         slip = np.einsum("nab,na,nbk->nk", nodes.frame[:, 1:], direction, motions)
         slip = slip[is_at_limit & (active.status == STICK)]

@@ -8,13 +8,24 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from mpi4py import MPI
+
 import numpy as np
 
-from pw_elements.contact.interface import NoContactStated
+from pw_elements.arrays import Array
+from pw_elements.contact.interface import InvalidContactNodes
 from pw_elements.contact.model import ContactFailed, ContactState
 from pw_elements.contact.nodes import OPEN
 from pw_elements.progress import log_on_root
 from pw_elements.solvers import SingularSystem
+
+# Largest ratio of the path to its chord for prescribed displacements in one substep, that of a
+# quarter circle
+_MAX_PATH_RATIO = np.pi / np.sqrt(8)
+# Shortest path that counts as curved, relative to the longest one of any node
+_MIN_PATH_FRACTION = 1e-3
+# Bound of round-off in the binary logarithm of a number of substeps
+_LOG_ROUND_OFF = 1e-9
 
 
 def solve_in_substeps(
@@ -43,7 +54,7 @@ def solve_in_substeps(
         next_factor = min(1.0, load_factor + size)
         try:
             current_state = replace(step(current_state, next_factor), increment=state.increment + 1)
-        except (ContactFailed, NoContactStated, SingularSystem) as error:
+        except (ContactFailed, InvalidContactNodes, SingularSystem) as error:
             words = f"not from {load_factor:.4g} to {next_factor:.4g} of the increment: {error}"
             log_on_root(state.displacement.comm, logging.INFO, words, ".contact")
             size, failure = (next_factor - load_factor) / 2, (next_factor, error)
@@ -65,3 +76,37 @@ def combine_substeps(substeps: Sequence[tuple[float, ContactState]]) -> ContactS
         }
         pairs.append(replace(pair, **slips))
     return replace(end, pairs=tuple(pairs), substates=tuple(substeps[:-1]))
+
+
+def round_up_to_power_of_two(number: float) -> int:
+    """Return the least power of two that is at least 1 and at least `number` up to round-off."""
+    return 2 ** max(0, int(np.ceil(np.log2(max(number, 1.0)) - _LOG_ROUND_OFF)))
+
+
+def count_straight_segments(path: Array, comm: MPI.Comm) -> int:
+    """Return the number of equal segments, a power of two, in which a path is nearly straight.
+
+    In each segment the path of a node is at most `_MAX_PATH_RATIO` times as long as its chord.
+
+    Args:
+        path: displacements (samples + 1, nodes, dim).
+        comm: communicator of the mesh.
+    """
+    step_lengths = np.linalg.norm(np.diff(path, axis=0), axis=2)
+    longest_path = comm.allreduce(step_lengths.sum(axis=0).max(initial=0.0), MPI.MAX)
+    n_samples = n_segments = len(step_lengths)
+    while n_segments > 1:
+        segment_size = 2 * n_samples // n_segments
+        path_lengths = step_lengths.reshape(
+            n_samples // segment_size, segment_size, step_lengths.shape[1]
+        ).sum(axis=1)
+        distances = np.linalg.norm(
+            path[segment_size::segment_size] - path[:-1:segment_size], axis=2
+        )
+        is_bent = (path_lengths > _MAX_PATH_RATIO * distances) & (
+            path_lengths > _MIN_PATH_FRACTION * longest_path
+        )
+        if comm.allreduce(bool(is_bent.any()), MPI.LOR):
+            break
+        n_segments //= 2
+    return n_segments

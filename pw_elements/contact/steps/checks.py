@@ -14,7 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, check_problem
+from pw_elements.algebra import Reduction, check_load, check_problem
 from pw_elements.checks import arguments, collective_errors
 from pw_elements.contact.interface import check_piecewise_linear_weights
 from pw_elements.contact.model import (
@@ -185,3 +185,38 @@ def check_motions(motions: Sequence[Motion | None], pairs: Sequence[ContactPair]
             raise ValueError(f"the motion of contact pair {k} is not {dim}-D")
         if pair.pivot is None and motion.rotation != 0:
             raise ValueError(f"contact pair {k} has a rotation without a pivot: give it a pivot")
+
+
+def check_load_history(
+    loads: PETSc.Vec | Sequence[PETSc.Vec], K: PETSc.Mat, pairs: Sequence[ContactPair], dim: int
+) -> tuple[list[PETSc.Vec], list[list[Motion | None]]]:
+    """Return the load of each increment, and the motion of each pair in each increment.
+
+    Args:
+        loads: total load vector (n,) at the end of each increment, or a single one.
+        K: stiffness (n, n).
+        pairs: contact pairs; one without motions rests in all increments (None).
+        dim: dimension of the mesh.
+
+    Raises:
+        TypeError, ValueError: if loads or motions are invalid, or not one per increment.
+    """
+    load_list = list_of_type(
+        [loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load"
+    )
+    if not load_list:
+        raise ValueError("there is no load increment")
+    for k, load in enumerate(load_list):
+        check_load(f"the load of increment {k}", load, K)
+    motions_by_pair = [
+        list_of_type(pair.motions, Motion, "a motion") or [None] * len(load_list) for pair in pairs
+    ]
+    for k, pair_motions in enumerate(motions_by_pair):
+        if len(pair_motions) != len(load_list):
+            raise ValueError(
+                f"contact pair {k} has {len(pair_motions)} motions for {len(load_list)} increments"
+            )
+    motions_by_increment = list(map(list, zip(*motions_by_pair, strict=True)))
+    for increment_motions in motions_by_increment:
+        check_motions(increment_motions, pairs, dim)
+    return load_list, motions_by_increment

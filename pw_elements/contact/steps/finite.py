@@ -38,16 +38,18 @@ from pw_elements.checks import (
     collective_errors,
     connected_components,
 )
-from pw_elements.contact.interface import ROUND_OFF, build_interface
+from pw_elements.contact.interface import COORDINATE_ROUND_OFF, build_interface
 from pw_elements.contact.iteration import (
     CellGuard,
     DeformedSetUpdate,
     FiniteEquilibrium,
     Increment,
+    IncrementTarget,
     NewtonState,
     SlidingEquilibrium,
+    compute_reference_sizes,
+    interpolate_targets,
     make_contact_state,
-    reference_sizes,
     solve_increment,
 )
 from pw_elements.contact.model import (
@@ -61,12 +63,12 @@ from pw_elements.contact.model import (
     describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
+    FORCE_TOLERANCE,
     OPEN,
-    TOLERANCE,
     DeformedKinematics,
     MortarKinematics,
+    NoDeformablePairs,
     RigidSurfaceMotion,
-    RigidSurfacesOnly,
     make_increment_start,
     make_sticking_set,
 )
@@ -79,16 +81,17 @@ from pw_elements.contact.output import (
 from pw_elements.contact.rescue import (
     SupportedPieces,
     combine_substeps,
+    count_straight_segments,
     ends_all_contact,
     find_passed_nodes,
     refuse_supports_through_each_other,
     refuse_tools_through_supports,
+    round_up_to_power_of_two,
     sample_placements,
     solve_in_substeps,
 )
 from pw_elements.contact.steps.sensitivity import HistoryPart, LinearisedEnd
 from pw_elements.contact.steps.smallness import SlipCheck
-from pw_elements.contact.steps.stepping import IncrementTarget, interpolate_targets
 from pw_elements.contact.steps.verification import (
     ReferenceSizes,
     check_stiffness_sign,
@@ -109,20 +112,13 @@ _MIN_SUBSTEP = 1 / 64
 # Largest rotation of a rigid surface in one substep. At twice this angle, a node that slides round
 # the surface would count as one that has jumped
 MAX_SUBSTEP_ROTATION = np.pi / 4
-# Largest ratio of the path to its chord for prescribed displacements in one substep, that of a
-# quarter circle
-_MAX_PATH_RATIO = np.pi / np.sqrt(8)
 # Samples of this path per increment, at first and at most
 _PATH_SAMPLES, _MAX_PATH_SAMPLES = 16, 256
-# Shortest path that counts as curved, relative to the longest one of any node
-_MIN_PATH_FRACTION = 1e-3
 # Fewest samples of the paths of supports and surfaces that must not pass each other, and number of
 # samples of paths that separate them
 _MIN_PASSING_SAMPLES, _SEPARATION_SAMPLES = 64, 128
 # Largest number of linear systems for a state without contact
 _MAX_CLEAR_ITERATIONS = 10
-# Bound of round-off in the binary logarithm of a number of substeps
-_LOG_ROUND_OFF = 1e-9
 
 
 class LargeStrainStepping:
@@ -281,8 +277,8 @@ class LargeStrainStepping:
         """Return the number of substeps, a power of two, whose slip follows from their ends."""
         angles = np.nan_to_num(end.q - start.q)[:, -1]
         rotations = float(np.abs(angles).max(initial=0.0)) / MAX_SUBSTEP_ROTATION
-        n_straight = _count_straight_segments(support_path, self.interface.comm)
-        return max(_round_up_to_power_of_two(rotations), n_straight)
+        n_straight = count_straight_segments(support_path, self.interface.comm)
+        return max(round_up_to_power_of_two(rotations), n_straight)
 
     def _trace_support_path(self, state: ContactState, load: LoadFunction | None) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim) along the increment.
@@ -294,7 +290,7 @@ class LargeStrainStepping:
         n_samples = _PATH_SAMPLES
         path = self._sample_support_path(state, load, n_samples)
         while (
-            2 * _count_straight_segments(path, self.interface.comm) > n_samples
+            2 * count_straight_segments(path, self.interface.comm) > n_samples
             and n_samples < _MAX_PATH_SAMPLES
         ):
             n_samples *= 4
@@ -433,7 +429,7 @@ class LargeStrainStepping:
         max_iterations = self._max_iterations
         if start_unknowns is None:
             is_closed = interface.local(state.pairs, "status")[0] != OPEN
-            displacement = kinematics.carry_closed(q, start.displacement, is_closed)
+            displacement = kinematics.move_closed_with_surfaces(q, start.displacement, is_closed)
             linearised = kinematics.linearise(q, displacement, start.force)
             is_closed |= linearised.gap < 0
         else:
@@ -457,7 +453,7 @@ class LargeStrainStepping:
             increment, kinematics, end, target, starts_clear=start_unknowns is not None
         )
         signs = self._check_stability(system, n_signs, state)
-        sizes = reference_sizes(increment, end, state.scale)
+        sizes = compute_reference_sizes(increment, end, state.scale)
         solution = make_contact_state(
             increment, end, state, sizes=sizes, iterations=0, report=system.report, smallness=None
         )
@@ -478,12 +474,12 @@ class LargeStrainStepping:
         With `starts_clear` nodes may jump, but none may be in contact.
         """
         interface, is_pressed = self.interface, end.nodes.trial_pressure > 0
-        kinematics.check_surfaces(end.kinematics, is_pressed)
+        kinematics.check_surface_derivatives(end.kinematics, is_pressed)
         interface.check_supports_between(increment.equilibrium.offset, target.q, is_pressed)
         if starts_clear and len(interface.gathered(interface.position[is_pressed])):
             raise NotFound("the body is in contact after supports have moved it out of contact")
         jumped_positions = interface.gathered(
-            interface.position[kinematics.find_jumped(end.kinematics, is_pressed)]
+            interface.position[kinematics.find_jumped_points(end.kinematics, is_pressed)]
         )
         if len(jumped_positions) and not starts_clear:
             message = "jumped to another sheet of their surface, or slid round by a right angle"
@@ -538,7 +534,10 @@ class LargeStrainStepping:
         law_scale, comm = self._system.law_scale, self.interface.comm
         largest_residual = self.interface.field.extract(unbalanced).norm(PETSc.NormType.INFINITY)
         stiffness = comm.allreduce(law_scale.max(initial=0.0), MPI.MAX)
-        round_off = TOLERANCE * largest_residual + ROUND_OFF * stiffness * self._cell_guard.extent
+        round_off = (
+            FORCE_TOLERANCE * largest_residual
+            + COORDINATE_ROUND_OFF * stiffness * self._cell_guard.extent
+        )
         return verify_state(
             solution,
             measure_deformed(self.interface, self._pairs, start_state, solution),
@@ -568,7 +567,7 @@ class LargeStrainStepping:
             kinematics = DeformedKinematics(interface, self._surfaces, start, mortars)
         else:
             equilibrium = FiniteEquilibrium(*body_data)
-            kinematics = DeformedKinematics(interface, self._surfaces, start, RigidSurfacesOnly())
+            kinematics = DeformedKinematics(interface, self._surfaces, start, NoDeformablePairs())
         increment = Increment(
             system, equilibrium, kinematics, start, prescribed=target.q, totals=target.totals
         )
@@ -624,7 +623,7 @@ class LargeStrainStepping:
         linearised = kinematics.linearise(end.q, end.displacement, end.force)
         solution = increment.evaluate(unknowns, end.q, linearised)
         increment.equilibrium.linearise(linearised.torque_map)
-        slip_by_start = kinematics.slip_by_start(linearised)
+        slip_by_start = kinematics.slip_by_start_motion(linearised)
         return LinearisedEnd(
             increment, solution, self._residual_system.tangent, self._reduction, slip_by_start
         )
@@ -669,30 +668,3 @@ class LargeStrainStepping:
                             "not finite"
                         )
         return tuple(function.x.array.copy() for function in self.history)
-
-
-def _round_up_to_power_of_two(number: float) -> int:
-    """Return the least power of two that is at least 1 and at least `number` up to round-off."""
-    return 2 ** max(0, int(np.ceil(np.log2(max(number, 1.0)) - _LOG_ROUND_OFF)))
-
-
-def _count_straight_segments(path: Array, comm: MPI.Comm) -> int:
-    """Return the number of equal segments, a power of two, in which a path is nearly straight.
-
-    In each segment the path (samples + 1, nodes, dim) of every node is at most `_MAX_PATH_RATIO`
-    times as long as its chord.
-    """
-    step_lengths = np.linalg.norm(np.diff(path, axis=0), axis=2)
-    longest_path = comm.allreduce(step_lengths.sum(axis=0).max(initial=0.0), MPI.MAX)
-    n_samples = n_segments = len(step_lengths)
-    while n_segments > 1:
-        size = 2 * n_samples // n_segments
-        lengths = step_lengths.reshape(n_samples // size, size, step_lengths.shape[1]).sum(axis=1)
-        chords = np.linalg.norm(path[size::size] - path[:-1:size], axis=2)
-        is_bent = (lengths > _MAX_PATH_RATIO * chords) & (
-            lengths > _MIN_PATH_FRACTION * longest_path
-        )
-        if comm.allreduce(bool(is_bent.any()), MPI.LOR):
-            break
-        n_segments //= 2
-    return n_segments

@@ -42,6 +42,7 @@ from pw_elements.contact.steps.checks import (
     check_contact_arguments,
     check_function,
     check_large_strain_surfaces,
+    check_load_history,
     check_motions,
     check_state_of_problem,
     list_of_type,
@@ -589,25 +590,9 @@ def solve_contact(
             They name the increment, counted from 0, and their `states` are the states before it.
     """
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
-    load_list = list_of_type(
-        [loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load"
+    load_list, motions_by_increment = check_load_history(
+        loads, K, problem.pairs, space.mesh.geometry.dim
     )
-    if not load_list:
-        raise ValueError("there is no load increment")
-    for k, load in enumerate(load_list):
-        check_load(f"the load of increment {k}", load, K)
-    motions_by_pair = [
-        list_of_type(pair.motions, Motion, "a motion") or [None] * len(load_list)
-        for pair in problem.pairs
-    ]
-    for k, pair_motions in enumerate(motions_by_pair):
-        if len(pair_motions) != len(load_list):
-            raise ValueError(
-                f"contact pair {k} has {len(pair_motions)} motions for {len(load_list)} increments"
-            )
-    motions_by_increment = list(map(list, zip(*motions_by_pair, strict=True)))
-    for increment_motions in motions_by_increment:
-        check_motions(increment_motions, problem.pairs, space.mesh.geometry.dim)
     states = [problem.undeformed]
     for k, (load, increment_motions) in enumerate(
         zip(load_list, motions_by_increment, strict=True)

@@ -179,7 +179,7 @@ class LinearisedEnd:
         interface, nodes = self._system.interface, end.nodes
         is_closed = nodes.trial_pressure > 0
         on_supports = is_closed & (nodes.held_tangents & (nodes.force[:, 1:] != 0)).any(axis=1)
-        on_supports |= is_closed & (nodes.is_dragged | nodes.is_coupled)
+        on_supports |= is_closed & (nodes.has_prescribed_slip | nodes.is_coupled_to_surface)
         positions = interface.gathered(interface.position[on_supports])
         if len(positions):
             raise ValueError(

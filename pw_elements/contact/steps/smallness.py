@@ -19,7 +19,7 @@ from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective_errors, format_points
-from pw_elements.contact.interface import OUTWARDS, RIGID, Interface, compute_flat_facets
+from pw_elements.contact.interface import MIN_OUTWARD_COSINE, RIGID, Interface, compute_flat_facets
 from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactState, PairState, Smallness, SurfacePassed
 from pw_elements.contact.nodes import OPEN, IncrementStart
@@ -171,7 +171,9 @@ class SmallnessCheck:
         cosine = self._min_outward_cosine(nodes.frame[:, 0])
         for k in np.flatnonzero(self._is_rigid_pair):
             in_pair = is_closed & (interface.pair == k)
-            self._refuse_nodes(k, in_pair & (cosine > OUTWARDS), "pushes the body outwards at")
+            self._refuse_nodes(
+                k, in_pair & (cosine > MIN_OUTWARD_COSINE), "pushes the body outwards at"
+            )
             if strain > _MIN_CRUSHING_STRAIN:
                 is_beyond = in_pair & self._find_nodes_beyond_far_side(end)
                 self._refuse_nodes(k, is_beyond, "is through the whole thickness of the body at")
@@ -243,7 +245,7 @@ class SmallnessCheck:
                 gap, normal = surface.gap(position)[:n_nodes], surface.normal(position)[:n_nodes]
                 depth = -(gap + np.sum(normal * displacement, axis=1))
                 normals[in_pair] = normal
-                is_outwards = self._min_outward_cosine(normals)[in_pair] > OUTWARDS
+                is_outwards = self._min_outward_cosine(normals)[in_pair] > MIN_OUTWARD_COSINE
                 is_swallowed[in_pair] |= is_outwards & (depth > _MIN_SWALLOWED_DEPTH * facet_size)
                 # the surface is at least a gap away; take half of it, as gaps may not be distances
                 stride = np.maximum(np.where(np.isfinite(gap), gap / 2, 0.0), step)

@@ -24,14 +24,14 @@ import scipy.sparse as sp
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import (
-    ROUND_OFF,
+    COORDINATE_ROUND_OFF,
     Interface,
     MortarMatrices,
     measure_gap_and_slip,
 )
 from pw_elements.contact.iteration import DISPLACEMENT_ROUND_OFF
 from pw_elements.contact.model import ContactPair, ContactState, NotFound, Residuals
-from pw_elements.contact.nodes import TOLERANCE
+from pw_elements.contact.nodes import FORCE_TOLERANCE
 
 # Shift of points that shows the noise of a surface's function, over the extent of the nodes
 _NOISE_SHIFT = 1e-12
@@ -266,7 +266,7 @@ def verify_state(
         state, kinematics, unbalanced, interface, reduction, sizes, totals, torque
     )
     for name, value in vars(residuals).items():
-        limit = TOLERANCE + getattr(allowance, name)
+        limit = FORCE_TOLERANCE + getattr(allowance, name)
         if not value <= limit:
             raise NotFound(
                 f"the state found violates {name} by {value:.2g}, computed anew from its "
@@ -369,23 +369,24 @@ def _measure_law(
     pair = interface.pair
     motion_size = motion_size + np.linalg.norm(state.translations, axis=1)[pair]
     coordinate_size = np.linalg.norm(interface.position, axis=1)
-    length_round_off = DISPLACEMENT_ROUND_OFF * motion_size + ROUND_OFF * coordinate_size
+    length_round_off = DISPLACEMENT_ROUND_OFF * motion_size + COORDINATE_ROUND_OFF * coordinate_size
     length_round_off = length_round_off + kinematics.noise * motion_size
     force_size = np.linalg.norm(force, axis=1)
     force_round_off = c * length_round_off + kinematics.noise * force_size
     force_round_off = np.full(len(c), _max_over_ranks(interface.comm, force_round_off)) / F
     # forces are exact to the tolerance, lengths to the tolerance of forces over the stiffness
     length_round_off = length_round_off / L + np.divide(
-        TOLERANCE * F, c * L, where=c > 0, out=0 * c
+        FORCE_TOLERANCE * F, c * L, where=c > 0, out=0 * c
     )
     friction_round_off = (1 + slope) * force_round_off
     allowances = dict.fromkeys(("penetration", "complementarity", "stick"), length_round_off)
-    allowances |= {"tension": force_round_off, "cone": friction_round_off + slope * TOLERANCE}
+    allowances |= {"tension": force_round_off, "cone": friction_round_off + slope * FORCE_TOLERANCE}
     allowances["complementarity"] = np.maximum(length_round_off, force_round_off)
-    allowances["stick"] = np.maximum(length_round_off, friction_round_off + slope * TOLERANCE)
+    allowances["stick"] = np.maximum(length_round_off, friction_round_off + slope * FORCE_TOLERANCE)
     slip_ratio = np.minimum(1.0, (slip_size + length_round_off * L) / L)
     allowances["direction"] = (
-        2 * (friction_round_off + slope * TOLERANCE) * slip_ratio + 2 * length_round_off * limit / F
+        2 * (friction_round_off + slope * FORCE_TOLERANCE) * slip_ratio
+        + 2 * length_round_off * limit / F
     )
     return values, allowances
 

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
+from pw_elements.contact.interface import COORDINATE_ROUND_OFF, DEFORMABLE, Interface
 from pw_elements.contact.model import FreeMotions
 from pw_elements.contact.nodes import LinearisedLaw
 from pw_elements.spaces import SubSpace
@@ -55,7 +55,9 @@ class ContactPointData:
         free_translation = np.full(equations.shape, -1, dtype=np.int64)
         for k, (pair, axis) in enumerate(free_motions):
             free_translation[interface.pair == pair, axis] = k
-        local_round_off = ROUND_OFF * np.linalg.norm(law_scale[:, None] * interface.position)
+        local_round_off = COORDINATE_ROUND_OFF * np.linalg.norm(
+            law_scale[:, None] * interface.position
+        )
         round_off = interface.comm.allreduce(float(local_round_off), MPI.SUM)
         indptr, _, value = force.getValuesCSR()
         n_entries = np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))[value != 0])

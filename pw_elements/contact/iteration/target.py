@@ -1,0 +1,124 @@
+"""Loads and motions of surfaces at the end of an increment, or of a substep of one."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from pw_elements.arrays import Array, Mask
+from pw_elements.contact.interface import Interface
+from pw_elements.contact.model import (
+    ContactState,
+    FreeMotions,
+    Motion,
+)
+
+
+@dataclass(frozen=True)
+class IncrementTarget:
+    """Loads and motions at the end of an increment or of a substep.
+
+    Args:
+        load: f (n,), the total load; None if a residual includes it.
+        q: motions of the surfaces (pairs, k), NaN where they are free; the angle is last if
+            surfaces may rotate.
+        forces: (pairs, k), total forces and torques of the surfaces, used where q is free.
+        load_factor: fraction of the prescribed displacements and of the interference.
+    """
+
+    load: PETSc.Vec | None
+    q: Array
+    forces: Array
+    load_factor: float = 1.0
+
+    @classmethod
+    def from_motions(
+        cls,
+        load: PETSc.Vec | None,
+        motions: Sequence[Motion | None],
+        interface: Interface,
+        with_angles: bool = False,
+    ) -> "IncrementTarget":
+        """Build from the user's motions; None means zero translation."""
+        n_motions = interface.position.shape[1] + with_angles
+        q, forces = np.zeros((2, interface.pairs, n_motions))
+        for k, motion in enumerate(motions):
+            if motion is not None:
+                q[k], forces[k] = (
+                    motion.translation_and_rotation()[:n_motions],
+                    motion.force_and_torque()[:n_motions],
+                )
+        return cls(load, q, forces)
+
+    @classmethod
+    def from_state(
+        cls, state: ContactState, load: PETSc.Vec | None = None, with_angles: bool = False
+    ) -> "IncrementTarget":
+        """Return the target that a state already satisfies, with no free motion."""
+        q = state.placements if with_angles else state.translations
+        forces = np.array([[*pair.force, pair.torque] for pair in state.pairs])
+        load_factor = 1.0 if state.increment else 0.0
+        return cls(load, q, forces[:, : q.shape[1]], load_factor)
+
+    def with_free_motions(self, free_motions: FreeMotions) -> "IncrementTarget":
+        """Return a copy with free motions (NaN), which follow from the forces."""
+        q = self.q.copy()
+        for index in free_motions:
+            q[index] = np.nan
+        return replace(self, q=q)
+
+    @cached_property
+    def free_motions(self) -> FreeMotions:
+        """Pair and component of each free motion."""
+        return tuple(
+            (int(pair), int(component)) for pair, component in np.argwhere(np.isnan(self.q))
+        )
+
+    @property
+    def unloaded_free_surfaces(self) -> Mask:
+        """Mask (pairs,) of free surfaces without a force, which only touch the body."""
+        is_free = np.isnan(self.q)
+        return is_free.any(axis=1) & ~(is_free & (self.forces != 0)).any(axis=1)
+
+    @property
+    def totals(self) -> Array:
+        """Forces and torques (free,) on the free motions."""
+        return np.array([self.forces[index] for index in self.free_motions])
+
+
+def make_balanced_target(
+    state: ContactState, K: PETSc.Mat, interface: Interface
+) -> IncrementTarget:
+    """Return the target that a state satisfies, with the load f = K a - H r.
+
+    The load includes reactions of supports, which do no work.
+    """
+    points = interface.force.createVecRight()
+    (force,) = interface.local(state.pairs, "force_vector")
+    points.setArray(np.where(interface.equation >= 0, force, 0.0))
+    load = K.createVecLeft()
+    K.mult(state.unknowns, load)
+    load.axpy(-1.0, interface.force * points)
+    return IncrementTarget.from_state(state, load)
+
+
+def interpolate_targets(
+    start: IncrementTarget, end: IncrementTarget, fraction: float
+) -> IncrementTarget:
+    """Return the target at a fraction of the straight path from start to end."""
+    if fraction == 1:
+        return end
+    load = None
+    if start.load is not None:
+        load = start.load.copy()
+        load.scale(1 - fraction)
+        load.axpy(fraction, end.load)
+    return IncrementTarget(
+        load,
+        (1 - fraction) * start.q + fraction * end.q,
+        (1 - fraction) * start.forces + fraction * end.forces,
+        (1 - fraction) * start.load_factor + fraction * end.load_factor,
+    )

@@ -1,0 +1,222 @@
+"""Preconditioners of the contact system and nodes that anchor free bodies.
+
+The module guarantees the same preconditioner on any number of processes. It assumes contact points
+as in `ContactPointData`.
+"""
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+from dolfinx import fem
+
+from pw_elements.arrays import Array
+from pw_elements.contact.nodes import LinearisedLaw
+from pw_elements.contact.system.unassembled import (
+    ContactPointData,
+    masked_row_mean,
+)
+from pw_elements.solvers import (
+    RigidComponents,
+    add_scaled,
+    block_diagonal_matrix,
+    destroy_objects,
+)
+
+# Fewest sticking nodes that hold a connected component without additional anchors
+_MIN_STICKING_NODES = 6
+
+
+class SpringPreconditioner:
+    """Preconditioner of E K + C from that of bodies held by springs, for a `PETSc.PC` in Python.
+
+    The springs k, directions Q and the compliance W = G D^-1 H, with the diagonal D of K, are
+    defined in docs/theory.md ("Large systems").
+
+    Args:
+        inner: preconditioner of the displacements.
+        points: contact points; their unknowns are displacements alone.
+        K: stiffness of the displacements (n, n).
+    """
+
+    def __init__(self, inner: PETSc.PC, points: ContactPointData, K: PETSc.Mat) -> None:
+        self._inner, self._points = inner, points
+        inverse_diagonal_force = points.force.copy()
+        inverse_diagonal_force.diagonalScale(R=1 / K.getDiagonal())
+        self._compliance = points.motion.matMult(inverse_diagonal_force.transpose())
+        self._has_equation = has_equation = points.equations >= 0
+        point_compliance = self._compliance.getDiagonal().array_r.reshape(has_equation.shape)
+        self._spring_stiffness = 1 / masked_row_mean(point_compliance, has_equation)[:, None, None]
+        self._law_values, self._force = self._compliance.createVecs()
+        self._motion, self._remaining = self._law_values.duplicate(), points.motion.createVecRight()
+        self._ksp = PETSc.KSP().create(K.comm)
+        self._ksp.setType("preonly")
+        self._ksp.getPC().setType("lu")
+        self._ksp.getPC().setFactorSolverType("mumps")
+
+    def law_to_force_factors(self, law: LinearisedLaw) -> Array:
+        """Return factors (m, dim) that scale rows of the law from lengths to spring forces."""
+        law_size = (
+            np.linalg.norm(law.E, axis=2)
+            + np.linalg.norm(law.C, axis=2) / self._spring_stiffness[:, 0]
+        )
+        return np.asarray(1 / np.where(law_size > 0, law_size, 1.0))
+
+    def assemble_springs(
+        self, law: LinearisedLaw, held_projectors: Array, anchored_projectors: Array
+    ) -> PETSc.Mat:
+        """Factorise E + C W, and return the springs H k Q G (n, n) that hold the bodies.
+
+        Args:
+            law: linearised law of the active set.
+            held_projectors: (m, dim, dim), onto directions that the active set holds.
+            anchored_projectors: (m, dim, dim), Q, onto these directions and all of anchor nodes.
+        """
+        points, identity = self._points, np.eye(held_projectors.shape[1])
+        has_both_equations = self._has_equation[:, :, None] & self._has_equation[:, None, :]
+        self._held_stiffness: Array = self._spring_stiffness * held_projectors * has_both_equations
+        E, C = (
+            np.where(has_both_equations, law.E, identity),
+            np.where(has_both_equations, law.C, 0.0),
+        )
+        force_law = self._multiply_blocks(C, self._compliance)
+        add_scaled(
+            force_law,
+            1.0,
+            block_diagonal_matrix(E, points.motion.getSizes()[0], points.motion.comm),
+        )
+        self._ksp.setOperators(force_law)
+        point_springs = self._multiply_blocks(
+            self._spring_stiffness * anchored_projectors * has_both_equations, points.motion
+        )
+        return points.force.transposeMatMult(point_springs)
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        points, has_equation = self._points, self._has_equation
+        self._law_values.array[:] = np.where(has_equation, x.array_r[points.equations], 0.0).ravel()
+        self._ksp.solve(self._law_values, self._force)
+        self._compliance.mult(self._force, self._motion)
+        motion = self._motion.array_r.reshape(has_equation.shape)
+        self._force.array[:] += np.einsum("nab,nb->na", self._held_stiffness, motion).ravel()
+        x.copy(self._remaining)
+        self._remaining.array[points.equations[has_equation]] = 0.0
+        points.force.multTransposeAdd(self._force, self._remaining, self._remaining)
+        self._inner.apply(self._remaining, y)
+
+    def release(self) -> None:
+        destroy_objects(self._ksp)
+
+    def _multiply_blocks(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
+        """Return the product of blocks (m, dim, dim) on the diagonal with a matrix (m dim, ...)."""
+        return block_diagonal_matrix(
+            blocks, self._points.motion.getSizes()[0], matrix.comm
+        ).matMult(matrix)
+
+
+class BorderedPreconditioner:
+    """Preconditioner of the bordered system from one without border, for a `PETSc.PC` in Python.
+
+    Args:
+        inner: preconditioner of the system without border.
+        balance_rows: row (n,) of each free translation's force balance, of this process.
+        comm: communicator of the system.
+        vector_like: vector without border, for its layout.
+    """
+
+    def __init__(
+        self, inner: PETSc.PC, balance_rows: list[Array], comm: MPI.Comm, vector_like: PETSc.Vec
+    ) -> None:
+        self._inner, self._balance_rows, self._comm = inner, balance_rows, comm
+        self._inner_input, self._inner_output = vector_like.duplicate(), vector_like.duplicate()
+        self._inner_columns: list[Array] = []
+        self._schur = np.eye(len(balance_rows))
+
+    def update(self, columns: list[Array], springs: Array) -> None:
+        """Compute the Schur complement for border columns (n,) and springs (translations,)."""
+        self._inner_columns = [self._apply_inner(column) for column in columns]
+        self._schur = (
+            np.diag(springs)
+            - np.array([self._sum_rows(column) for column in self._inner_columns]).T
+        )
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        values, n = x.array_r, self._inner_input.getLocalSize()
+        balance = self._comm.bcast(values[n:].copy(), self._comm.size - 1)
+        result = self._apply_inner(values[:n])
+        U = np.linalg.lstsq(self._schur, balance - self._sum_rows(result))[0]
+        for translation, column in zip(U, self._inner_columns, strict=True):
+            result -= translation * column
+        y.array[:n] = result
+        y.array[n:] = U[: len(values) - n]
+
+    def _apply_inner(self, values: Array) -> Array:
+        """Return the product of the inner preconditioner with values (n,)."""
+        self._inner_input.array[:] = values
+        self._inner.apply(self._inner_input, self._inner_output)
+        return np.array(self._inner_output.array_r)
+
+    def _sum_rows(self, values: Array) -> Array:
+        """Return the products (translations,) of the balance rows with values (n,)."""
+        totals = np.array([row @ values for row in self._balance_rows])
+        self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
+        return totals
+
+
+class AnchorNodes:
+    """Distant contact nodes, `dim` of each connected component, that hold it in the preconditioner.
+
+    The nodes are picked among the contact points that can hold their body.
+    """
+
+    def __init__(self, space: fem.FunctionSpace, points: ContactPointData) -> None:
+        nodes = points.node
+        self._comm: MPI.Comm = space.mesh.comm
+        components = RigidComponents.from_space(space)
+        self._component, self._n_components = (
+            components.component_of_node[nodes],
+            len(components.centre),
+        )
+        x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
+        component = np.where(points.can_hold_body, self._component, -1)
+        all_x, all_components = (
+            np.concatenate(self._comm.allgather(part)) for part in (x, component)
+        )
+        chosen = np.zeros(len(all_x), dtype=bool)
+        for k in range(self._n_components):
+            candidates = np.flatnonzero(all_components == k)
+            chosen[candidates[_pick_distant_points(all_x[candidates])]] = True
+        first_point = sum(self._comm.allgather(len(nodes))[: self._comm.rank])
+        self._is_anchor = chosen[first_point : first_point + len(nodes)]
+
+    def add_anchors(self, projectors: Array) -> Array:
+        """Return projectors (m, dim, dim) onto held directions, with all directions of anchors.
+
+        Anchors count only in components with few sticking nodes.
+        """
+        dim = projectors.shape[1]
+        sticks = np.einsum("naa->n", projectors) > dim - 0.5
+        count = np.bincount(self._component[sticks], minlength=self._n_components)
+        self._comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
+        needs_anchor = self._is_anchor & (count < _MIN_STICKING_NODES)[self._component]
+        return np.where(needs_anchor[:, None, None], np.eye(dim), projectors)
+
+
+def _pick_distant_points(x: Array) -> list[int]:
+    """Return numbers of up to `dim` points of x (n, dim) that are far from each other.
+
+    The first is farthest from the mean, each next one from the affine hull of its predecessors.
+    """
+    if not len(x):
+        return []
+    chosen = [int(np.argmax(np.linalg.norm(x - x.mean(axis=0), axis=1)))]
+    remainder = x - x[chosen[0]]
+    for _ in range(x.shape[1] - 1):
+        farthest = int(np.argmax(np.linalg.norm(remainder, axis=1)))
+        distance = np.linalg.norm(remainder[farthest])
+        if distance == 0:
+            break
+        chosen.append(farthest)
+        remainder = (
+            remainder - np.outer(remainder @ remainder[farthest], remainder[farthest]) / distance**2
+        )
+    return chosen
