@@ -467,7 +467,11 @@ FAR_SURFACE = SignedDistance(
             "rounded",
         ),
         (lambda it: it.problem_with(interference=True), ValueError, "interference"),
-        (lambda it: it.press(load=it.problem.undeformed.displacement), TypeError, "of the share"),
+        (
+            lambda it: it.press(load=it.problem.undeformed.displacement),
+            TypeError,
+            "of the fraction",
+        ),
         (lambda _: RubberUnderCircle(update=3), TypeError, "update"),
         # a node is at the centre of curvature
         (lambda it: it.press(it.problem_with(surface=FAR_SURFACE)), NotFound, "no closest point"),
