@@ -177,7 +177,7 @@ def interface_of_one_surface(surface, x, dim):
         equation=np.zeros((len(x), dim), dtype=int),
         held_components=np.zeros((len(x), dim), dtype=bool),
         faced=np.full(len(x), RIGID),
-        closest=lambda displacement: surface.closest(x + displacement),
+        find_closest=lambda displacement: surface.closest(x + displacement),
         gather_values=lambda values: values,
     )
 

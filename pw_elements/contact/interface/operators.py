@@ -128,10 +128,10 @@ class Interface:
             concatenate("mean_cell_midpoint"),
         )
         self.opposite = [part.opposite for part in points]
-        self.motion = self.rows(sp.vstack([part.motion_rows for part in points], "csr"))
-        self.force = self.rows(sp.vstack([part.force_columns for part in points], "csr")).transpose(
-            PETSc.Mat()
-        )
+        self.motion = self.assemble_rows(sp.vstack([part.motion_rows for part in points], "csr"))
+        self.force = self.assemble_rows(
+            sp.vstack([part.force_columns for part in points], "csr")
+        ).transpose(PETSc.Mat())
         self._sibling_inverse = sibling_inverse
         # no friction on the axis of revolution, where it has no direction, nor along supports of
         # two bodies with the same prescribed motion
@@ -164,20 +164,22 @@ class Interface:
         rises = self.cone.find_rising_coefficients()
         self.check_laws()
         is_invalid = ~(np.isfinite(slope) & (slope >= 0) & (limit_at_zero == 0))
-        self.refuse(is_invalid, "have a friction coefficient that is negative or not finite")
-        self.refuse(
+        self.refuse_points(is_invalid, "have a friction coefficient that is negative or not finite")
+        self.refuse_points(
             rises,
             "have a law of friction whose coefficient, the limit over the normal force, rises with "
             "the force: it must not rise, so that the slope of the limit at zero bounds it",
         )
-        self.check_supports(self.normals(None), self.gaps(None))
+        self.check_supports(self.evaluate_normals(None), self.evaluate_gaps(None))
         gap = self._evaluate_surfaces("gap", None)
         cut = ~(gap >= -_MAX_INITIAL_PENETRATION * body_diagonal) & ~self._allows_interference
         deepest = -self.gather_values(np.where(cut, gap, 0.0)).min()
         remedy = f"move them apart by {deepest:.3g}, or set interference=True in the pair"
         rigid = self.faced == RIGID
-        self.refuse(cut & rigid, f"lie inside the rigid surface before any motion: {remedy}")
-        self.refuse(cut & ~rigid, f"lie inside the body that they face before any motion: {remedy}")
+        self.refuse_points(cut & rigid, f"lie inside the rigid surface before any motion: {remedy}")
+        self.refuse_points(
+            cut & ~rigid, f"lie inside the body that they face before any motion: {remedy}"
+        )
         self._check_surface_sides()
 
     def check_laws(self, force: Array | None = None) -> None:
@@ -228,14 +230,14 @@ class Interface:
             InvalidContactNodes: if gap or normal of a node is invalid, or a support prescribes its
                 normal displacement.
         """
-        self.refuse(np.isnan(gap), "face a surface whose gap is not a number")
+        self.refuse_points(np.isnan(gap), "face a surface whose gap is not a number")
         faced = np.isfinite(gap)
         length = np.linalg.norm(normal, axis=1)
         is_unit = np.abs(length - 1) < _UNIT_TOLERANCE
-        self.refuse(~is_unit, "face a surface whose normal is no unit vector")
+        self.refuse_points(~is_unit, "face a surface whose normal is no unit vector")
         supported_part = np.where(self.equation < 0, normal, 0.0)
         is_held = np.abs(supported_part).max(axis=1, initial=0) > _MAX_PRESCRIBED_NORMAL_COSINE
-        self.refuse(
+        self.refuse_points(
             is_held & faced,
             "have a prescribed normal displacement: they cannot be in contact. Let the pair end "
             "one facet away from the support",
@@ -261,11 +263,11 @@ class Interface:
         if not len(counterparts):
             return
         dim = is_held.shape[1]
-        values = self.at_nodes(np.maximum(counterparts, 0), prescribed)
+        values = self.extract_at_nodes(np.maximum(counterparts, 0), prescribed)
         index = np.searchsorted(counterparts, np.where(is_held, counterpart, counterparts[0]))
         master = np.take_along_axis(values[index], np.arange(dim)[None, :, None], axis=2)[..., 0]
         master = master + translations[self.pair, :dim]
-        slave = self.at_points(prescribed)
+        slave = self.extract_at_points(prescribed)
         difference = np.where(counterpart < 0, np.inf, np.abs(slave - master))
         allowed = (
             _MAX_SUPPORT_DIFFERENCE * (np.abs(slave) + np.abs(master))
@@ -282,9 +284,9 @@ class Interface:
             )
 
     def _check_surface_sides(self) -> None:
-        pushed = np.sum(self.normals(None) * self.outward, axis=1)
+        pushed = np.sum(self.evaluate_normals(None) * self.outward, axis=1)
         is_outwards = pushed > MIN_OUTWARD_COSINE * np.linalg.norm(self.outward, axis=1)
-        is_checked = np.any(self.outward != 0, axis=1) & np.isfinite(self.gaps(None))
+        is_checked = np.any(self.outward != 0, axis=1) & np.isfinite(self.evaluate_gaps(None))
         for k in range(self.pairs):
             is_inwards = self.gather_values(~is_outwards[is_checked & (self.pair == k)])
             if len(is_inwards) and not is_inwards.any():
@@ -294,7 +296,7 @@ class Interface:
                     "reverse it"
                 )
 
-    def refuse(self, is_invalid: Mask, fault: str) -> None:
+    def refuse_points(self, is_invalid: Mask, fault: str) -> None:
         """Raise InvalidContactNodes with the positions of invalid points (m,); collective.
 
         `fault` is a verb phrase that follows "contact nodes at ..." in the message.
@@ -307,12 +309,12 @@ class Interface:
         """Return the values (k, ...) of all processes, by rank; collective."""
         return np.concatenate(self.comm.allgather(values))
 
-    def in_order(self, pair: int, values: npt.NDArray) -> npt.NDArray:
+    def gather_in_order(self, pair: int, values: npt.NDArray) -> npt.NDArray:
         """Return values (m, ...) at a pair's points of all processes, by position; collective."""
         return self.gather_values(values[self.pair == pair])[self._position_order[pair]]
 
-    def gather_pairs(self, values: Mapping[str, npt.NDArray]) -> list[dict[str, npt.NDArray]]:
-        """Return the values (m, ...) of each pair in the order of `in_order`; collective."""
+    def gather_by_pair(self, values: Mapping[str, npt.NDArray]) -> list[dict[str, npt.NDArray]]:
+        """Return the values (m, ...) of each pair in the order of `gather_in_order`; collective."""
         of_ranks = self.comm.allgather((self.pair, dict(values)))
         return [
             {
@@ -322,7 +324,7 @@ class Interface:
             for k, order in enumerate(self._position_order)
         ]
 
-    def local(self, states: Sequence[PairState], *names: str) -> list[npt.NDArray]:
+    def extract_local_values(self, states: Sequence[PairState], *names: str) -> list[npt.NDArray]:
         """Return attributes (m, ...) of the pairs' states at the points of this process."""
         local_rows = list(zip(states, self._ordered_rows, strict=True))
         return [
@@ -330,7 +332,7 @@ class Interface:
             for name in names
         ]
 
-    def rows(self, rows: sp.csr_matrix) -> PETSc.Mat:
+    def assemble_rows(self, rows: sp.csr_matrix) -> PETSc.Mat:
         """Return the matrix with local `rows`, whose columns become those of all unknowns (n,).
 
         The columns of `rows` are displacements. Each process contributes its own rows.
@@ -355,7 +357,7 @@ class Interface:
 
     @cached_property
     def _ordered_rows(self) -> list[Indices]:
-        """Indices of this process' points of each pair among all its points in `in_order`."""
+        """Indices of this process' points of each pair among all its points in `gather_in_order`."""
         rows = []
         for k, order in enumerate(self._position_order):
             counts = self.comm.allgather(int(np.sum(self.pair == k)))
@@ -376,14 +378,14 @@ class Interface:
         Processes without points evaluate users' surfaces there, so that all processes call them
         equally often: users' surfaces may communicate.
         """
-        return [self.in_order(k, self.position)[:1] for k in range(self.pairs)]
+        return [self.gather_in_order(k, self.position)[:1] for k in range(self.pairs)]
 
     @cached_property
     def extent(self) -> float:
         """Largest extent of the undeformed contact points of all processes along an axis."""
         return float(compute_extents(self.comm, self.position).max())
 
-    def on_opposite(self, force: Array, force_operator: PETSc.Mat) -> list[Array]:
+    def distribute_to_opposite_nodes(self, force: Array, force_operator: PETSc.Mat) -> list[Array]:
         """Return the nodal forces (k, dim) on the `opposite` nodes of each pair; collective.
 
         Args:
@@ -395,20 +397,20 @@ class Interface:
             if len(nodes):
                 points = force_operator.createVecRight()
                 points.setArray(np.where((self.pair == k)[:, None], force, 0.0).ravel())
-                forces[k] = self.at_nodes(nodes, force_operator * points)
+                forces[k] = self.extract_at_nodes(nodes, force_operator * points)
         return forces
 
-    def at_points(self, unknowns: PETSc.Vec) -> Array:
+    def extract_at_points(self, unknowns: PETSc.Vec) -> Array:
         """Return the displacements (m, dim) among the unknowns (n,) at the nodes of the points."""
         values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
         return np.asarray(values[self.own_nodes])
 
-    def at_nodes(self, nodes: Indices, unknowns: PETSc.Vec) -> Array:
+    def extract_at_nodes(self, nodes: Indices, unknowns: PETSc.Vec) -> Array:
         """Return the values (k, dim) of a vector (n,) at global nodes (k,); collective."""
         values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
         return gather_from_owners(self.field.space, nodes, values)
 
-    def gaps(self, translations: Array | None) -> Array:
+    def evaluate_gaps(self, translations: Array | None) -> Array:
         """Return the gaps (m,) of the undeformed body to the translated surfaces; collective.
 
         For the sibling, gaps are transformed like displacements, to T^-T g. A node keeps its own
@@ -417,7 +419,7 @@ class Interface:
         gap, inverse = self._evaluate_surfaces("gap", translations), self._sibling_inverse
         if inverse is None:
             return gap
-        normal = self.normals(translations)
+        normal = self.evaluate_normals(translations)
         faced = np.isfinite(gap)
         begin, end = inverse.getOwnershipRange()
         dim = normal.shape[1]
@@ -435,11 +437,11 @@ class Interface:
         gap_vector = apply_inverse(np.where(faced, gap, 0.0)[:, None] * normal)
         return np.where(depends_on_faced_nodes, np.sum(gap_vector * normal, axis=1), gap)
 
-    def normals(self, translations: Array | None) -> Array:
+    def evaluate_normals(self, translations: Array | None) -> Array:
         """Return the normals (m, dim) of the translated surfaces at the undeformed body."""
         return self._evaluate_surfaces("normal", translations)
 
-    def closest(self, motion: Array) -> tuple[Array, Array, Array]:
+    def find_closest(self, motion: Array) -> tuple[Array, Array, Array]:
         """Return gaps (m,), normals (m, dim) and their derivatives (m, dim, dim); collective.
 
         `motion` (m, dim) are the motions of the points in the frames of their surfaces. In pairs of
@@ -448,7 +450,7 @@ class Interface:
         Raises:
             NotFound: if a point has no closest point.
         """
-        gap, normal, curvature = self.look_for_closest(motion)
+        gap, normal, curvature = self.find_closest_or_nan(motion)
         positions = self.gather_values(self.position[np.isnan(gap)])
         if len(positions):
             raise NotFound.with_positions(
@@ -456,8 +458,8 @@ class Interface:
             )
         return gap, normal, curvature
 
-    def look_for_closest(self, motion: Array) -> tuple[Array, Array, Array]:
-        """Return the values of `closest`, NaN for points without a closest point; collective."""
+    def find_closest_or_nan(self, motion: Array) -> tuple[Array, Array, Array]:
+        """Return the values of `find_closest`, NaN for points without a closest point; collective."""
         dim = motion.shape[1]
         layout = "it takes points as rows (n, dim), gives (n,), (n, dim) and (n, dim, dim)"
         results = [np.zeros((len(motion), *shape)) for shape in ((), (dim,), (dim, dim))]

@@ -62,7 +62,7 @@ def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
     """
     if isinstance(surface, KnownGapSurface) or number in interface.mortars:
         return np.empty(0)
-    x = _spread_points(interface.in_order(number, interface.position))
+    x = _spread_points(interface.gather_in_order(number, interface.position))
     names = ["gap", "normal", *(["closest"] if isinstance(surface, ClosestPointSurface) else [])]
     size, values = interface.extent or 1.0, []
     for name in names:
@@ -76,7 +76,7 @@ def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
 
 def probe_friction(interface: Interface, number: int, pair: ContactPair) -> Array:
     """Return friction coefficients at some nodes of a pair, under several forces; collective."""
-    x = evenly_spaced_rows(interface.in_order(number, interface.position), _N_PROBE_NODES)
+    x = evenly_spaced_rows(interface.gather_in_order(number, interface.position), _N_PROBE_NODES)
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
 
@@ -98,7 +98,7 @@ def probe_interference(interface: Interface, number: int, pair: ContactPair) -> 
     depth: Any = pair.interference
     if not arguments.is_user_function(depth):
         return np.array([float(depth)])
-    x = evenly_spaced_rows(interface.in_order(number, interface.position), _N_PROBE_NODES)
+    x = evenly_spaced_rows(interface.gather_in_order(number, interface.position), _N_PROBE_NODES)
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
     whose = f"the interference of contact pair {number}"

@@ -78,8 +78,8 @@ def make_undeformed_state(interface: Interface, unknowns: PETSc.Vec) -> ContactS
         np.zeros((interface.pairs, no_vector.shape[1])),
         no_vector,
         interface.force,
-        normal=interface.normals(None),
-        gap=interface.gaps(None),
+        normal=interface.evaluate_normals(None),
+        gap=interface.evaluate_gaps(None),
         friction=interface.cone.max_coefficient,
     )
     return ContactState(interface.field.extract(unknowns), pairs, unknowns=unknowns)
@@ -147,8 +147,8 @@ def make_pair_states(
     )
     values |= dict.fromkeys(("force_normal", "friction_ratio", "torque"), no_vector[:, 0])
     values |= {"status": np.full(len(no_vector), OPEN, dtype=np.int8)} | points
-    opposite_force = interface.on_opposite(force, force_operator)
-    pair_values = interface.gather_pairs(values | {"total": force})
+    opposite_force = interface.distribute_to_opposite_nodes(force, force_operator)
+    pair_values = interface.gather_by_pair(values | {"total": force})
     return tuple(
         PairState(
             translation=q[k, :dim].copy(),

@@ -101,7 +101,7 @@ def make_balanced_target(
     The load includes reactions of supports, which do no work.
     """
     points = interface.force.createVecRight()
-    (force,) = interface.local(state.pairs, "force_vector")
+    (force,) = interface.extract_local_values(state.pairs, "force_vector")
     points.setArray(np.where(interface.equation >= 0, force, 0.0))
     load = K.createVecLeft()
     K.mult(state.unknowns, load)

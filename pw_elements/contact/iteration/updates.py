@@ -373,7 +373,7 @@ def resume_active_set(
     interface: Interface, kinematics: LinearisedKinematics, before: ContactState
 ) -> ActiveSet:
     """Return the active set of a state's last iterate, in the frames of the kinematics."""
-    status, friction_ratio, force_normal, *vectors = interface.local(
+    status, friction_ratio, force_normal, *vectors = interface.extract_local_values(
         before.pairs, "status", "friction_ratio", "force_normal", "direction", "force_tangential"
     )
     direction, friction = (

@@ -127,7 +127,7 @@ class DeformedKinematics:
         self._interface, self._surfaces = interface, surfaces
         self._start, self._deformable_pairs = start, deformable_pairs
         self._motion0 = surfaces.motion_in_surface_frame(start.q, start.displacement)
-        gap, self._normal0, self._curvature0 = interface.closest(self._motion0)
+        gap, self._normal0, self._curvature0 = interface.find_closest(self._motion0)
         # slip of points that no surface faces at the start is measured from their position there
         self._faced0 = np.isfinite(gap)
         self._gap0 = np.where(self._faced0, gap, 0.0)
@@ -167,7 +167,7 @@ class DeformedKinematics:
         interface, surfaces = self._interface, self._surfaces
         motion = surfaces.motion_in_surface_frame(q, displacement)
         R = np.eye(force.shape[1]) + surfaces.rotation_minus_identity(q)
-        gap, normal, curvature = interface.closest(motion)
+        gap, normal, curvature = interface.find_closest(motion)
         held_components = interface.held_components
         frame = make_frames(np.einsum("nab,nb->na", R, normal), interface.equation >= 0)
         frame = add_tangents_along_supports(frame, held_components)
@@ -244,7 +244,7 @@ class DeformedKinematics:
                 (1 - fraction) * start.q + fraction * q,
                 (1 - fraction) * start.displacement + fraction * displacement,
             )
-            gap, next_normal, _ = interface.look_for_closest(motion)
+            gap, next_normal, _ = interface.find_closest_or_nan(motion)
             is_faced = np.isfinite(gap)[:, None]  # points that no surface faces do not slip
             next_normal = np.where(is_faced, next_normal, normal)
             finite_gap = np.where(is_faced[:, 0], gap, 0.0)
@@ -269,13 +269,13 @@ class DeformedKinematics:
         """
         interface = self._interface
         end = self._surface_frame_motion(kinematics)
-        gap, normal, _ = interface.closest(end)
+        gap, normal, _ = interface.find_closest(end)
         normal_change = np.linalg.norm(normal - self._normals_at_start(normal, gap), axis=1)
         jumped = normal_change > 2 * _RIGHT_ANGLE_S
         if len(interface.gather_values(jumped[jumped])):
             for fraction in _PATH_FRACTIONS:
                 motion = (1 - fraction) * self._motion0 + fraction * end
-                pressed = pressed | (interface.closest(motion)[0] < 0)
+                pressed = pressed | (interface.find_closest(motion)[0] < 0)
         return jumped & pressed
 
     def _surface_frame_motion(self, kinematics: LinearisedKinematics) -> Array:

@@ -78,7 +78,7 @@ class MortarKinematics:
         row, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
         nodal = sp.csr_matrix((value, (row, column)), (m, n_dofs // dim))
         rows = sp.csr_matrix(sp.kron(nodal, sp.eye_array(dim)))
-        return interface.rows(rows).transpose(PETSc.Mat())
+        return interface.assemble_rows(rows).transpose(PETSc.Mat())
 
     def force_operator_stiffness(self, force: Array) -> PETSc.Mat:
         """Return the derivative (n, n) of -H r by the unknowns at constant forces r (m, dim)."""
@@ -97,7 +97,7 @@ class MortarKinematics:
             is_owned = (row >= 0) & (row < sizes[0])
             indices = row[is_owned], dofs[part.col[is_owned]]
             total += sp.csr_matrix((part.data[is_owned], indices), sizes)
-        matrix, field = interface.rows(total), interface.field
+        matrix, field = interface.assemble_rows(total), interface.field
         return matrix if field.is_whole_space else field.selection_matrix().transposeMatMult(matrix)
 
     def fill_pairs(self, kinematics: LinearisedKinematics, force: Array) -> LinearisedKinematics:
@@ -146,7 +146,7 @@ class MortarKinematics:
                 v0[points, motion] = change[number] @ shift.ravel()
         row, column, value = (np.concatenate(part) for part in zip(*rows, strict=True))
         shape = (m * _MOTIONS_PER_NODE, interface.field.sizes[1])
-        self.motion_operator = interface.rows(sp.csr_matrix((value, (row, column)), shape))
+        self.motion_operator = interface.assemble_rows(sp.csr_matrix((value, (row, column)), shape))
         return replace(
             kinematics,
             frame=frame,
@@ -181,6 +181,6 @@ class MortarKinematics:
         `translations` (pairs, dim) move the masters.
         """
         mortar = self._interface.mortars[pair]
-        displacement = self._interface.at_nodes(mortar.nodes, unknowns)
+        displacement = self._interface.extract_at_nodes(mortar.nodes, unknowns)
         displacement[mortar.n_slave_nodes :] += translations[pair]
         return np.asarray(mortar.x + displacement)

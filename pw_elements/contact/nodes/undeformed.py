@@ -45,7 +45,9 @@ class IncrementStart:
 
 def make_increment_start(state: ContactState, interface: Interface, q: Array) -> IncrementStart:
     """Return a state's displacements and forces at the points of this process, with motions q."""
-    displacement, force = interface.local(state.pairs, "displacement", "force_vector")
+    displacement, force = interface.extract_local_values(
+        state.pairs, "displacement", "force_vector"
+    )
     return IncrementStart(displacement, force, q)
 
 
@@ -142,7 +144,10 @@ class UndeformedKinematics:
         interface, held_components = self._interface, self._interface.held_components
         force = np.where(held_components, 0.0, force)
         step = _DIFFERENCE_STEP * (interface.extent or 1.0)
-        normal, gap = interface.normals(translations), interface.gaps(translations)
+        normal, gap = (
+            interface.evaluate_normals(translations),
+            interface.evaluate_gaps(translations),
+        )
         frame = make_frames(normal, interface.equation >= 0)
         frame = add_tangents_along_supports(frame, held_components)
         tangents, gap_loss = frame[:, 1:], normal.copy()
@@ -154,9 +159,13 @@ class UndeformedKinematics:
             forward[free[:, axis], axis] += step
             backward[free[:, axis], axis] -= step
             is_moved = free[interface.pair, axis]
-            change = (interface.normals(forward) - interface.normals(backward)) / (2 * step)
+            change = (
+                interface.evaluate_normals(forward) - interface.evaluate_normals(backward)
+            ) / (2 * step)
             with np.errstate(invalid="ignore"):  # infinite gaps
-                loss = (interface.gaps(backward) - interface.gaps(forward)) / (2 * step)
+                loss = (interface.evaluate_gaps(backward) - interface.evaluate_gaps(forward)) / (
+                    2 * step
+                )
             smooth = is_moved & np.isfinite(loss)
             normal_by_q[smooth, :, axis] = change[smooth]
             gap_loss[smooth, axis] = loss[smooth] - np.sum(change * displacement, axis=1)[smooth]

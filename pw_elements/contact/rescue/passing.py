@@ -245,7 +245,7 @@ def find_passed_nodes(interface: Interface, pair: int, start: Array, end: Array)
 
 def _smallest_extent(interface: Interface, pair: int) -> float:
     """Return the largest extent along an axis of a pair's nodes; of two bodies, the smaller one."""
-    sides = [interface.in_order(pair, interface.position)]
+    sides = [interface.gather_in_order(pair, interface.position)]
     if pair in interface.mortars:
         mortar = interface.mortars[pair]
         sides = [mortar.x[: mortar.n_slave_nodes], mortar.x[mortar.n_slave_nodes :]]

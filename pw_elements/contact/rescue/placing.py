@@ -220,7 +220,7 @@ def _measure_tool_separation(
     outward = ends_in_surface_frame - in_surface_frame
     normal_part = np.sum(normal * outward, axis=2)
     is_pushed_inwards = normal_part <= MIN_OUTWARD_COSINE * np.linalg.norm(outward, axis=2)
-    deformed = interface.at_points(unknowns)[in_pair] + x
+    deformed = interface.extract_at_points(unknowns)[in_pair] + x
     return _RigidSeparation(
         depth,
         comm.allreduce(gap[-1].min(initial=np.inf), MPI.MIN),
@@ -244,7 +244,7 @@ def _measure_body_separation(
     owned = interface.field.space.dofmap.index_map.size_local
     piece = gather_from_owners(interface.field.space, mortar.nodes, pieces.number[:owned])
     node_paths = pieces.move(x, piece)
-    deformed = x + interface.at_nodes(mortar.nodes, unknowns)
+    deformed = x + interface.extract_at_nodes(mortar.nodes, unknowns)
     deformation = _max_length(deformed - node_paths[0])
     node_paths[:, slaves:] += translations[:, None]
     extent = min(float(np.ptp(side, axis=0).max()) for side in (x[:slaves], x[slaves:]))

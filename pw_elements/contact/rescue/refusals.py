@@ -253,7 +253,7 @@ def gather_node_velocities(
         is_faced,
     )
     *fields, is_faced = (
-        np.concatenate([interface.in_order(k, part) for k in range(interface.pairs)])
+        np.concatenate([interface.gather_in_order(k, part) for k in range(interface.pairs)])
         for part in values
     )
     return NodeVelocities(*fields).select(is_faced)
@@ -262,7 +262,7 @@ def gather_node_velocities(
 def _find_turning_normals(increment: Increment, kinematics: LinearisedKinematics) -> Mask:
     """Return the nodes (m,) whose normals turn with a free translation of their surface."""
     interface, is_free = increment.interface, np.isnan(increment.prescribed)
-    normals = interface.normals(kinematics.q0)
+    normals = interface.evaluate_normals(kinematics.q0)
     is_turning = np.zeros(len(interface.pair), dtype=bool)
     for axis in np.flatnonzero(is_free.any(axis=0)):
         for step in (
@@ -271,7 +271,7 @@ def _find_turning_normals(increment: Increment, kinematics: LinearisedKinematics
             translations = kinematics.q0.copy()
             translations[is_free[:, axis], axis] += step
             try:
-                change = np.abs(interface.normals(translations) - normals).max(axis=1)
+                change = np.abs(interface.evaluate_normals(translations) - normals).max(axis=1)
             except Exception:  # a user's surface may not know its normals so far away
                 change = np.where(is_free[interface.pair, axis], np.inf, 0.0)
             is_turning |= ~(change <= _MAX_NORMAL_CHANGE)

@@ -329,7 +329,7 @@ class LargeStrainStepping:
         contact, or the problem has a history.
         """
         interface, comm = self.interface, self.interface.comm
-        is_closed = interface.local(state.pairs, "status")[0] != OPEN
+        is_closed = interface.extract_local_values(state.pairs, "status")[0] != OPEN
         has_contact = comm.allreduce(bool(is_closed.any()), MPI.LOR)
         if self.history or self._history_update or not has_contact:
             return None
@@ -428,7 +428,7 @@ class LargeStrainStepping:
         system.set_initial_iterate(lambda: unknowns, q)
         max_iterations = self._max_iterations
         if start_unknowns is None:
-            is_closed = interface.local(state.pairs, "status")[0] != OPEN
+            is_closed = interface.extract_local_values(state.pairs, "status")[0] != OPEN
             displacement = kinematics.move_closed_with_surfaces(q, start.displacement, is_closed)
             linearised = kinematics.linearise(q, displacement, start.force)
             is_closed |= linearised.gap < 0

@@ -351,9 +351,9 @@ def solve_impact(
         energies=Energies(*np.array(integration.energies).T),
         pairs=tuple(
             PairHistory(
-                position=interface.in_order(k, interface.position),
-                node=interface.in_order(k, interface.node),
-                force=interface.in_order(k, forces.swapaxes(0, 1)).swapaxes(0, 1),
+                position=interface.gather_in_order(k, interface.position),
+                node=interface.gather_in_order(k, interface.node),
+                force=interface.gather_in_order(k, forces.swapaxes(0, 1)).swapaxes(0, 1),
                 translation=translations[:, k],
             )
             for k in range(len(contact_pairs))
@@ -426,7 +426,7 @@ class _TimeIntegration:
         gap, normal = self._gap_and_normal
         gap = gap + np.sum(normal * u.array_r[self._node_rows], axis=1)
         depth = -interface.gather_values(gap).min()
-        interface.refuse(
+        interface.refuse_points(
             gap < -_MAX_INITIAL_DEPTH * np.ptp(interface.gather_values(interface.position)),
             "lie inside the rigid surface at the start, and would be shot out: let it start "
             f"{depth:.3g} farther away (the sibling's coefficients reach a curved surface a little "
@@ -527,8 +527,8 @@ class _TimeIntegration:
     def _evaluate_surfaces(self) -> tuple[Array, Array]:
         """Return gaps and normals of the undeformed nodes at the present surfaces."""
         translations = self.translations[-1]
-        normal = self._interface.normals(translations)
-        gap = self._interface.gaps(translations)
+        normal = self._interface.evaluate_normals(translations)
+        gap = self._interface.evaluate_gaps(translations)
         self._interface.check_supports(normal, gap)
         return gap, normal
 

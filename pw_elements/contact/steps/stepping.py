@@ -472,7 +472,9 @@ class SmallStrainStepping:
         q = np.where(unloaded, 0.0, increment.start.q)
         q = np.where(np.isnan(target.q), q, target.q)
         increment.system.set_initial_iterate(lambda: state.unknowns, q)
-        self.interface.check_supports(self.interface.normals(q), self.interface.gaps(q))
+        self.interface.check_supports(
+            self.interface.evaluate_normals(q), self.interface.evaluate_gaps(q)
+        )
         self._smallness_check.refuse_prescribed_passing(increment)
         return kinematics.linearise(q, increment.start.displacement, increment.start.force)
 

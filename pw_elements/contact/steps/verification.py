@@ -91,13 +91,15 @@ def measure_undeformed(
     pair, translations = interface.pair, state.translations
     motions = [_node_motions(interface, end.unknowns) for end in (before, state)]
     shifts = [end.translations[pair] for end in (before, state)]
-    normal = interface.normals(translations)
+    normal = interface.evaluate_normals(translations)
     with np.errstate(invalid="ignore"):  # infinite gaps
-        gap = interface.gaps(translations) + np.sum(normal * motions[1], axis=1)
+        gap = interface.evaluate_gaps(translations) + np.sum(normal * motions[1], axis=1)
     relative_motion = (motions[1] - shifts[1]) - (motions[0] - shifts[0])
     slip = relative_motion - np.sum(relative_motion * normal, axis=1)[:, None] * normal
     shift = _NOISE_SHIFT * (interface.extent or 1.0)
-    noise = np.abs(interface.normals(translations + shift) - normal).max(axis=1, initial=0.0)
+    noise = np.abs(interface.evaluate_normals(translations + shift) - normal).max(
+        axis=1, initial=0.0
+    )
     gap = gap + remaining_interference * interface.interference
     return MeasuredKinematics(gap, normal, slip, noise, interface.force, np.zeros(len(gap)))
 
@@ -127,9 +129,9 @@ def measure_deformed(
         arm = interface.position + motion - placement[:, :-1] - pivot
         in_surface_frame.append(pivot + np.einsum("nba,nb->na", rotation, arm) - interface.position)
         rotations.append(rotation)
-    (gap_0, normal_0, _), (gap, normal, _) = (interface.closest(x) for x in in_surface_frame)
+    (gap_0, normal_0, _), (gap, normal, _) = (interface.find_closest(x) for x in in_surface_frame)
     shift = _NOISE_SHIFT * (interface.extent or 1.0)
-    noise = np.abs(interface.closest(in_surface_frame[1] + shift)[1] - normal).max(
+    noise = np.abs(interface.find_closest(in_surface_frame[1] + shift)[1] - normal).max(
         axis=1, initial=0.0
     )
     # a node that faces nothing at one end slips along the surface of the other end
@@ -186,7 +188,7 @@ def _measure_sliding_bodies(
         slave_number = np.searchsorted(mortar.nodes[: mortar.n_slave_nodes], interface.node[points])
         x, parts = list[Array](), list[MortarMatrices]()
         for end in (before, state):
-            displacement = interface.at_nodes(mortar.nodes, end.unknowns)
+            displacement = interface.extract_at_nodes(mortar.nodes, end.unknowns)
             displacement[mortar.n_slave_nodes :] += end.translations[k]
             x.append(mortar.x + displacement)
             parts.append(mortar.evaluate_for_verification(x[-1]))
@@ -206,7 +208,7 @@ def _measure_sliding_bodies(
     shape = n_nodes, interface.field.sizes[1] // dim
     unit_forces = sp.csr_matrix((np.ones(n_nodes), (np.arange(n_nodes), interface.node)), shape)
     nodal_forces = unit_forces - sp.csr_matrix((value, (row, column)), shape)
-    rows = interface.rows(sp.csr_matrix(sp.kron(nodal_forces, sp.eye_array(dim))))
+    rows = interface.assemble_rows(sp.csr_matrix(sp.kron(nodal_forces, sp.eye_array(dim))))
     return replace(measured, force_operator=rows.transpose(PETSc.Mat()))
 
 
@@ -299,7 +301,7 @@ def measure_residuals(
     """
     comm = interface.comm
     has_equation = interface.equation >= 0
-    (state_force,) = interface.local(state.pairs, "force_vector")
+    (state_force,) = interface.extract_local_values(state.pairs, "force_vector")
     nodal_force = interface.field.extract(unbalanced).array_r.reshape(-1, state_force.shape[1])
     first_node = interface.field.space.dofmap.index_map.local_range[0]
     # a supported component of R is a reaction; the friction in it is known from the state alone
