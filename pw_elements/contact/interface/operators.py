@@ -357,7 +357,7 @@ class Interface:
 
     @cached_property
     def _ordered_rows(self) -> list[Indices]:
-        """Indices of this process' points of each pair among all its points in `gather_in_order`."""
+        """Indices of this process' points of each pair among those of `gather_in_order`."""
         rows = []
         for k, order in enumerate(self._position_order):
             counts = self.comm.allgather(int(np.sum(self.pair == k)))
@@ -459,7 +459,7 @@ class Interface:
         return gap, normal, curvature
 
     def find_closest_or_nan(self, motion: Array) -> tuple[Array, Array, Array]:
-        """Return the values of `find_closest`, NaN for points without a closest point; collective."""
+        """Return the values of `find_closest`, NaN where there is no closest point; collective."""
         dim = motion.shape[1]
         layout = "it takes points as rows (n, dim), gives (n,), (n, dim) and (n, dim, dim)"
         results = [np.zeros((len(motion), *shape)) for shape in ((), (dim,), (dim, dim))]
