@@ -178,7 +178,7 @@ def interface_of_one_surface(surface, x, dim):
         held_components=np.zeros((len(x), dim), dtype=bool),
         faced=np.full(len(x), RIGID),
         closest=lambda displacement: surface.closest(x + displacement),
-        gathered=lambda values: values,
+        gather_values=lambda values: values,
     )
 
 

@@ -151,7 +151,7 @@ def _warn_of_large_difference_steps(interface: Interface) -> None:
     for k, surface in enumerate(interface.surfaces):
         if not isinstance(surface, SignedDistance):
             continue
-        x = interface.gathered(interface.position[interface.pair == k])
+        x = interface.gather_values(interface.position[interface.pair == k])
         with collective_errors(comm):
             error = call_user_function(
                 comm, f"the surface of contact pair {k}", measure_difference_step_error, surface, x

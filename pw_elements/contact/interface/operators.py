@@ -173,7 +173,7 @@ class Interface:
         self.check_supports(self.normals(None), self.gaps(None))
         gap = self._evaluate_surfaces("gap", None)
         cut = ~(gap >= -_MAX_INITIAL_PENETRATION * body_diagonal) & ~self._allows_interference
-        deepest = -self.gathered(np.where(cut, gap, 0.0)).min()
+        deepest = -self.gather_values(np.where(cut, gap, 0.0)).min()
         remedy = f"move them apart by {deepest:.3g}, or set interference=True in the pair"
         rigid = self.faced == RIGID
         self.refuse(cut & rigid, f"lie inside the rigid surface before any motion: {remedy}")
@@ -257,7 +257,7 @@ class Interface:
             ValueError: if the prescribed displacements of both sides differ.
         """
         is_held, counterpart = self._held_between_bodies, self._counterpart
-        counterparts = np.unique(self.gathered(counterpart[is_held]))
+        counterparts = np.unique(self.gather_values(counterpart[is_held]))
         if not len(counterparts):
             return
         dim = is_held.shape[1]
@@ -272,7 +272,7 @@ class Interface:
             + COORDINATE_ROUND_OFF * self.extent
         )
         is_invalid = is_held & pressed[:, None] & ~(difference <= allowed)
-        positions = self.gathered(self.position[is_invalid.any(axis=1)])
+        positions = self.gather_values(self.position[is_invalid.any(axis=1)])
         if len(positions):
             raise ValueError(
                 f"contact nodes at {format_points(positions)} have a prescribed displacement "
@@ -286,7 +286,7 @@ class Interface:
         is_outwards = pushed > MIN_OUTWARD_COSINE * np.linalg.norm(self.outward, axis=1)
         is_checked = np.any(self.outward != 0, axis=1) & np.isfinite(self.gaps(None))
         for k in range(self.pairs):
-            is_inwards = self.gathered(~is_outwards[is_checked & (self.pair == k)])
+            is_inwards = self.gather_values(~is_outwards[is_checked & (self.pair == k)])
             if len(is_inwards) and not is_inwards.any():
                 raise ValueError(
                     f"the surface of contact pair {k} pushes the body outwards at each of its "
@@ -299,17 +299,17 @@ class Interface:
 
         `fault` is a verb phrase that follows "contact nodes at ..." in the message.
         """
-        positions = self.gathered(self.position[is_invalid])
+        positions = self.gather_values(self.position[is_invalid])
         if len(positions):
             raise InvalidContactNodes(f"contact nodes at {format_points(positions)} {fault}")
 
-    def gathered(self, values: npt.NDArray) -> npt.NDArray:
+    def gather_values(self, values: npt.NDArray) -> npt.NDArray:
         """Return the values (k, ...) of all processes, by rank; collective."""
         return np.concatenate(self.comm.allgather(values))
 
     def in_order(self, pair: int, values: npt.NDArray) -> npt.NDArray:
         """Return values (m, ...) at a pair's points of all processes, by position; collective."""
-        return self.gathered(values[self.pair == pair])[self._position_order[pair]]
+        return self.gather_values(values[self.pair == pair])[self._position_order[pair]]
 
     def gather_pairs(self, values: Mapping[str, npt.NDArray]) -> list[dict[str, npt.NDArray]]:
         """Return the values (m, ...) of each pair in the order of `in_order`; collective."""
@@ -347,8 +347,8 @@ class Interface:
         """Indices that sort the gathered points of each pair by position."""
         return [
             order_by_position(
-                self.gathered(self.position[self.pair == k]),
-                self.gathered(self._mean_cell_midpoint[self.pair == k]),
+                self.gather_values(self.position[self.pair == k]),
+                self.gather_values(self._mean_cell_midpoint[self.pair == k]),
             )
             for k in range(self.pairs)
         ]
@@ -449,7 +449,7 @@ class Interface:
             NotFound: if a point has no closest point.
         """
         gap, normal, curvature = self.look_for_closest(motion)
-        positions = self.gathered(self.position[np.isnan(gap)])
+        positions = self.gather_values(self.position[np.isnan(gap)])
         if len(positions):
             raise NotFound.with_positions(
                 "contact nodes initially at {} have no closest point", positions
@@ -482,7 +482,7 @@ class Interface:
         """
         x, step = self.position + motion, _DIFFERENCE_STEP * (self.extent or 1.0)
         users = [
-            (k, surface, self.gathered(x[(self.pair == k) & pressed]))
+            (k, surface, self.gather_values(x[(self.pair == k) & pressed]))
             for k, surface in enumerate(self.surfaces)
             if k not in self.mortars and type(surface) not in BUILT_IN_CLOSEST_POINTS
         ]

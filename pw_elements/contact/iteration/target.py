@@ -1,4 +1,8 @@
-"""Loads and motions of surfaces at the end of an increment, or of a substep of one."""
+"""Loads and motions of surfaces at the end of an increment, or of a substep of one.
+
+The module guarantees that targets of substeps lie on the straight path between the ends of their
+increment. It assumes motions and forces that the functions called by users have checked.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -150,7 +150,7 @@ class ActiveSetHistory:
         for _, active in self._recent:
             changing |= active.status != latest.status
             changing |= (np.round(active.direction) != np.round(latest.direction)).any(axis=1)
-        positions = interface.gathered(interface.position[changing])
+        positions = interface.gather_values(interface.position[changing])
         n_sets = len({key for key, _ in self._recent})
         return Cycling.with_positions(
             f"{message}: {n_sets} active sets recur, which differ at {len(positions)} of the "

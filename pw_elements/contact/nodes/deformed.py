@@ -272,7 +272,7 @@ class DeformedKinematics:
         gap, normal, _ = interface.closest(end)
         normal_change = np.linalg.norm(normal - self._normals_at_start(normal, gap), axis=1)
         jumped = normal_change > 2 * _RIGHT_ANGLE_S
-        if len(interface.gathered(jumped[jumped])):
+        if len(interface.gather_values(jumped[jumped])):
             for fraction in _PATH_FRACTIONS:
                 motion = (1 - fraction) * self._motion0 + fraction * end
                 pressed = pressed | (interface.closest(motion)[0] < 0)

@@ -84,7 +84,7 @@ def refuse_tools_through_supports(
         gaps = np.where(np.isnan(gaps), np.inf, gaps)
         min_gap, extent = gaps.min(axis=0, initial=np.inf), _smallest_extent(interface, k)
         is_deep = min_gap < -_MAX_SUPPORT_DEPTH * extent
-        passed = interface.gathered(positions[is_fixed][is_deep & (gaps[0] > 0)])
+        passed = interface.gather_values(positions[is_fixed][is_deep & (gaps[0] > 0)])
         if len(passed):
             raise SurfacePassed(
                 f"the motion of the surface of contact pair {k} leads it through the supports at "
@@ -92,7 +92,7 @@ def refuse_tools_through_supports(
             )
         min_room = _MIN_ROOM * extent
         reached = np.flatnonzero((min_gap <= min_room) & (gaps[0] > min_room))
-        if not len(interface.gathered(reached)):
+        if not len(interface.gather_values(reached)):
             continue
         reached = reached[np.argsort(min_gap[reached])[:_MAX_TESTED_SUPPORTS]]
         pieces = SupportedPieces.fit(positions, is_supported, piece, support_paths, interface.comm)
@@ -133,8 +133,8 @@ def _find_supports_behind_nodes(
         sample: (s,), number of that sample.
     """
     comm, in_pair = interface.comm, interface.pair == pair
-    x = interface.gathered(interface.position[in_pair])
-    piece_of_node = interface.gathered(pieces.number[interface.own_nodes[in_pair]])
+    x = interface.gather_values(interface.position[in_pair])
+    piece_of_node = interface.gather_values(pieces.number[interface.own_nodes[in_pair]])
     spacing = float(cKDTree(x).query(x, 2)[0][:, 1].max()) if len(x) > 1 else 0.0
     with collective_errors(comm), np.errstate(all="ignore"):
         # a user's surface may communicate: all processes ask it
@@ -156,7 +156,7 @@ def _find_supports_behind_nodes(
         if offset[nearest] <= spacing:
             nodes.append(x[nearest])
             behind.append(supports[j])
-    ends = [interface.gathered(np.reshape(part, (-1, x.shape[1]))) for part in (behind, nodes)]
+    ends = [interface.gather_values(np.reshape(part, (-1, x.shape[1]))) for part in (behind, nodes)]
     between = ends[0][:, None] + _SAMPLES_BETWEEN[:, None] * (ends[1] - ends[0])[:, None]
     is_inside = _lie_inside(interface.field.space.mesh, between.reshape(-1, x.shape[1]))
     all_inside = is_inside.reshape(len(ends[0]), len(_SAMPLES_BETWEEN)).all(axis=1)

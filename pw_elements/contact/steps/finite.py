@@ -476,9 +476,9 @@ class LargeStrainStepping:
         interface, is_pressed = self.interface, end.nodes.trial_pressure > 0
         kinematics.check_surface_derivatives(end.kinematics, is_pressed)
         interface.check_supports_between(increment.equilibrium.offset, target.q, is_pressed)
-        if starts_clear and len(interface.gathered(interface.position[is_pressed])):
+        if starts_clear and len(interface.gather_values(interface.position[is_pressed])):
             raise NotFound("the body is in contact after supports have moved it out of contact")
-        jumped_positions = interface.gathered(
+        jumped_positions = interface.gather_values(
             interface.position[kinematics.find_jumped_points(end.kinematics, is_pressed)]
         )
         if len(jumped_positions) and not starts_clear:

@@ -425,9 +425,9 @@ class _TimeIntegration:
         self._gap_and_normal = self._evaluate_surfaces()
         gap, normal = self._gap_and_normal
         gap = gap + np.sum(normal * u.array_r[self._node_rows], axis=1)
-        depth = -interface.gathered(gap).min()
+        depth = -interface.gather_values(gap).min()
         interface.refuse(
-            gap < -_MAX_INITIAL_DEPTH * np.ptp(interface.gathered(interface.position)),
+            gap < -_MAX_INITIAL_DEPTH * np.ptp(interface.gather_values(interface.position)),
             "lie inside the rigid surface at the start, and would be shot out: let it start "
             f"{depth:.3g} farther away (the sibling's coefficients reach a curved surface a little "
             "earlier)",

@@ -180,7 +180,7 @@ class LinearisedEnd:
         is_closed = nodes.trial_pressure > 0
         on_supports = is_closed & (nodes.held_tangents & (nodes.force[:, 1:] != 0)).any(axis=1)
         on_supports |= is_closed & (nodes.has_prescribed_slip | nodes.is_coupled_to_surface)
-        positions = interface.gathered(interface.position[on_supports])
+        positions = interface.gather_values(interface.position[on_supports])
         if len(positions):
             raise ValueError(
                 f"has contact nodes, first at {format_points(positions)}, with friction along a "
@@ -199,8 +199,8 @@ class LinearisedEnd:
         max_force = self._system.comm.allreduce(max_force, MPI.MAX)
         is_near_change = margin < _MIN_STATUS_MARGIN * max_force + end.round_off
         positions, margins = (
-            interface.gathered(interface.position[is_near_change]),
-            interface.gathered(margin),
+            interface.gather_values(interface.position[is_near_change]),
+            interface.gather_values(margin),
         )
         if len(positions):
             raise ValueError(

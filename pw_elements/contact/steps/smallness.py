@@ -261,7 +261,7 @@ class SmallnessCheck:
         interface, u = self._interface, self._u  # u was set by `measure_largest_gradient`
         dim, normal = interface.position.shape[1], end.nodes.frame[:, 0]
         x = u.function_space.tabulate_dof_coordinates()[:, :dim]
-        deformed, normals = x + u.x.array.reshape(-1, dim), interface.gathered(normal)
+        deformed, normals = x + u.x.array.reshape(-1, dim), interface.gather_values(normal)
         far_ends = np.array([(x @ n).max() for n in normals])
         far_ends = (
             np.max(self._comm.allgather(far_ends), axis=0) - _POSITION_ROUND_OFF * np.abs(x).max()
@@ -279,7 +279,7 @@ class SmallnessCheck:
 
     def _refuse_nodes(self, k: int, is_wrong: Mask, problem: str) -> None:
         """Raise SurfacePassed, with the positions of the nodes of a mask (m,), if there are any."""
-        positions = self._interface.gathered(self._interface.position[is_wrong])
+        positions = self._interface.gather_values(self._interface.position[is_wrong])
         if len(positions):
             raise SurfacePassed(
                 f"the surface of contact pair {k} {problem} {format_points(positions)}; contact is "
