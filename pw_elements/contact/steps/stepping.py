@@ -488,11 +488,11 @@ class SmallStrainStepping:
     def _cost(self, free_motions: FreeMotions, cost_before: Cost = (0, NO_SOLVER_REPORT)) -> Cost:
         """Return the cost since `cost_before`, with and without springs."""
         system, _ = self._system_for(free_motions)
-        n_solved, report = system.n_solves, system.report
+        n_solves, report = system.n_solves, system.report
         if self._system_with_springs is not None:
-            n_solved += self._system_with_springs.n_solves
+            n_solves += self._system_with_springs.n_solves
             report = self._system_with_springs.report.plus(report)
-        return n_solved - cost_before[0], report.since(cost_before[1])
+        return n_solves - cost_before[0], report.since(cost_before[1])
 
     def release(self) -> None:
         """Free the memory of the solver."""
