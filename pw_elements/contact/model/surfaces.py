@@ -61,7 +61,7 @@ def normalise_rows(vectors: PointArray) -> PointArray:
     """Return the unit vectors (n, dim) along vectors (n, dim).
 
     Raises:
-        ValueError: if the length of a vector is zero or not finite.
+        ValueError: for a vector of length zero.
     """
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if not length.all():
