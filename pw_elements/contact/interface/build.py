@@ -2,8 +2,8 @@
 
 The other side of a pair may be a rigid surface, matching nodes of another body, or facets of
 another body that are coupled by mortars. The module guarantees that pairs, supports and surfaces
-have been checked, and that user functions give the same values on all processes. All of its
-functions that evaluate or compare something are collective.
+have been checked, and that user functions give the same values on all processes. All functions
+except `_is_axisymmetric` are collective.
 """
 
 import logging

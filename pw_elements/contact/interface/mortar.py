@@ -132,7 +132,7 @@ class Trace:
     def average_normals(self, nodes: Indices) -> Array:
         """Return unit normals (..., dim) at global nodes (...).
 
-        They are means of the normals of adjacent sub-facets, weighted with the sizes of these.
+        They are means of the normals of adjacent sub-facets, weighted with the sub-facets' sizes.
         """
         sub_facet_nodes, corners, normal = self.sub_facets
         position = np.searchsorted(self.nodes, sub_facet_nodes)

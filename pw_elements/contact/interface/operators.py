@@ -389,7 +389,7 @@ class Interface:
 
     @property
     def own_nodes(self) -> Indices:
-        """Local indices (m,) of the points' nodes on this process, which owns them."""
+        """Local indices (m,) of the nodes at the points. This process owns the nodes."""
         node_offset: int = self.field.space.dofmap.index_map.local_range[0]
         return np.asarray(self.node - node_offset)
 

@@ -171,7 +171,7 @@ class LinearisedMortar:
 
 
 class SlidingMortar:
-    """Mortar between two sides in the plane whose nodes move.
+    """Mortar between two sides in the plane, which can be evaluated at any node positions.
 
     Args:
         slave: trace of the undeformed slave.

@@ -1,4 +1,4 @@
-"""Errors of contact computations, and descriptions for their messages."""
+"""Errors of contact computations, and descriptions of states for their messages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -104,7 +104,7 @@ class NotUnique(ContactFailed, SingularSystem):
 
 
 class NotFound(ContactFailed):
-    """The iteration found no solution; it is not known whether there is one."""
+    """The iteration found no solution. It is not known whether a solution exists."""
 
     @classmethod
     def with_positions(cls, message: str, positions: Array) -> "NotFound":
@@ -145,4 +145,4 @@ def describe_exhausted_friction(state: ContactState) -> str:
 
 
 class SurfacePassed(ContactFailed):
-    """A rigid surface has passed through the body, or pushes it outwards."""
+    """A rigid surface has passed through the body, or pushes the body's boundary outwards."""

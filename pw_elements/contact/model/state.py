@@ -142,7 +142,7 @@ class Residuals:
     balance: float = 0.0
 
     def largest(self) -> float:
-        """Return the largest violation of any condition."""
+        """Return the largest of all residuals."""
         return max(vars(self).values())
 
 
@@ -189,12 +189,13 @@ class ContactState:
         pairs: one state per contact pair.
         iterations: number of linear systems that have been solved, including the systems of failed
             attempts and of substeps.
-        unique: False if the solution may not be unique, for one of two reasons. The determinants of
-            the tangent matrices that the problem has factorised so far, including those before a
-            state was saved and loaded, differ in sign. Friction is then so large that several
-            states may be in equilibrium with the same loads, and smaller increments may lead to
-            another state. Or friction is exhausted, so that a body may slide without limit. None
-            for solvers without determinants, and for `ContactProblem.of_residual`.
+        unique: False in two cases, in which the solution may not be unique. In the first case, the
+            determinants of all tangent matrices that the problem has factorised so far differ in
+            sign. If the problem has continued from a loaded state, the determinants of that state
+            count. Friction is then so large that several states may be in equilibrium with the same
+            loads, and smaller increments may lead to another state. In the second case, friction is
+            exhausted, so that a body may slide without limit. None for solvers without
+            determinants, and for `ContactProblem.of_residual`.
         residuals: violations of all contact conditions.
         allowance: part of each residual that round-off and noise explain. It is added to the
             tolerance of 1e-9.
@@ -249,5 +250,5 @@ class ContactState:
 
     @property
     def placements(self) -> Array:
-        """Translations and, in the last column, angles of all surfaces, (pairs, dim + 1)."""
+        """Motions (pairs, dim + 1) of all surfaces: translations, and angles in the last column."""
         return np.array([[*pair.translation, pair.rotation] for pair in self.pairs])

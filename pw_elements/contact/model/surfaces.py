@@ -129,13 +129,13 @@ class Plane:
         return (x - np.asarray(self.point)) @ unit_vector(self.direction)
 
     def normal(self, x: PointArray) -> PointArray:
-        """Return the unit direction (n, dim) at points x (n, dim)."""
+        """Return the unit normal of the plane for each of the points x (n, dim)."""
         return np.tile(unit_vector(self.direction), (len(x), 1))
 
     def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances (n,), normals (n, dim) and derivatives (n, dim, dim) of the normals.
 
-        The derivatives are zero. The points x are (n, dim).
+        Distances and normals are those at points x (n, dim). The derivatives are zero.
         """
         return self.gap(x), self.normal(x), np.zeros((*x.shape, x.shape[1]))
 
@@ -222,9 +222,9 @@ class Sphere:
     def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances (n,), normals (n, dim) and derivatives (n, dim, dim) of the normals.
 
-        With the unit vector n from the centre to a point x, the normal is n, and its derivative is
-        (I - n n^T)/|x - centre|. All values are NaN at the centre, which has no closest point. The
-        points x are (n, dim).
+        They are evaluated at points x (n, dim). With the unit vector n from the centre to a point,
+        the normal is n, and its derivative is (I - n n^T)/|x - centre|. All values are NaN at the
+        centre, which has no closest point.
         """
         gap, from_centre = self.gap(x), x - np.asarray(self.centre)
         distance = np.linalg.norm(from_centre, axis=1)
@@ -267,7 +267,7 @@ class FlatPunch:
         return np.where(outside, np.inf, gap)
 
     def normal(self, x: PointArray) -> PointArray:
-        """Return the unit direction (n, dim) at points x (n, dim)."""
+        """Return the unit normal of the face for each of the points x (n, dim)."""
         return np.tile(unit_vector(self.direction), (len(x), 1))
 
 
@@ -331,8 +331,8 @@ class SignedDistance:
     def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances (n,), normals (n, dim) and derivatives (n, dim, dim) of the normals.
 
-        Newton's method solves p + l grad f(p) = x, f(p) = 0 for the closest point p of each point x
-        and a multiplier l, where f is the function. The points x are (n, dim).
+        They are evaluated at points x (n, dim). Newton's method solves p + l grad f(p) = x,
+        f(p) = 0 for the closest point p of each point and a multiplier l, where f is the function.
 
         Second derivatives are differences of the gradient. Without a gradient function they have
         half as many correct digits. Where the function is infinite, the surface does not face the

@@ -66,7 +66,10 @@ class RigidSurfaceMotion:
         return relative + np.einsum("nba,nb->na", self.rotation_minus_identity(q), from_pivot)
 
     def positions_in_surface_frame(self, pair: int, q: Array, x: Array) -> Array:
-        """Return the positions of points x (n, dim) in the frame of the pair's rigid surface."""
+        """Return the positions of points x (n, dim) in the moving frame of a pair's rigid surface.
+
+        `pair` is the index of the pair, and q (dim + 1,) is the motion of its surface.
+        """
         dim = x.shape[1]
         pivot, J = self._pivots[pair]
         angle = q[dim]
@@ -74,7 +77,10 @@ class RigidSurfaceMotion:
         return np.asarray(pivot + (x - q[:dim] - pivot) @ R)
 
     def displacement_from_surface_frame(self, q: Array, motion: Array) -> Array:
-        """Return displacements (m, dim) of points with motions (m, dim) in surface frames."""
+        """Return displacements (m, dim) of points with given motions (m, dim) in surface frames.
+
+        The motions of the surfaces are q (pairs, dim + 1).
+        """
         from_pivot = motion + self._from_pivot
         rotation = np.einsum("nab,nb->na", self.rotation_minus_identity(q), from_pivot)
         return motion + rotation + q[self._pair, :-1]
@@ -112,7 +118,7 @@ class DeformablePairKinematics(Protocol):
 
 
 class NoDeformablePairs:
-    """`DeformablePairKinematics` of problems in which all surfaces are rigid."""
+    """`DeformablePairKinematics` for problems without pairs of two bodies."""
 
     sides: ClassVar[dict[int, tuple[SlidingReference, Array]]] = {}
 
