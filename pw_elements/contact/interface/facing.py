@@ -184,7 +184,7 @@ def _find_facing_parts(
     ends = sides.slave_facets[slave]
     (a, b), (n_a, n_b) = (np.swapaxes(v[ends], 0, 1) for v in (x, normals))
     limits = []
-    # s increases towards c, the first node of the master's facet
+    # the coordinate s increases towards c, the first node of the master's facet
     for node, sign, limit in ((1, 1.0, 0.0), (0, -1.0, 1.0)):
         p = x[sides.master_facets[master, node]]
         start, middle, end = (

@@ -22,7 +22,7 @@ from pw_elements.arrays import Array, Indices
 _SIMPLEX_CORNERS = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
 # Smallest overlap, relative to the size of the slave's sub-facet
 _MIN_OVERLAP_FRACTION = 1e-12
-# Largest cosine between the normals of sub-facets that face each other
+# Largest cosine between the outward normals of two sub-facets that face each other
 MAX_FACING_COSINE = -1e-2
 # Corners of a sub-facet in the order along its rim, by its number of corners
 _CORNERS_ALONG_RIM = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
@@ -70,9 +70,9 @@ class OverlapSimplices:
     The coordinates of corners are along the first edges of the slave's sub-facet.
     """
 
-    slave_sub_facet: Indices  # (q,)
-    master_sub_facet: Indices  # (q,)
-    corners: Array  # (q, d + 1, d)
+    slave_sub_facet: Indices  # (q,), index of the slave's sub-facet
+    master_sub_facet: Indices  # (q,), index of the master's sub-facet
+    corners: Array  # (q, d + 1, d), corners of the simplices
     slave_corners: Array  # (q, k, d), corners of the slave's sub-facet
     master_corners: Array  # (q, k, d), projected corners of the master's sub-facet
     size: Array  # (q,), lengths or areas of the simplices in these coordinates
@@ -133,7 +133,7 @@ def evaluate_corner_functions(corners: Array, points: Array) -> Array:
     difference = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
     twist = _coordinates_along_edges(edges, difference[:, None])
     u, v = coordinates[..., 0].copy(), coordinates[..., 1].copy()
-    for _ in range(_MAX_NEWTON_STEPS):  # u + twist_0 u v and v + twist_1 u v are the coordinates
+    for _ in range(_MAX_NEWTON_STEPS):  # coordinates: u + twist_0 u v, v + twist_1 u v
         residual = [
             value + twist[..., i] * u * v - coordinates[..., i] for i, value in enumerate((u, v))
         ]

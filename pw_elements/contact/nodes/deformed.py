@@ -208,7 +208,7 @@ class DeformedKinematics:
         torque_map = surfaces.torque_map(q, displacement, force)
         force = np.where(held_components, 0.0, force)
         tangents = frame[:, 1:] @ R
-        tangent_change = tangents @ curvature  # t·N
+        tangent_change = tangents @ curvature  # t·N with the derivative N of the normal
         finite_gap = np.where(np.isfinite(gap), gap, 0.0)
         chord = interface.position + motion - finite_gap[:, None] * normal - self._point0
         normal0 = self._normals_at_start(normal, gap)

@@ -165,7 +165,7 @@ class UndeformedKinematics:
         frame = make_frames(normal, interface.equation >= 0)
         frame = add_tangents_along_supports(frame, held_components)
         tangents, gap_loss = frame[:, 1:], normal.copy()
-        if self._load_factor != 1:  # interference is applied in steps
+        if self._load_factor != 1:  # a part of the interference is not applied yet
             gap = gap + (1 - self._load_factor) * interface.interference
         normal_by_q = np.zeros_like(frame)  # (m, component, component of translation)
         for axis in np.flatnonzero(free.any(axis=0)):
