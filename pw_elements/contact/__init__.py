@@ -1,4 +1,4 @@
-"""Unilateral contact with Coulomb friction: an elastic body and rigid surfaces, or two bodies.
+"""Unilateral contact with Coulomb friction of a body with rigid surfaces, or of two bodies.
 
 A block is pressed on a rough floor, then a punch is pushed into its top by a force of 40:
 

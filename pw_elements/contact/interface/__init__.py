@@ -1,4 +1,4 @@
-"""Contact points, and the motion and force operators that couple them to the unknowns."""
+"""Contact points, and the operators that couple their motions and forces to the unknowns."""
 
 from pw_elements.contact.interface.build import build_interface
 from pw_elements.contact.interface.facing import (

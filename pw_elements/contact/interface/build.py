@@ -1,7 +1,9 @@
-"""Builders of interfaces: with rigid surfaces, between matching nodes, and by mortars.
+"""Construction of the contact interface from the user's contact pairs.
 
-The module guarantees contact points whose pairs, supports and surfaces have been checked, and
-whose user functions give the same values on all processes. All of it is collective.
+The other side of a pair may be a rigid surface, matching nodes of another body, or facets of
+another body that are coupled by mortars. The module guarantees that pairs, supports and surfaces
+have been checked, and that user functions give the same values on all processes. All functions
+except `_is_axisymmetric` are collective.
 """
 
 import logging
@@ -49,7 +51,7 @@ from pw_elements.spaces import (
     is_hybrid,
 )
 
-# Attributes of surfaces that are vectors (dim,)
+# Names of those attributes of surfaces that are vectors (dim,)
 _SURFACE_VECTOR_ATTRIBUTES = ("point", "direction", "apex", "centre")
 
 
@@ -60,19 +62,22 @@ def build_interface(
     assembly: AssemblyRecord | None = None,
     large_sliding: bool = False,
 ) -> Interface:
-    """Build the interface of contact pairs, and check all that is known before a computation.
+    """Build and check the interface of contact pairs; collective.
+
+    Everything that is known before a computation is checked.
 
     Args:
-        pairs: as the user states them.
-        space: of all unknowns.
+        pairs: contact pairs, as given by the user.
+        space: space of all unknowns.
         reduction: supports of the body.
-        assembly: record of the stiffness, if there is one. It tells whether areas are those of the
-            whole circumference, and whether the unknowns are coefficients of a sibling; gaps are
-            then transformed likewise.
-        large_sliding: whether two bodies may slide far, so that mortars follow their deformation.
+        assembly: record of how the stiffness was assembled, if there is one. It tells whether areas
+            are those of the whole circumference. It also tells whether the unknowns are
+            coefficients of the symmetric sibling element. Gaps are then transformed to its basis.
+        large_sliding: whether two bodies may slide far on each other. Mortars are then evaluated at
+            deformed positions.
 
     Raises:
-        ValueError: for pairs, supports or surfaces that state no contact problem.
+        ValueError: for pairs, supports or surfaces that do not define a contact problem.
     """
     dim = space.mesh.geometry.dim
     if not is_hybrid(space) and space.dofmap.index_map_bs != dim:
@@ -146,7 +151,7 @@ def build_interface(
 
 
 def _warn_of_large_difference_steps(interface: Interface) -> None:
-    """Log a warning where the difference step of a signed distance is too large; collective."""
+    """Log a warning for each `SignedDistance` with too large a difference step; collective."""
     comm = interface.comm
     for k, surface in enumerate(interface.surfaces):
         if not isinstance(surface, SignedDistance):
@@ -167,10 +172,10 @@ def _warn_of_large_difference_steps(interface: Interface) -> None:
 
 
 def _warn_of_nodes_without_pressure(name: str, nodes: LocalIndices, body: BodyNodes) -> None:
-    """Log nodes of a pair that belong to none of its facets; collective.
+    """Log a warning for nodes of a pair that belong to none of its facets; collective.
 
-    Such nodes have no pressure, so that files and pictures would refuse the states after the
-    computation.
+    Such nodes have no pressure. Functions that write or plot pressures would refuse the states
+    after the computation.
     """
     comm, index_map = body.space.mesh.comm, body.space.dofmap.index_map
     pair_nodes = np.concatenate(comm.allgather(index_map.local_to_global(nodes)))
@@ -188,7 +193,11 @@ def _warn_of_nodes_without_pressure(name: str, nodes: LocalIndices, body: BodyNo
 
 
 def _check_contact_nodes(body: BodyNodes, nodes: LocalIndices) -> None:
-    """Raise ValueError for shared, inner or combined nodes of all pairs; collective."""
+    """Raise ValueError for invalid nodes of all pairs; collective.
+
+    Nodes are invalid if they belong to two pairs, if they lie inside the body, or if the reduction
+    combines their displacements with others.
+    """
     unique, count = np.unique(nodes, return_counts=True)
     body.refuse_nodes(unique[count > 1], "belong to two contact pairs: leave a facet between them")
     mesh = body.space.mesh
@@ -209,7 +218,10 @@ def _check_contact_nodes(body: BodyNodes, nodes: LocalIndices) -> None:
 def _evaluate_nominal_interference(
     comm: MPI.Comm, number: int, pair: ContactPair, x: Array
 ) -> Array | None:
-    """Return the nominal interference (n,) at positions (n, dim), None if sides do not coincide."""
+    """Return the nominal interference (n,) of a pair at positions x (n, dim).
+
+    The result is None if the surface of the pair is not `coincident`.
+    """
     depth = pair.interference
     if not getattr(pair.surface, "coincident", False):
         return None
@@ -221,10 +233,10 @@ def _evaluate_nominal_interference(
 def _evaluate_user_function(
     comm: MPI.Comm, whose: str, function: Callable[[Array], Array | float], x: Array
 ) -> Array:
-    """Return the values (n,) of a user's function at positions (n, dim); collective.
+    """Return the values (n,) of a user's function at positions x (n, dim); collective.
 
-    Each process evaluates it at the points of all processes, so that all of them call it equally
-    often. `whose` names the function in errors.
+    Each process evaluates the function at the points of all processes, so that all processes call
+    it equally often. `whose` is the name of the function in error messages.
     """
     all_x, owned = gather_points(comm, x)
     points = np.zeros((3, len(all_x)))
@@ -232,7 +244,7 @@ def _evaluate_user_function(
     layout = "it takes points as columns (3, n) and gives (n,)"
     with collective_errors(comm):
         values = call_user_function(comm, whose, function, points) if len(all_x) else points[0]
-        if arguments.is_number(values):  # the same everywhere
+        if arguments.is_number(values):  # the function is constant
             values = np.full(len(all_x), values, dtype=float)
         return arguments.check_function_values(whose, values, (len(all_x),), layout)[owned]
 
@@ -240,12 +252,20 @@ def _evaluate_user_function(
 def _is_axisymmetric(
     number: int, master: DeformableSurface, assembly: AssemblyRecord, dim: int
 ) -> bool:
-    """Return whether areas are those of the whole circumference.
+    """Return whether areas of a pair are those of the whole circumference.
 
-    The stiffness' record decides where it has a stress state, else the user's `revolved`.
+    This follows from the stress state in the record of the stiffness. If there is none in the
+    record, `master.revolved` decides.
+
+    Args:
+        number: index of the pair, used in error messages.
+        master: deformable surface of the pair.
+        assembly: record of how the stiffness was assembled.
+        dim: dimension of space.
 
     Raises:
-        ValueError: if neither tells, or if they contradict each other.
+        ValueError: if the record has no stress state and `master.revolved` is not given in 2-D, or
+            if the two contradict each other.
     """
     axisymmetric = StressState.AXISYMMETRIC.value in assembly.stress_states
     if dim == 2 and not assembly.stress_states and master.revolved is None:

@@ -1,10 +1,13 @@
-"""Mortar integrals of two sides in the plane from positions alone, to verify accepted states.
+"""Mortar integrals of two sides in the plane, which verify accepted states.
 
-The formulas are on the theory page ("Large strains"); they share no code with `sliding`, whose
-integrals the iteration uses. A slave's facet with ends a and b, and normals n_a and n_b there, has
-the points x(s) = (1 - s) a + s b and the directions n(s) = (1 - s) n_a + s n_b. It faces a
-master's facet from c to d between the s of d and that of c, where (x(s) - p) x n(s) = 0 for p = d
-and p = c, because both sides are traversed in opposite directions.
+The integrals are computed from the positions of the nodes alone. The theory page has the formulas
+("Large strains"). The module shares no code with `sliding`, whose integrals the iteration uses.
+
+A facet of the slave with ends a and b, and with normals n_a and n_b at its ends, has the points
+x(s) = (1 - s) a + s b and the directions n(s) = (1 - s) n_a + s n_b. A facet of the master has the
+ends c and d. The node p = c or p = d is projected to the coordinate s at which the cross product
+(x(s) - p) x n(s) is zero. Both sides are traversed in opposite directions. Hence the two facets
+face each other from the coordinate s of d to the coordinate s of c.
 """
 
 from dataclasses import dataclass
@@ -17,23 +20,27 @@ from pw_elements.arrays import Array, Indices, Mask
 # Gauss' rule of three points on [0, 1]; it is part of the definition of the integrals
 _GAUSS_POINTS = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
 _GAUSS_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
-# Smallest cosine between the mean normal of a slave's facet and the outward normal of a facet that
-# it faces
+# Smallest cosine between the mean normal of a facet of the slave and the outward normal of a facet
+# of the master, at which the two can face each other
 _MIN_FACING_COSINE = 0.01
-# Smallest fraction of a slave's facet that has to face the master
+# Smallest fraction of a facet of the slave that has to face the master
 _MIN_COVERED_FRACTION = 1e-6
-# Distances between facets that are computed at a time, to limit memory
+# Number of distances between facets that are computed at a time, to limit memory
 _DISTANCES_PER_BLOCK = 1_000_000
 
 
 @dataclass(frozen=True)
 class MortarSides:
-    """Facets of slave and master, which do not depend on the state; nodes are the slave's m first.
+    """Data of slave and master that do not depend on the state.
+
+    The m nodes of the slave are numbered first, followed by the nodes of the master.
 
     Args:
-        slave_facets: (f, 2), nodes of straight facets, with the outside on their right.
-        master_facets: (e, 2), likewise.
-        allowed_components: (m, 2), components that normals at the slave's nodes may have.
+        slave_facets: (f, 2), nodes of the slave's straight facets. The outside is on the right of
+            the direction from the first to the second node.
+        master_facets: (e, 2), nodes of the master's straight facets, in the same order.
+        allowed_components: (m, 2), mask of the components that normals at the slave's nodes may
+            have.
         revolved: whether areas are those of the whole circumference.
     """
 
@@ -45,15 +52,18 @@ class MortarSides:
 
 @dataclass(frozen=True)
 class MortarMatrices:
-    """Normals, areas and mortar matrices of the slave's nodes (m); both sides have n nodes.
+    """Normals, areas and mortar matrices of the m nodes of the slave.
+
+    Slave and master have n nodes together.
 
     Args:
         normals: (m, 2), unit vectors out of the master.
-        areas: (m,), A_j; zero for nodes that face nothing.
-        distance_rows: S, (m, n), mean difference between values of the slave and of the master.
-        master_fractions: (m, n - m), fractions of the force at each slave node that the master's
-            nodes receive.
-        fraction_error: (m,), round-off of these fractions, from the condition of the duals.
+        areas: (m,), integrals of the weight functions, zero for nodes that face nothing.
+        distance_rows: (m, n), matrix that turns nodal values of both sides into weighted means of
+            the difference between the slave's and the master's values.
+        master_fractions: (m, n - m), fractions of the force at each node of the slave that the
+            nodes of the master receive.
+        fraction_error: (m,), estimated round-off of `master_fractions`.
     """
 
     normals: Array
@@ -64,16 +74,16 @@ class MortarMatrices:
 
     @property
     def faces_master(self) -> Mask:
-        """Nodes (m,) that face the master."""
+        """Mask (m,) of the slave's nodes that face the master."""
         return np.asarray(self.areas > 0)
 
     @property
     def tangents(self) -> Array:
-        """Unit vectors (m, 2) along the slave, on the left of the normals."""
+        """Unit tangents (m, 2), which are the normals rotated anticlockwise by a right angle."""
         return self.normals[:, ::-1] * [-1.0, 1.0]
 
     def measure_gaps(self, x: Array) -> Array:
-        """Return gaps (m,) at positions x (n, 2), infinite for nodes that face nothing."""
+        """Return gaps (m,) for node positions x (n, 2); infinite for nodes that face nothing."""
         distance = self.distance_rows @ x
         return np.where(self.faces_master, np.sum(self.normals * distance, axis=1), np.inf)
 
@@ -86,13 +96,14 @@ def measure_gap_and_slip(
     Nodes that face nothing at the end have an infinite gap and no slip.
 
     Args:
-        start: matrices at the start.
-        end: matrices at the end.
-        x_start: (n, 2), positions at the start.
-        x_end: (n, 2), positions at the end.
+        start: matrices at the start of the increment.
+        end: matrices at the end of the increment.
+        x_start: (n, 2), positions of the nodes at the start.
+        x_end: (n, 2), positions of the nodes at the end.
     """
     distance = end.distance_rows @ x_end
-    # of nodes that faced the master at the start: distance of the points that were paired then
+    # slip of nodes that faced the master at the start, from the distance of the points that were
+    # paired at the start
     slip = np.sum(end.tangents * (start.distance_rows @ x_end - distance), axis=1)
     entered = np.sum(end.tangents * distance, axis=1)
     entered -= np.sum(start.tangents * (end.distance_rows @ x_start), axis=1)
@@ -101,18 +112,18 @@ def measure_gap_and_slip(
 
 
 def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
-    """Return normals, areas and mortar matrices with the nodes at positions x (n, 2)."""
+    """Return normals, areas and mortar matrices for nodes at positions x (n, 2)."""
     m, f = len(sides.allowed_components), len(sides.slave_facets)
     normals = _average_normals(sides, x)
     facet, (low, high), master = _find_facing_parts(sides, x, normals)
     slave_nodes, master_nodes = sides.slave_facets[facet], sides.master_facets[master]
     s = low[:, None] + (high - low)[:, None] * _GAUSS_POINTS
-    weights = np.stack([1 - s, s], axis=1)  # (q, 2, 3)
+    weights = np.stack([1 - s, s], axis=1)  # (q, 2, 3), of both ends at the Gauss points
     points, directions = (
         np.einsum("qig,qix->qgx", weights, end_values)
         for end_values in (x[slave_nodes], normals[slave_nodes])
     )
-    # signed distances of the ends of the master's facet from the ray
+    # signed distances of the ends of the master's facet from the line of projection
     offset_c, offset_d = (_cross(x[node][:, None] - points, directions) for node in master_nodes.T)
     master_s = offset_c / (offset_c - offset_d)
     length = np.linalg.norm(x[slave_nodes[:, 1]] - x[slave_nodes[:, 0]], axis=1)
@@ -125,7 +136,8 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
     areas, facet_products = np.zeros(m), np.zeros((f, 2, 2))
     np.add.at(areas, slave_nodes, slave_products.sum(axis=2))
     np.add.at(facet_products, facet, slave_products)
-    # psi = diag(W 1) W^-1 w on each facet
+    # dual functions diag(W 1) W^-1 w on each facet, with the weight functions w and the integrals W
+    # of their products
     covered = np.unique(facet)
     duals, loss = np.zeros((f, 2, 2)), np.zeros(f)
     W = facet_products[covered]
@@ -146,7 +158,10 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
 def _sum_entries(
     values: Array, rows: Indices, columns: Indices, shape: tuple[int, int]
 ) -> sp.csr_array:
-    """Return the matrix with the sums of values (q, 2, 2) at rows (q, 2) and columns (q, 2)."""
+    """Return the sparse matrix with values (q, 2, 2) at rows (q, 2) and columns (q, 2).
+
+    Values at the same place are summed.
+    """
     row, column = np.broadcast_arrays(rows[:, :, None], columns[:, None])
     return sp.csr_array(sp.coo_array((values.ravel(), (row.ravel(), column.ravel())), shape))
 
@@ -154,12 +169,22 @@ def _sum_entries(
 def _find_facing_parts(
     sides: MortarSides, x: Array, normals: Array
 ) -> tuple[Indices, tuple[Array, Array], Indices]:
-    """Return the slave's facets (q,), the limits of s of their facing parts, and the master's."""
+    """Return the parts (q) of the slave's facets that face a facet of the master.
+
+    Args:
+        sides: facets of both sides.
+        x: (n, 2), positions of the nodes.
+        normals: (m, 2), normals at the slave's nodes.
+
+    Returns:
+        Facets of the slave (q,); lower and upper limit (q,) of the coordinate s of each part, which
+        is 0 and 1 at the ends of a facet; and facets of the master (q,).
+    """
     slave, master = _find_near_facets(sides, x, normals)
     ends = sides.slave_facets[slave]
     (a, b), (n_a, n_b) = (np.swapaxes(v[ends], 0, 1) for v in (x, normals))
     limits = []
-    # s increases towards c, the first node of the master's facet
+    # the coordinate s increases towards c, the first node of the master's facet
     for node, sign, limit in ((1, 1.0, 0.0), (0, -1.0, 1.0)):
         p = x[sides.master_facets[master, node]]
         start, middle, end = (
@@ -167,7 +192,8 @@ def _find_facing_parts(
         )
         root, slope = _nearest_root(start, middle, end)
         within = np.abs(root - 0.5) <= 0.5
-        # no facing part beyond the point where normals intersect, which p passes the wrong way
+        # beyond the point where normals intersect, p would be projected in the wrong order, and no
+        # part faces the master
         visible = np.where(within, slope > 0, sign * middle > 0)
         limits.append(np.where(visible, np.where(within, root, limit), np.nan))
     low, high = limits
@@ -179,9 +205,10 @@ def _find_facing_parts(
 
 
 def _nearest_root(start: Array, middle: Array, end: Array) -> tuple[Array, Array]:
-    """Return the roots (q,) of parabolas that are nearest to s = 1/2, and the slopes there.
+    """Return the roots (q,) of parabolas that are nearest to s = 1/2, and the slopes (q,) there.
 
-    Parabolas are defined by their values (q,) at s = 0, 1/2 and 1. Both are NaN without a root.
+    A parabola is defined by its values (q,) at s = 0, 1/2 and 1. If it has no root, root and slope
+    are NaN.
     """
     rise, bend = end - start, 2 * (start + end) - 4 * middle
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -191,10 +218,16 @@ def _nearest_root(start: Array, middle: Array, end: Array) -> tuple[Array, Array
 
 
 def _find_near_facets(sides: MortarSides, x: Array, normals: Array) -> tuple[Indices, Indices]:
-    """Return pairs of facets, slave's and master's, that are near and face each other.
+    """Return pairs of a slave's and a master's facet that are near and face each other.
 
-    The distance of their middles exceeds that of the nearest facet by at most half the length of
-    the slave's facet and half the length of the longest facet of the master.
+    The distance between the midpoints of such a pair exceeds the distance to the nearest midpoint
+    of the master by at most the sum of two lengths: half the length of the slave's facet, and half
+    the length of the longest facet of the master.
+
+    Args:
+        sides: facets of both sides.
+        x: (n, 2), positions of the nodes.
+        normals: (m, 2), normals at the slave's nodes.
     """
     (middle, edge), (master_middle, master_edge) = (
         (x[facets].mean(axis=1), x[facets[:, 1]] - x[facets[:, 0]])
@@ -217,7 +250,11 @@ def _find_near_facets(sides: MortarSides, x: Array, normals: Array) -> tuple[Ind
 
 
 def _average_normals(sides: MortarSides, x: Array) -> Array:
-    """Return unit normals (m, 2) of the chords between neighbours of the slave's nodes."""
+    """Return unit normals (m, 2) at the slave's nodes.
+
+    A normal is perpendicular to the chord between the two neighbours of its node, apart from
+    components that are not allowed. The positions x of the nodes are (n, 2).
+    """
     chord = np.zeros((len(sides.allowed_components), 2))
     edge = x[sides.slave_facets[:, 1]] - x[sides.slave_facets[:, 0]]
     for nodes in sides.slave_facets.T:

@@ -1,10 +1,14 @@
-"""Mortar interfaces: two deformable bodies whose meshes need not match.
+"""Mortar interfaces between two deformable bodies whose meshes need not match.
 
-The theory page describes the method ("Two bodies"). Multipliers are expanded in the duals psi of
-the slave's weight functions w: slave node j receives the force r_j = A_j t_j, and master node k
-receives -M_jk r_j / A_j, with M_jk = integral of psi_j w_k. H has a unit entry in the equation of
-each contact point, as for matching nodes. H is not G^T, because tractions are weighted with duals
-and gaps with weight functions (B. Wohlmuth, https://doi.org/10.1137/S0036142999350929).
+The theory page describes the method ("Two bodies"). The contact traction is expanded in the dual
+functions psi_j of the slave's weight functions w_j, with coefficients t_j. Let A_j be the integral
+of w_j, and M_jk that of psi_j w_k with the weight function w_k of a master node k. Slave node j
+then receives the force r_j = A_j t_j, and master node k receives the forces -M_jk r_j / A_j.
+
+The operator of contact forces has a unit entry in the equation of each contact point, as for
+matching nodes. It is not the transpose of the operator of contact motions, because tractions are
+weighted with dual functions and gaps with weight functions (B. Wohlmuth,
+https://doi.org/10.1137/S0036142999350929).
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +31,7 @@ from pw_elements.contact.interface.overlap import (
 )
 from pw_elements.elasticity import locate_facets_in_cells
 
-# Nodes of each sub-facet of a facet, by the number of the facet's nodes: vertices come first, then
+# Nodes of each sub-facet of a facet, by the number of the facet's nodes. Vertices come first, then
 # the middles of edges, then the centre of a quadrilateral
 _SUB_FACET_NODES = {
     3: ((0, 2), (2, 1)),
@@ -40,28 +44,28 @@ _SUB_FACET_CELL_TYPES = {
     3: basix.CellType.triangle,
     4: basix.CellType.quadrilateral,
 }
-# Cosine of the angle between the normals of adjacent facets below which their edge is sharp
+# Edges are sharp if the cosine of the angle between the normals of adjacent facets is smaller
 _MAX_SHARP_EDGE_COSINE = float(np.cos(np.pi / 4)) - 1e-9
-# Polynomial degree of products of weights, quadratic functions and, in axisymmetry, the radius, by
-# the number of corners of a sub-facet; and the degree of the rule where quadrilaterals are not
-# parallelograms, so that the integrand is not a polynomial
+# Polynomial degree of products of a weight function, a quadratic function and, in axisymmetry, the
+# radius, by the number of corners of a sub-facet; and degree of the rule for quadrilaterals that
+# are not parallelograms, where the integrand is not a polynomial
 _QUADRATURE_DEGREES = {2: 4, 3: 4, 4: 6}
 _NON_PARALLELOGRAM_DEGREE = 10
-# Largest difference of opposite sides of a parallelogram, relative to its size
+# Largest difference between opposite sides of a parallelogram, relative to its size
 _PARALLELOGRAM_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class Trace:
-    """A part of the boundary, gathered from all processes: facets (f) with k nodes each."""
+    """A part of the boundary, gathered from all processes. It has f facets with k nodes each."""
 
-    facet_nodes: Indices  # (f, k), global; vertices first, then the middles of edges
-    facet_x: Array  # (f, k, dim), positions of these nodes
+    facet_nodes: Indices  # (f, k), global nodes; vertices first, then the middles of edges
+    facet_x: Array  # (f, k, dim), positions of the nodes of each facet
     facet_normals: Array  # (f, dim), outward unit normals of the facets, treated as flat
 
     @property
     def dim(self) -> int:
-        """Dimension of the space that contains the surface."""
+        """Dimension of the space that contains the boundary."""
         return int(self.facet_x.shape[2])
 
     @cached_property
@@ -72,12 +76,12 @@ class Trace:
 
     @cached_property
     def _sub_facet_nodes(self) -> Indices:
-        """Nodes (sub-facets, k) of the sub-facets of one facet."""
+        """Local nodes (number of sub-facets, k) of the sub-facets of one facet."""
         return np.array(_SUB_FACET_NODES[self.facet_nodes.shape[1]])
 
     @cached_property
     def sub_facets(self) -> tuple[Indices, Array, Array]:
-        """Nodes (s, k) of all sub-facets, their corners (s, k, dim) and unit normals (s, dim)."""
+        """Nodes (s, k), corners (s, k, dim) and outward unit normals (s, dim) of all sub-facets."""
         count, k = self._sub_facet_nodes.shape
         corners = self.facet_x[:, self._sub_facet_nodes].reshape(-1, k, self.dim)
         outward = np.repeat(self.facet_normals, count, axis=0)
@@ -88,11 +92,15 @@ class Trace:
     def evaluate_trial_functions(
         self, sub_facet: Indices, corner_weights: Array
     ) -> tuple[Indices, Array]:
-        """Return nodes (q, n) and values (q, n) of the quadratic trial functions at points.
+        """Return the quadratic trial functions of a facet at points (q).
 
         Args:
-            sub_facet: (q,), number of the sub-facet that contains each point.
-            corner_weights: (q, k), values of the functions of its corners at the point.
+            sub_facet: (q,), index of the sub-facet that contains each point.
+            corner_weights: (q, k), shape functions of the corners of the sub-facet at each point.
+
+        Returns:
+            Nodes (q, n) of the facet that contains each point, and the values (q, n) of their trial
+            functions at the point.
         """
         facet, part = np.divmod(sub_facet, len(self._sub_facet_nodes))
         corner_coordinates = self._element.points[self._sub_facet_nodes][part]
@@ -103,21 +111,29 @@ class Trace:
         return self.facet_nodes[facet], values
 
     def interpolate_positions(self, sub_facet: Indices, values: Array) -> Array:
-        """Return positions (q, dim) of points with these values (q, n) of trial functions."""
+        """Return positions (q, dim) of points on the facets.
+
+        Args:
+            sub_facet: (q,), index of the sub-facet that contains each point.
+            values: (q, n), trial functions of the facet's nodes at each point.
+        """
         facet_x = self.facet_x[sub_facet // len(self._sub_facet_nodes)]
         return np.einsum("qk,qkd->qd", values, facet_x)
 
     @cached_property
     def nodes(self) -> Indices:
-        """Global numbers (n,) of the nodes, sorted."""
+        """Sorted global numbers (n,) of the nodes."""
         return np.unique(self.facet_nodes)
 
     def with_positions(self, x: Array) -> "Trace":
-        """Return a copy with the nodes at positions x (n, dim)."""
+        """Return a copy of the trace with its nodes at positions x (n, dim)."""
         return replace(self, facet_x=x[np.searchsorted(self.nodes, self.facet_nodes)])
 
     def average_normals(self, nodes: Indices) -> Array:
-        """Return unit normals (..., dim) at nodes (...): means of sub-facets weighted by size."""
+        """Return unit normals (..., dim) at global nodes (...).
+
+        They are means of the normals of adjacent sub-facets, weighted with the sub-facets' sizes.
+        """
         sub_facet_nodes, corners, normal = self.sub_facets
         position = np.searchsorted(self.nodes, sub_facet_nodes)
         sums = np.zeros((len(self.nodes), self.dim))
@@ -126,7 +142,10 @@ class Trace:
         return sums[np.searchsorted(self.nodes, nodes)]
 
     def find_sharp_edges(self) -> Array:
-        """Return positions (n, dim) where normals of adjacent facets differ by over 45 degrees."""
+        """Return positions (n, dim) of nodes at which adjacent facets meet at a sharp edge.
+
+        The normals of the facets differ by more than 45 degrees at such an edge.
+        """
         k, element = self.facet_nodes.shape[1], self._element
         slopes = element.tabulate(1, element.points)[1:, :, :, 0]
         tangents = np.einsum("dqk,fkx->fqdx", slopes, self.facet_x)
@@ -137,8 +156,8 @@ class Trace:
         normal *= np.sign(np.sum(normal * np.repeat(self.facet_normals, k, axis=0), axis=1))[
             :, None
         ]
-        # local nodes at which at most two facets meet: end nodes in the plane, mid-side nodes in
-        # space
+        # local nodes at which at most two facets meet, which are end nodes in the plane and
+        # mid-side nodes in space
         shared = np.concatenate(element.entity_dofs[self.dim - 2]).astype(np.int64)
         normal = normal.reshape(-1, k, self.dim)[:, shared].reshape(-1, self.dim)
         node = self.facet_nodes[:, shared].ravel()
@@ -150,13 +169,18 @@ class Trace:
         return np.asarray(x[facet[sharp]])
 
     def node_positions(self) -> Array:
-        """Return positions (n, dim) of the nodes."""
+        """Return positions (n, dim) of the nodes in the order of `nodes`."""
         _, index = np.unique(self.facet_nodes, return_index=True)
         return self.facet_x.reshape(-1, self.dim)[index]
 
 
 def gather_trace(space: fem.FunctionSpace, facets: LocalIndices) -> Trace:
-    """Return the trace of exterior facets (local numbers) of all processes; collective."""
+    """Return the trace of the exterior facets of all processes; collective.
+
+    Args:
+        space: space of displacements.
+        facets: local numbers of the facets on this process.
+    """
     nodes, x, outward = compute_flat_facets(space, facets)
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
     parts = zip(*space.mesh.comm.allgather((number, x, outward)), strict=True)
@@ -166,9 +190,13 @@ def gather_trace(space: fem.FunctionSpace, facets: LocalIndices) -> Trace:
 def compute_flat_facets(
     space: fem.FunctionSpace, facets: LocalIndices
 ) -> tuple[LocalIndices, Array, Array]:
-    """Return nodes (f, k) of exterior facets, their positions, and outward unit normals (f, dim).
+    """Return nodes (f, k), node positions (f, k, dim) and outward normals (f, dim) of facets.
 
-    Normals are those of facets treated as flat.
+    Normals are unit vectors. Facets are treated as flat.
+
+    Args:
+        space: space of displacements.
+        facets: (f,), local numbers of exterior facets.
     """
     dim, (cells, local_nodes) = space.mesh.topology.dim, locate_facets_in_cells(space, facets)
     cell_nodes = space.dofmap.list[cells]
@@ -182,30 +210,32 @@ def compute_flat_facets(
 
 @dataclass(frozen=True)
 class Overlap:
-    """Quadrature points (q) on the overlaps of the slave's sub-facets with the master.
+    """Quadrature points (q) where sub-facets of the slave overlap with sub-facets of the master.
 
-    Only sub-facets at contact points of this process are included.
+    Only those sub-facets of the slave are included that have a contact point of this process as a
+    corner.
     """
 
-    point: Indices  # (q, k), contact point at each corner, -1 for those of other processes
+    point: Indices  # (q, k), contact point at each corner; -1 if another process has it
     weight: Array  # (q, k), weight functions of the corners
     dual: Array  # (q, k), dual functions of the corners
     measure: Array  # (q,), quadrature weights times lengths or areas
     slave_size: Array  # (q,), length or area of the slave's sub-facet
-    size_ratio: Array  # (q,), size of the slave's sub-facet over that of the master's
+    size_ratio: Array  # (q,), size of the slave's sub-facet divided by size of the master's
     separation: Array  # (q, dim), vector from the master to the slave
-    # nodes (q, n) and values (q, n) of the slave's and the master's quadratic functions, and of the
-    # master's weight functions
+    # nodes (q, n) and values (q, n) of three sets of functions: quadratic functions of the slave,
+    # quadratic functions of the master, and weight functions of the master
     functions: tuple[tuple[Indices, Array], ...]
 
     @classmethod
     def from_traces(cls, slave: Trace, master: Trace, owned: Indices, revolved: bool) -> "Overlap":
-        """Find the overlap of two traces.
+        """Return the overlap of two traces.
 
         Args:
             slave: trace of the slave.
             master: trace of the master.
-            owned: (m,), global numbers of the slave's nodes that are points of this process.
+            owned: (m,), global numbers of the slave's nodes that are contact points of this
+                process.
             revolved: whether areas are those of the whole circumference.
         """
         slave_nodes, slave_corners, _ = slave.sub_facets
@@ -266,16 +296,20 @@ class Overlap:
         )
 
     def mean_edge(self, size: Array, comm: MPI.Comm) -> float:
-        """Return the mean of lengths (q,), or of roots of areas (q,), over all processes."""
+        """Return a mean edge length, weighted with `measure`, for the overlaps of all processes.
+
+        `size` (q,) are lengths in the plane, and areas in space, of which square roots are taken.
+        For ratios of sizes the result is a mean ratio of edge lengths.
+        """
         edges = size ** (1 / (self.separation.shape[1] - 1))
         total = comm.allreduce(np.array([self.measure @ edges, self.measure.sum()]), MPI.SUM)
         return float(total[0] / total[1])
 
     def integrate_per_point(self, values: Array, m: int) -> Array:
-        """Integrate weight functions of m contact points times values; return (m,).
+        """Return the integrals (m,) of the contact points' weight functions times given values.
 
         Args:
-            values: (q,), or (q, k) with one value for each corner.
+            values: values (q,) at the quadrature points, or (q, k) with one value for each corner.
             m: number of contact points of this process.
         """
         values = np.atleast_2d(values.T).T
@@ -286,13 +320,15 @@ class Overlap:
     def assemble_integrals(
         self, tested: Array, column: Indices, values: Array, shape: tuple[int, int]
     ) -> sp.csr_array:
-        """Assemble the matrix of integrals of two sets of functions.
+        """Return the matrix of integrals of products of two functions.
+
+        The first function belongs to a contact point, which is the row, the second to a column.
 
         Args:
-            tested: (q, k), functions of the contact points, which are the rows.
-            column: (q, n), column of each of the other functions.
-            values: (q, n), of the other functions.
-            shape: of the matrix.
+            tested: (q, k), values of the contact points' functions.
+            column: (q, n), column of each second function.
+            values: (q, n), values of the second functions.
+            shape: shape of the matrix.
         """
         products = np.einsum("q,qa,qk->qak", self.measure, tested, values)
         row = np.broadcast_to(self.point[:, :, None], products.shape)
@@ -302,9 +338,10 @@ class Overlap:
 
 
 def compute_tributary_areas(trace: Trace, revolved: bool) -> Array:
-    """Integrate the weight function of each node over a whole trace; return (n,).
+    """Return the integral (n,) of the weight function of each node over a whole trace.
 
-    Sub-facets are treated as those of an `Overlap`. `revolved` integrates over the circumference.
+    Sub-facets are treated like the sub-facets of an `Overlap`. With `revolved`, areas are those of
+    the whole circumference.
     """
     nodes, corners, _ = trace.sub_facets
     k = corners.shape[1]
@@ -322,7 +359,7 @@ def compute_tributary_areas(trace: Trace, revolved: bool) -> Array:
 
 
 def _has_non_parallelogram(corners: Array) -> bool:
-    """Return whether any of the cells (q, k, d) is a quadrilateral but no parallelogram."""
+    """Return whether any cell with corners (q, k, d) is a quadrilateral but no parallelogram."""
     if corners.shape[1] < 4:
         return False
     difference = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
@@ -330,12 +367,15 @@ def _has_non_parallelogram(corners: Array) -> bool:
 
 
 def _evaluate_duals(sub_facet: Indices, weight: Array, measure: Array) -> Array:
-    """Return dual functions D M^-1 w, (q, k), at quadrature points.
+    """Return the dual functions (q, k) of the weight functions at quadrature points.
+
+    On each sub-facet the duals are D M^-1 w, with the weight functions w, the integrals M of their
+    products, and the diagonal matrix D of their own integrals.
 
     Args:
-        sub_facet: (q,), that contains each point; M and D are integrated over its points.
-        weight: (q, k), w.
-        measure: (q,).
+        sub_facet: (q,), sub-facet that contains each point.
+        weight: (q, k), values of the weight functions.
+        measure: (q,), quadrature weights times lengths or areas.
     """
     if not len(sub_facet):
         return weight

@@ -1,17 +1,18 @@
-"""The interface: contact points, and two operators that couple them to the body.
+"""The interface, which consists of contact points and of two operators that couple them to a body.
 
-Let a be the displacements (n,) of all nodes and r the contact forces at the m points. Then
+Let a be the displacements (n,) of all nodes, r the contact forces at the m points, K the stiffness
+and f the load. The motion operator G and the force operator H are defined by
 
     motion of the points  = G a,          G (m dim, n),
     K a - f               = H r,          H (n, m dim).
 
-`build_interface` makes the `PairPoints` of each pair. Law, kinematics and iteration use points
-only.
+`build_interface` makes the `PairPoints` of each pair. Contact law, kinematics and iteration deal
+with points only.
 
 The module guarantees operators, and values of surfaces, at the points of each process, and the same
-errors on all processes. It assumes that a force component can be read from its equation in
-`PairPoints.equation`, and that the units of G and H together turn K into force per length, the unit
-of the factor c in the law.
+errors on all processes. It assumes that each force component appears alone in the equation that
+`PairPoints.equation` gives for it. It also assumes units in which G K^-1 H is a length per force,
+since the factor c of the contact law is a force per length.
 """
 
 from collections.abc import Mapping, Sequence
@@ -54,27 +55,27 @@ from pw_elements.spaces import SubSpace, gather_from_owners
 COORDINATE_ROUND_OFF = 4 * float(np.finfo(float).eps)
 # Largest initial penetration attributed to round-off and faceting, relative to the body's diagonal
 _MAX_INITIAL_PENETRATION = 1e-6
-# Largest cosine between the normal and a supported component
+# Largest cosine between the normal and a direction in which a support prescribes the displacement
 _MAX_PRESCRIBED_NORMAL_COSINE = 1e-8
 # Step of finite differences of closest points, relative to the extent of the contact nodes
 _DIFFERENCE_STEP = 1e-6
-# Largest relative difference of prescribed displacements that count as equal
+# Largest relative difference between prescribed displacements that count as equal
 _MAX_SUPPORT_DIFFERENCE = 1e-9
-# Largest difference of the length of a unit normal from one
+# Largest difference between the length of a unit normal and one
 _UNIT_TOLERANCE = 1e-6
 # Smallest cosine between a surface's normal and the body's outward normal at which the surface
 # pushes the body outwards
 MIN_OUTWARD_COSINE = 0.1
 
 
-# Surfaces that each process evaluates at its own points only, and surfaces whose evaluation cannot
-# fail
+# Types of surfaces that each process evaluates at its own points only; and types of surfaces whose
+# evaluation cannot fail
 _LOCALLY_EVALUATED_SURFACES = (*CLOSED_FORM_SURFACES, KnownGapSurface)
 _UNGUARDED_SURFACES = (*SURFACES_DEFINED_EVERYWHERE, KnownGapSurface)
 
 
 class InvalidContactNodes(ValueError):
-    """Contact nodes at which contact cannot be stated, because of their position or surface."""
+    """The position or surface of some contact nodes does not allow contact conditions there."""
 
 
 class Interface:
@@ -85,18 +86,19 @@ class Interface:
         surfaces: surfaces of the pairs at their initial positions.
         field: displacements among the unknowns (n,).
         allows_interference: for each pair, whether its points may be inside its surface initially.
-        sibling_inverse: T^-T, (n, n), which turns displacements into the sibling's coefficients;
-            None if the unknowns are displacements.
-        mortars: mortars of the pairs of two bodies at large sliding, by pair; they replace `force`
-            and the kinematics of these pairs.
+        sibling_inverse: matrix (n, n) that turns displacements into the coefficients of the
+            symmetric sibling element; None if the unknowns are displacements.
+        mortars: mortar of each pair of two bodies at large sliding, by index of the pair. It
+            replaces `force` and the kinematics of the pair.
 
     Attributes:
         pair: (m,), index of the pair of each point.
         pairs: number of pairs.
-        motion: G, (m dim, n).
-        force: H, (n, m dim).
-        held_components: (m, dim), components with friction that supports prescribe.
-        holds_friction: whether there are such components on any process.
+        motion: motion operator (m dim, n), which turns unknowns into motions of the points.
+        force: force operator (n, m dim), which turns forces on the points into nodal forces.
+        held_components: (m, dim), mask of displacement components that supports prescribe at points
+            with friction.
+        holds_friction: whether any process has such held components.
     """
 
     def __init__(
@@ -129,12 +131,12 @@ class Interface:
         )
         self.opposite = [part.opposite for part in points]
         self.motion = self.assemble_rows(sp.vstack([part.motion_rows for part in points], "csr"))
-        self.force = self.assemble_rows(
-            sp.vstack([part.force_columns for part in points], "csr")
-        ).transpose(PETSc.Mat())
+        self.force = self.assemble_rows(sp.vstack([part.force_columns for part in points], "csr")).transpose(
+            PETSc.Mat()
+        )
         self._sibling_inverse = sibling_inverse
-        # no friction on the axis of revolution, where it has no direction, nor along supports of
-        # two bodies with the same prescribed motion
+        # there is no friction on the axis of revolution, where it has no direction, nor between two
+        # bodies along supports that prescribe the same motion of both
         stated = (self.equation >= 0) | (self.faced == DEFORMABLE)[:, None]
         self.held_components: Mask = (
             ~stated & ~concatenate("on_axis") & self.cone.has_friction[:, None]
@@ -151,15 +153,16 @@ class Interface:
         """Check pairs, friction laws, supports, normals and initial gaps; collective.
 
         Args:
-            body_diagonal: diagonal of the body's bounding box, the reference of penetrations.
+            body_diagonal: diagonal of the body's bounding box. Penetrations are judged relative to
+                it.
 
         Raises:
-            ValueError: if a contact condition cannot be stated.
+            ValueError: if pairs, laws, supports, normals or gaps do not define a contact problem.
         """
         for k in range(self.pairs):
             if self.comm.allreduce(int(np.sum(self.pair == k)), MPI.SUM) == 0:
                 raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
-        with np.errstate(invalid="ignore"):  # of an infinite coefficient
+        with np.errstate(invalid="ignore"):  # the coefficient may be infinite
             limit_at_zero, slope = self.cone.limit(np.zeros(len(self.pair)))
         rises = self.cone.find_rising_coefficients()
         self.check_laws()
@@ -177,16 +180,15 @@ class Interface:
         remedy = f"move them apart by {deepest:.3g}, or set interference=True in the pair"
         rigid = self.faced == RIGID
         self.refuse_points(cut & rigid, f"lie inside the rigid surface before any motion: {remedy}")
-        self.refuse_points(
-            cut & ~rigid, f"lie inside the body that they face before any motion: {remedy}"
-        )
+        self.refuse_points(cut & ~rigid, f"lie inside the body that they face before any motion: {remedy}")
         self._check_surface_sides()
 
     def check_laws(self, force: Array | None = None) -> None:
-        """Raise the errors of users' friction laws on all processes; collective.
+        """Raise the collected errors of users' friction laws on all processes; collective.
 
         Args:
-            force: normal forces (m,) at which limits and slopes are checked, or None.
+            force: normal forces (m,) at which limits and slopes are checked. None if only collected
+                errors are raised.
 
         Raises:
             ValueError: if a law gives a wrong slope or a coefficient that rises with the force.
@@ -218,7 +220,7 @@ class Interface:
 
     @cached_property
     def interference(self) -> Array:
-        """Depth (m,) of the points inside their surface; zero in pairs without interference."""
+        """Initial depth (m,) of points inside their surface; zero in pairs without interference."""
         return np.where(
             self._allows_interference, np.maximum(0.0, -self._evaluate_surfaces("gap", None)), 0.0
         )
@@ -227,8 +229,8 @@ class Interface:
         """Check normals (m, dim) and gaps (m,), and that points can move along their normals.
 
         Raises:
-            InvalidContactNodes: if gap or normal of a node is invalid, or a support prescribes its
-                normal displacement.
+            InvalidContactNodes: if the gap or normal of a node is invalid, or if a support
+                prescribes the displacement of a node along its normal.
         """
         self.refuse_points(np.isnan(gap), "face a surface whose gap is not a number")
         faced = np.isfinite(gap)
@@ -246,17 +248,18 @@ class Interface:
     def check_supports_between(
         self, prescribed: PETSc.Vec, translations: Array, pressed: Mask
     ) -> None:
-        """Check that supports move both sides of pairs of bodies with friction in the same way.
+        """Check that supports prescribe the same motion of both sides of pairs with friction.
 
-        If they do, as on a plane of symmetry, there is no friction along the supports.
+        Pairs of two bodies are checked. With the same motion of both sides, as on a plane of
+        symmetry, there is no friction along the supports.
 
         Args:
             prescribed: prescribed displacements, (n,).
             translations: translations of the masters, (pairs, dim), NaN where they are free.
-            pressed: (m,), nodes with a contact force; the others are not checked.
+            pressed: (m,), mask of nodes with a contact force. Other nodes are not checked.
 
         Raises:
-            ValueError: if the prescribed displacements of both sides differ.
+            ValueError: if the prescribed displacements of the two sides differ.
         """
         is_held, counterpart = self._held_between_bodies, self._counterpart
         counterparts = np.unique(self.gather_values(counterpart[is_held]))
@@ -297,24 +300,37 @@ class Interface:
                 )
 
     def refuse_points(self, is_invalid: Mask, fault: str) -> None:
-        """Raise InvalidContactNodes with the positions of invalid points (m,); collective.
+        """Raise InvalidContactNodes if any point of any process is invalid; collective.
 
-        `fault` is a verb phrase that follows "contact nodes at ..." in the message.
+        Args:
+            is_invalid: (m,), mask of invalid points. The message lists their positions.
+            fault: verb phrase that follows "contact nodes at ..." in the message.
         """
         positions = self.gather_values(self.position[is_invalid])
         if len(positions):
             raise InvalidContactNodes(f"contact nodes at {format_points(positions)} {fault}")
 
     def gather_values(self, values: npt.NDArray) -> npt.NDArray:
-        """Return the values (k, ...) of all processes, by rank; collective."""
+        """Return the concatenated values (k, ...) of all processes in rank order; collective."""
         return np.concatenate(self.comm.allgather(values))
 
     def gather_in_order(self, pair: int, values: npt.NDArray) -> npt.NDArray:
-        """Return values (m, ...) at a pair's points of all processes, by position; collective."""
+        """Gather the values at the points of one pair from all processes; collective.
+
+        Args:
+            pair: index of the pair.
+            values: (m, ...), values at all contact points of this process.
+
+        Returns:
+            Values (k, ...) at the pair's points of all processes, sorted by position.
+        """
         return self.gather_values(values[self.pair == pair])[self._position_order[pair]]
 
     def gather_by_pair(self, values: Mapping[str, npt.NDArray]) -> list[dict[str, npt.NDArray]]:
-        """Return the values (m, ...) of each pair in the order of `gather_in_order`; collective."""
+        """Return named values at the points of each pair, as gathered by `gather_in_order`; collective.
+
+        `values` are arrays (m, ...) at the points of this process by their names.
+        """
         of_ranks = self.comm.allgather((self.pair, dict(values)))
         return [
             {
@@ -325,7 +341,12 @@ class Interface:
         ]
 
     def extract_local_values(self, states: Sequence[PairState], *names: str) -> list[npt.NDArray]:
-        """Return attributes (m, ...) of the pairs' states at the points of this process."""
+        """Return attributes (m, ...) of the pairs' states at the points of this process.
+
+        Args:
+            states: state of each pair.
+            names: names of the attributes.
+        """
         local_rows = list(zip(states, self._ordered_rows, strict=True))
         return [
             np.concatenate([getattr(state, name)[rows] for state, rows in local_rows])
@@ -333,9 +354,10 @@ class Interface:
         ]
 
     def assemble_rows(self, rows: sp.csr_matrix) -> PETSc.Mat:
-        """Return the matrix with local `rows`, whose columns become those of all unknowns (n,).
+        """Return the distributed matrix with these rows, extended to all unknowns.
 
-        The columns of `rows` are displacements. Each process contributes its own rows.
+        Each process contributes its own `rows`. Their columns are displacements, whereas the matrix
+        has a column for each of the n unknowns.
         """
         csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
         sizes = ((rows.shape[0], PETSc.DETERMINE), self.field.sizes)
@@ -346,7 +368,7 @@ class Interface:
 
     @cached_property
     def _position_order(self) -> list[npt.NDArray[np.intp]]:
-        """Indices that sort the gathered points of each pair by position."""
+        """Indices that sort the points of each pair, gathered from all processes, by position."""
         return [
             order_by_position(
                 self.gather_values(self.position[self.pair == k]),
@@ -357,7 +379,7 @@ class Interface:
 
     @cached_property
     def _ordered_rows(self) -> list[Indices]:
-        """Indices of this process' points of each pair among those of `gather_in_order`."""
+        """Indices of this process' points of each pair in the arrays that `gather_in_order` returns."""
         rows = []
         for k, order in enumerate(self._position_order):
             counts = self.comm.allgather(int(np.sum(self.pair == k)))
@@ -367,7 +389,7 @@ class Interface:
 
     @property
     def own_nodes(self) -> Indices:
-        """Local indices (m,) of the points' nodes on this process, which owns them."""
+        """Local indices (m,) of the nodes at the points. This process owns the nodes."""
         node_offset: int = self.field.space.dofmap.index_map.local_range[0]
         return np.asarray(self.node - node_offset)
 
@@ -375,14 +397,14 @@ class Interface:
     def first_nodes(self) -> list[Array]:
         """Position (1, dim) of the first node of each pair.
 
-        Processes without points evaluate users' surfaces there, so that all processes call them
-        equally often: users' surfaces may communicate.
+        Processes without points evaluate users' surfaces at this position. All processes then call
+        a surface equally often, so that the surface may communicate between processes.
         """
         return [self.gather_in_order(k, self.position)[:1] for k in range(self.pairs)]
 
     @cached_property
     def extent(self) -> float:
-        """Largest extent of the undeformed contact points of all processes along an axis."""
+        """Largest extent, along any axis, of the undeformed contact points of all processes."""
         return float(compute_extents(self.comm, self.position).max())
 
     def distribute_to_opposite_nodes(self, force: Array, force_operator: PETSc.Mat) -> list[Array]:
@@ -390,7 +412,7 @@ class Interface:
 
         Args:
             force: forces on the points, (m, dim).
-            force_operator: H, (n, m dim).
+            force_operator: matrix (n, m dim) that turns forces on the points into nodal forces.
         """
         forces: list[Array] = [np.zeros((0, force.shape[1])) for _ in self.opposite]
         for k, nodes in enumerate(self.opposite):
@@ -401,20 +423,21 @@ class Interface:
         return forces
 
     def extract_at_points(self, unknowns: PETSc.Vec) -> Array:
-        """Return the displacements (m, dim) among the unknowns (n,) at the nodes of the points."""
+        """Return the displacements (m, dim) of the nodes at the points, given all unknowns (n,)."""
         values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
         return np.asarray(values[self.own_nodes])
 
     def extract_at_nodes(self, nodes: Indices, unknowns: PETSc.Vec) -> Array:
-        """Return the values (k, dim) of a vector (n,) at global nodes (k,); collective."""
+        """Return the displacements (k, dim) in unknowns (n,) at global nodes (k,); collective."""
         values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
         return gather_from_owners(self.field.space, nodes, values)
 
     def evaluate_gaps(self, translations: Array | None) -> Array:
-        """Return the gaps (m,) of the undeformed body to the translated surfaces; collective.
+        """Return the gaps (m,) between the undeformed body and translated surfaces; collective.
 
-        For the sibling, gaps are transformed like displacements, to T^-T g. A node keeps its own
-        gap if no surface faces a node on which its coefficient depends.
+        `translations` (pairs, dim) are zero if None. For the symmetric sibling element, gaps are
+        transformed to its basis like displacements. A node keeps its own gap if its coefficient
+        depends on another node that no surface faces.
         """
         gap, inverse = self._evaluate_surfaces("gap", translations), self._sibling_inverse
         if inverse is None:
@@ -438,17 +461,23 @@ class Interface:
         return np.where(depends_on_faced_nodes, np.sum(gap_vector * normal, axis=1), gap)
 
     def evaluate_normals(self, translations: Array | None) -> Array:
-        """Return the normals (m, dim) of the translated surfaces at the undeformed body."""
+        """Return the normals (m, dim) of translated surfaces at the undeformed points; collective.
+
+        `translations` (pairs, dim) are zero if None.
+        """
         return self._evaluate_surfaces("normal", translations)
 
     def find_closest(self, motion: Array) -> tuple[Array, Array, Array]:
-        """Return gaps (m,), normals (m, dim) and their derivatives (m, dim, dim); collective.
+        """Return gaps (m,), normals (m, dim) and derivatives (m, dim, dim) of normals; collective.
 
-        `motion` (m, dim) are the motions of the points in the frames of their surfaces. In pairs of
-        two bodies all values are zero. Gaps are infinite where no surface faces a point.
+        Derivatives are with respect to the positions of the points. Gaps are infinite where no
+        surface faces a point. In pairs of two bodies all values are zero.
+
+        Args:
+            motion: (m, dim), motions of the points in the frames of their surfaces.
 
         Raises:
-            NotFound: if a point has no closest point.
+            NotFound: if there is no point of the surface that is closest to a contact point.
         """
         gap, normal, curvature = self.find_closest_or_nan(motion)
         positions = self.gather_values(self.position[np.isnan(gap)])
@@ -459,11 +488,11 @@ class Interface:
         return gap, normal, curvature
 
     def find_closest_or_nan(self, motion: Array) -> tuple[Array, Array, Array]:
-        """Return the values of `find_closest`, NaN where there is no closest point; collective."""
+        """Return the values of `find_closest`, or NaN where there is no closest point; collective."""
         dim = motion.shape[1]
         layout = "it takes points as rows (n, dim), gives (n,), (n, dim) and (n, dim, dim)"
         results = [np.zeros((len(motion), *shape)) for shape in ((), (dim,), (dim, dim))]
-        # all surfaces have closest points, which has been checked
+        # it has been checked that all surfaces have a method `closest`
         self._call_surfaces("closest", self.position + motion, results, layout)
         gap, normal, curvature = results
         is_finite = np.isfinite(gap) & np.isfinite(curvature).all(axis=(1, 2))
@@ -477,7 +506,7 @@ class Interface:
 
         Args:
             motion: (m, dim), motions of the points in the frames of their surfaces.
-            pressed: (m,), points at which the surfaces are checked.
+            pressed: (m,), mask of the points at which the surfaces are checked.
 
         Raises:
             ValueError: if a surface gives wrong derivatives.
@@ -502,7 +531,10 @@ class Interface:
     def _evaluate_surfaces(
         self, quantity: Literal["gap", "normal"], translations: Array | None
     ) -> Array:
-        """Return gaps (m,) or normals (m, dim) of the translated surfaces; collective."""
+        """Return gaps (m,) or normals (m, dim) of translated surfaces; collective.
+
+        `translations` (pairs, dim) are zero if None.
+        """
         values = np.empty_like(self.position if quantity == "normal" else self.position[:, 0])
         shape = "(n, dim)" if quantity == "normal" else "(n,)"
         translation = 0.0 if translations is None else translations[self.pair]
@@ -514,7 +546,8 @@ class Interface:
         """Call a method of all surfaces at points x (m, dim) and write its values to `results`.
 
         A user's surface is called on each process with the points of all processes. All processes
-        then call it equally often, so it may communicate or iterate until all points converge.
+        then call the surface equally often, so that it may communicate between processes, or
+        iterate until all points converge.
 
         Args:
             method: "gap", "normal" or "closest".
@@ -523,8 +556,8 @@ class Interface:
             layout: description of valid arguments and results for error messages.
 
         Raises:
-            ValueError: on all processes, if a user's surface raises an error or returns arrays of a
-                wrong shape.
+            ValueError: on all processes, if a user's surface raises an error or returns arrays of
+                wrong shapes.
         """
         calls = [
             (k, surface, self.pair == k)
@@ -559,5 +592,5 @@ class Interface:
 
 
 def _as_tuple(value: Any, results: Sequence[Array]) -> Sequence[Any]:  # noqa: ANN401
-    """Return the arrays that a surface's method returned; a single array becomes a tuple."""
+    """Return `value` as a sequence of arrays; a single result is put into a tuple."""
     return value if len(results) > 1 else (value,)

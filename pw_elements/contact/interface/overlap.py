@@ -1,12 +1,14 @@
-"""Overlaps of sub-facets of two surfaces, split into simplices.
+"""Overlaps of the sub-facets of two surfaces, split into simplices.
 
-Sub-facets of the two surfaces overlap in intervals or polygons. A sub-facet is an interval, a
-triangle or a quadrilateral, defined by its corners and treated as flat. Sub-facets of the master
-are projected onto those of the slave along a direction of the latter. Overlaps are split into
-simplices, in coordinates along the edges of the slave's sub-facet, so that a quadrature rule for a
-simplex integrates polynomials on both surfaces exactly. Corners of quadrilaterals are in tensor
-product order; their weight functions are bilinear in reference coordinates, which are polynomials
-of the coordinates used here only on parallelograms.
+A sub-facet is an interval, a triangle or a quadrilateral, defined by its corners and treated as
+flat. Each sub-facet of the slave has a direction, along which sub-facets of the master are
+projected onto it. The overlaps are intervals or polygons. They are split into simplices, in
+coordinates along the edges of the slave's sub-facet, so that a quadrature rule for a simplex
+integrates polynomials on both surfaces exactly.
+
+Corners of quadrilaterals are in tensor-product order. The weight functions of quadrilaterals are
+bilinear in reference coordinates. These are polynomials of the coordinates along the edges on
+parallelograms only.
 """
 
 from dataclasses import dataclass
@@ -20,20 +22,20 @@ from pw_elements.arrays import Array, Indices
 _SIMPLEX_CORNERS = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
 # Smallest overlap, relative to the size of the slave's sub-facet
 _MIN_OVERLAP_FRACTION = 1e-12
-# Largest cosine between the normals of sub-facets that face each other
+# Largest cosine between the outward normals of two sub-facets that face each other
 MAX_FACING_COSINE = -1e-2
-# Corners of a sub-facet in the order along its rim, by their number
+# Corners of a sub-facet in the order along its rim, by its number of corners
 _CORNERS_ALONG_RIM = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
-# Newton's method for reference coordinates in a quadrilateral: limit of steps, and largest change
+# Newton's method for reference coordinates in a quadrilateral: limit of steps; and largest change
 # of a coordinate in the final step
 _MAX_NEWTON_STEPS = 25
 _NEWTON_TOLERANCE = 1e-14
 
 
 def compute_cell_normals(corners: Array) -> Array:
-    """Return unit normals (n, dim) of cells with corners (n, k, dim); the sign is arbitrary.
+    """Return unit normals (n, dim), of arbitrary sign, of cells with corners (n, k, dim).
 
-    Cells are intervals in the plane, triangles or quadrilaterals in space.
+    Cells are intervals in the plane, and triangles or quadrilaterals in space.
     """
     vectors = _spanning_vectors(corners)
     if corners.shape[2] == 2:
@@ -46,7 +48,7 @@ def compute_cell_normals(corners: Array) -> Array:
 def compute_cell_sizes(corners: Array) -> Array:
     """Return lengths or areas (n,) of cells with corners (n, k, dim).
 
-    The area of a quadrilateral is that of its projection along its normal.
+    The area of a quadrilateral is the area of its projection along its normal.
     """
     if corners.shape[1] == 4:
         u, v = np.swapaxes(_spanning_vectors(corners), 0, 1)
@@ -55,7 +57,7 @@ def compute_cell_sizes(corners: Array) -> Array:
 
 
 def _spanning_vectors(corners: Array) -> Array:
-    """Return the edges from the first corner of simplices, or the diagonals of quadrilaterals."""
+    """Return edges from the first corner of simplices, or diagonals of quadrilaterals."""
     if corners.shape[1] == 4:
         return np.asarray(corners[:, [3, 2]] - corners[:, :2])
     return np.asarray(corners[:, 1:] - corners[:, :1])
@@ -63,29 +65,30 @@ def _spanning_vectors(corners: Array) -> Array:
 
 @dataclass(frozen=True)
 class OverlapSimplices:
-    """Simplices (q) of dimension d that make up the overlaps of sub-facets.
+    """Simplices (q) of dimension d into which the overlaps of sub-facets are split.
 
-    Coordinates are along the first edges of the slave's sub-facet.
+    The coordinates of corners are along the first edges of the slave's sub-facet.
     """
 
-    slave_sub_facet: Indices  # (q,)
-    master_sub_facet: Indices  # (q,)
-    corners: Array  # (q, d + 1, d)
-    slave_corners: Array  # (q, k, d), of the slave's sub-facet
-    master_corners: Array  # (q, k, d), of the master's sub-facet, projected
-    size: Array  # (q,), lengths or areas in these coordinates
+    slave_sub_facet: Indices  # (q,), index of the slave's sub-facet
+    master_sub_facet: Indices  # (q,), index of the master's sub-facet
+    corners: Array  # (q, d + 1, d), corners of the simplices
+    slave_corners: Array  # (q, k, d), corners of the slave's sub-facet
+    master_corners: Array  # (q, k, d), projected corners of the master's sub-facet
+    size: Array  # (q,), lengths or areas of the simplices in these coordinates
 
 
 def find_overlaps(
     slave: Array, master: Array, directions: Array, outward: Array
 ) -> OverlapSimplices:
-    """Return the overlaps of two surfaces, projected along directions of the slave.
+    """Return the overlaps of the sub-facets of two surfaces.
 
     Args:
         slave: (s, k, dim), corners of the slave's sub-facets.
         master: (m, k, dim), corners of the master's sub-facets.
-        directions: (s, dim), unit vectors out of the slave's body.
-        outward: (m, dim), unit normals of the master.
+        directions: (s, dim), unit vectors out of the slave's body, along which the master is
+            projected onto each sub-facet of the slave.
+        outward: (m, dim), outward unit normals of the master's sub-facets.
     """
     slave_index, master_index = _find_candidate_pairs(slave, master, directions)
     cosine = np.sum(directions[slave_index] * outward[master_index], axis=1)
@@ -116,10 +119,10 @@ def find_overlaps(
 
 
 def evaluate_corner_functions(corners: Array, points: Array) -> Array:
-    """Return values (q, g, k) of the functions of corners (q, k, d) at points (q, g, d).
+    """Return the shape functions (q, g, k) of cells with corners (q, k, d) at points (q, g, d).
 
-    They are linear on intervals and triangles, bilinear on quadrilaterals, where Newton's method
-    finds the reference coordinates of the points.
+    Shape functions are linear on intervals and triangles. They are bilinear on quadrilaterals, on
+    which Newton's method computes the reference coordinates of the points.
     """
     k, d = corners.shape[1:]
     edges = corners[:, 1 : d + 1] - corners[:, :1]
@@ -130,7 +133,7 @@ def evaluate_corner_functions(corners: Array, points: Array) -> Array:
     difference = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
     twist = _coordinates_along_edges(edges, difference[:, None])
     u, v = coordinates[..., 0].copy(), coordinates[..., 1].copy()
-    for _ in range(_MAX_NEWTON_STEPS):  # u + twist_0 u v and v + twist_1 u v are the coordinates
+    for _ in range(_MAX_NEWTON_STEPS):  # coordinates: u + twist_0 u v, v + twist_1 u v
         residual = [
             value + twist[..., i] * u * v - coordinates[..., i] for i, value in enumerate((u, v))
         ]
@@ -148,17 +151,22 @@ def evaluate_corner_functions(corners: Array, points: Array) -> Array:
 
 
 def _coordinates_along_edges(edges: Array, vectors: Array) -> Array:
-    """Return coordinates (q, g, d) of vectors (q, g, d) in the basis of edges (q, d, d), rows."""
+    """Return coordinates (q, g, d) of vectors (q, g, d) in bases whose vectors are `edges`.
+
+    The rows of `edges` (q, d, d) are the basis vectors.
+    """
     return np.swapaxes(np.linalg.solve(*(np.swapaxes(x, 1, 2) for x in (edges, vectors))), 1, 2)
 
 
 def compute_jacobian_factors(corners: Array, corner_weights: Array | None = None) -> Array:
-    """Return lengths or areas (q,) per unit of the reference cell.
+    """Return the Jacobian factors (q,) at one point of each cell.
+
+    The factor is the length or area on the cell per unit length or area on the reference cell.
 
     Args:
-        corners: (q, k, dim), of cells.
-        corner_weights: (q, k), values of the corners' functions at a point of each cell; needed on
-            quadrilaterals, as the factor is constant on simplices.
+        corners: (q, k, dim), corners of the cells.
+        corner_weights: (q, k), shape functions of the corners at the point. They are needed on
+            quadrilaterals only, since the factor is constant on simplices.
     """
     edges = corners[:, 1:3] - corners[:, :1]
     if corners.shape[1] == 2:
@@ -177,11 +185,17 @@ def compute_jacobian_factors(corners: Array, corner_weights: Array | None = None
 def _find_candidate_pairs(
     slave: Array, master: Array, directions: Array
 ) -> tuple[Indices, Indices]:
-    """Return numbers (q,) of sub-facets of slave and master whose bounding boxes intersect.
+    """Return pairs (q,) of sub-facets of slave and master whose bounding boxes intersect.
 
-    The slave's boxes are aligned with their directions, along which they extend as far as the
-    search radius. The master's boxes are aligned with the axes; in the order of a k-d tree they are
-    merged two by two, up to one box of all, from which the search descends for all slaves at once.
+    The box of a slave's sub-facet is aligned with the direction of the sub-facet, along which it
+    extends as far as the search radius. Boxes of the master are aligned with the coordinate axes.
+    In the order of a k-d tree they are merged two by two, until one box contains the whole master.
+    From this box the search descends for all sub-facets of the slave at once.
+
+    Args:
+        slave: (s, k, dim), corners of the slave's sub-facets.
+        master: (m, k, dim), corners of the master's sub-facets.
+        directions: (s, dim), unit vectors out of the slave's body.
     """
     if not len(slave) or not len(master):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
@@ -222,9 +236,9 @@ def _find_candidate_pairs(
 
 
 def _intersect_intervals(slave: Array, master: Array) -> tuple[Indices, Array]:  # noqa: ARG001
-    """Return the pairs (q,) that overlap, and the ends (q, 2, 1) of their overlaps.
+    """Return the pairs (q,) of intervals that overlap, and the ends (q, 2, 1) of their overlaps.
 
-    The slave's intervals are [0, 1] in these coordinates, and are not used.
+    Coordinates are along the slave's intervals, which are [0, 1]. `slave` is therefore not used.
     """
     low, high = (np.clip(end(master[:, :, 0], axis=1), 0.0, 1.0) for end in (np.min, np.max))
     pair = np.flatnonzero(high > low)
@@ -232,10 +246,14 @@ def _intersect_intervals(slave: Array, master: Array) -> tuple[Indices, Array]: 
 
 
 def _intersect_polygons(slave: Array, master: Array) -> tuple[Indices, Array]:
-    """Return triangles that make up the overlaps: their pairs (q,) and corners (q, 3, 2).
+    """Return the triangles into which the overlaps of pairs of polygons are split.
 
-    The master's polygon is clipped at each side of the slave's in turn (Sutherland and Hodgman,
-    https://doi.org/10.1145/360767.360802), and the remaining polygon is split into a fan.
+    The polygon of the master is clipped at each side of the slave's polygon in turn (Sutherland and
+    Hodgman, https://doi.org/10.1145/360767.360802). The remaining polygon is split into a fan of
+    triangles.
+
+    Returns:
+        The pair (q,) to which each triangle belongs, and the corners (q, 3, 2) of the triangles.
     """
     n, k = master.shape[:2]
     rim = slave[:, _CORNERS_ALONG_RIM[k]]
@@ -254,15 +272,17 @@ def _intersect_polygons(slave: Array, master: Array) -> tuple[Indices, Array]:
 
 
 def _clip_polygons(polygon: Array, count: Indices, height: Array) -> tuple[Array, Indices]:
-    """Remove the parts of polygons that have a negative height, linear between corners.
+    """Remove the parts of polygons in which the height is negative.
+
+    The height is linear between corners.
 
     Args:
-        polygon: (n, max_count, 2), corners.
+        polygon: (n, max_count, 2), corners of the polygons.
         count: (n,), number of corners of each polygon.
-        height: (n, max_count), at the corners.
+        height: (n, max_count), heights at the corners.
 
     Returns:
-        Corners and their numbers of the clipped polygons.
+        Corners (n, max_count, 2) of the clipped polygons, and numbers (n,) of these corners.
     """
     n, max_count, _ = polygon.shape
     clipped, size = np.zeros_like(polygon), np.zeros(n, dtype=np.int64)

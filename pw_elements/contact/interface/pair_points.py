@@ -1,7 +1,8 @@
-"""Contact points of one pair: on rigid surfaces, at matching nodes, by mortars.
+"""Contact points of one pair: against rigid surfaces, with matching nodes, and by mortars.
 
 The module guarantees points whose equations and opposite sides exist and are unique. It assumes
-pairs that `build_interface` has checked. All functions but `find_reduced_columns` are collective.
+pairs that `build_interface` has checked. All functions except `find_reduced_columns` are
+collective.
 """
 
 import logging
@@ -46,32 +47,34 @@ from pw_elements.spaces import (
     locate_nodes,
 )
 
-# Values of `faced` without a single node: a rigid surface, or a deformable one with many nodes
+# Values of `faced` for points that do not face a single node, but a rigid surface, or a deformable
+# surface with many nodes
 RIGID, DEFORMABLE = -1, -2
 
-# Cells processed at a time, to limit memory
+# Number of cells that are processed at a time, to limit memory
 _CELLS_PER_BLOCK = 20_000
-# Largest distance of a node from the expected position of its opposite node, over the body's
+# Largest distance of a node from the expected position of its opposite node, relative to the body's
 # diagonal
 _MAX_MATCHING_DISTANCE = 1e-6
-# Largest distance of a node on the axis of revolution from it, over the body's diagonal
+# Largest distance of a node on the axis of revolution from the axis, relative to the body's
+# diagonal
 _AXIS_TOLERANCE = 1e-10
-# Smallest cosine between a normal and its projection into a symmetry plane for which the normal is
-# replaced by it
+# Smallest cosine between a normal and its projection into a symmetry plane at which the projection
+# replaces the normal
 _MIN_SYMMETRY_PLANE_COSINE = 0.9
-# Largest gap between coincident sides, over the mean edge of the slave's sub-facets; the ratio is
-# 0.01 on an octant of a sphere with two quadratic facets along each side
+# Largest gap between coincident sides, relative to the mean edge of the slave's sub-facets. The
+# ratio is 0.01 on an octant of a sphere with two quadratic facets along each side
 _MAX_COINCIDENT_GAP = 0.05
-# Limit of mesh gaps per edge length over interference per body diagonal; above it pressures change
-# by a tenth, and a warning is logged
+# Limit of (mesh gap / edge length) / (interference / body diagonal). Above it pressures change by a
+# tenth, and a warning is logged
 _MAX_MESH_GAP_RATIO = 0.03
 _MESH_GAP_WARNING = (
     "contact pair %d: gaps between the meshes within facets are a large part of its interference, "
     "and pressures are off by a tenth or more: use finer meshes, or DeformableSurface(..., "
     "coincident=True) and the depth as interference"
 )
-# Limit of the ratio of mean edges, slave to master, where they face each other; above it a warning
-# is logged
+# Largest ratio of the mean edge of the slave to the mean edge of the master where they face each
+# other. Above it a warning is logged
 _MAX_EDGE_RATIO = 3.0
 _NO_OVERLAP_MESSAGE = (
     "contact pair %d: no part of its facets faces the opposite part: one of both is on the far "
@@ -86,18 +89,21 @@ class PairPoints:
     Args:
         position: (m, dim), undeformed positions.
         cone: friction laws of the points.
-        equation: (m, dim), reduced equation, owned by this process, that contains this component
-            of the point's force and no other one; -1 where the law is not stated.
-        motion_rows: (m dim, n), rows of G for the displacements.
-        force_columns: (m dim, n), transposed columns of H for the displacements.
+        equation: (m, dim), row of the reduced system in which this component of the point's force
+            is the only contact force. The row is owned by this process. It is -1 where the contact
+            law does not apply, because supports prescribe the displacement.
+        motion_rows: (m dim, n), rows of the motion operator, which turns displacements into motions
+            of the points.
+        force_columns: (m dim, n), transposed columns of the force operator, which turns forces on
+            the points into nodal forces.
         mean_cell_midpoint: (m, dim), mean midpoint of the adjacent cells. It distinguishes
             coincident points, for example of two bodies in contact.
         outward: (m, dim), outward normal of the body, zero where it is not defined.
         node: (m,), global index of the node at the point.
         faced: (m,), global index of the node that the point faces, or `RIGID` or `DEFORMABLE`.
-        on_axis: (m, dim), radial components of nodes on the axis of an axisymmetric body.
-        counterpart: (m, dim), global index of the nearest node of a deformable surface that
-            supports hold in this component as well; -1 if there is none.
+        on_axis: (m, dim), mask of radial components at nodes on the axis of an axisymmetric body.
+        counterpart: (m, dim), for each displacement component, global index of the nearest node of
+            the deformable surface at which supports prescribe this component; -1 if there is none.
         opposite: (k,), global indices of the nodes of a deformable surface on all processes, in
             the order of `order_by_position`.
     """
@@ -118,12 +124,12 @@ class PairPoints:
 
 @dataclass(frozen=True)
 class KnownGapSurface:
-    """Surface with known gaps at its own points; its normals are constant.
+    """Surface that is defined by its gaps and normals at given points. Its normals are constant.
 
     Args:
-        position: (m, dim), positions of the points.
-        initial_gap: (m,), gaps at these positions.
-        initial_normal: (m, dim), normals.
+        position: (m, dim), initial positions of the points.
+        initial_gap: (m,), gaps of the points at their initial positions.
+        initial_normal: (m, dim), normals at the points.
     """
 
     position: Array
@@ -131,7 +137,7 @@ class KnownGapSurface:
     initial_normal: Array
 
     def gap(self, x: Array) -> Array:
-        """Return the gaps (m,) of the points at positions x (m, dim) after a common translation."""
+        """Return the gaps (m,) of the points after a translation to positions x (m, dim)."""
         return self.initial_gap + np.sum(self.initial_normal * (x - self.position), axis=1)
 
     def normal(self, x: Array) -> Array:  # noqa: ARG002
@@ -139,7 +145,7 @@ class KnownGapSurface:
 
 
 class BodyNodes:
-    """Nodes of a body: positions, normals, and columns of their unknowns in the reduced system.
+    """Nodes of a body, with positions, normals, and columns of unknowns in the reduced system.
 
     Args:
         unknowns_space: space of all unknowns.
@@ -147,14 +153,16 @@ class BodyNodes:
 
     Attributes:
         unknowns_space: space of all unknowns.
-        displacements: the displacements among them.
-        space: space of these displacements.
-        x: (nodes, dim), positions, including those of ghosts.
-        reduced_column: (owned nodes, dim), see `find_reduced_columns`.
-        outward_normal: (owned nodes, dim), normals integrated with the shape functions.
+        displacements: the displacements among the unknowns.
+        space: space of the displacements.
+        x: (nodes, dim), positions of owned nodes and ghosts.
+        reduced_column: (owned nodes, dim), column of each displacement in the reduced system, see
+            `find_reduced_columns`.
+        outward_normal: (owned nodes, dim), outward normals of the boundary, integrated with the
+            shape functions of the nodes.
         mean_cell_midpoint: (nodes, dim), mean of the midpoints of the adjacent cells.
-        diagonal: length of the diagonal of the bounding box.
-        on_axis: (nodes, dim), radial components of nodes on an axis of revolution.
+        diagonal: length of the diagonal of the body's bounding box.
+        on_axis: (nodes, dim), mask of radial components at nodes on an axis of revolution.
     """
 
     def __init__(self, unknowns_space: fem.FunctionSpace, reduction: Reduction) -> None:
@@ -176,24 +184,33 @@ class BodyNodes:
         self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
 
     def mark_axis_nodes(self, assembly: AssemblyRecord | None) -> None:
-        """Mark radial components on the axis, if the stiffness is known to be axisymmetric."""
+        """Mark radial components at nodes on the axis, if the stiffness is known as axisymmetric.
+
+        `assembly` is the record of how the stiffness was assembled, or None if there is none.
+        """
         if assembly is not None and StressState.AXISYMMETRIC.value in assembly.stress_states:
             self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _AXIS_TOLERANCE * self.diagonal
 
     def find_owned_nodes(self, whose: str, nodes: Part) -> LocalIndices:
-        """Return the nodes of a part that this process owns; `whose` names the part in errors."""
+        """Return those nodes of a part of the body that this process owns.
+
+        `whose` is the name of the part in error messages.
+        """
         selected = locate_nodes(self.unknowns_space, whose, nodes)
         return selected[selected < self.space.dofmap.index_map.size_local]
 
     def refuse_nodes(self, nodes: LocalIndices, reason: str) -> None:
-        """Raise ValueError with the positions of nodes, if any process has some; collective."""
+        """Raise ValueError if any process passes nodes; collective.
+
+        The message lists the positions of the nodes, followed by `reason`.
+        """
         positions = np.concatenate(self.space.mesh.comm.allgather(self.x[nodes]))
         if len(positions):
             raise ValueError(f"contact nodes at {format_points(positions)} {reason}")
 
 
 def average_cell_midpoints(space: fem.FunctionSpace) -> Array:
-    """Return the mean midpoint of the cells around each node, (nodes, dim), including ghosts."""
+    """Return the mean midpoint (nodes, dim) of the cells around each node, ghosts included."""
     mesh = space.mesh
     dim, n_owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
     sums = la.vector(space.dofmap.index_map, dim + 1)
@@ -212,9 +229,10 @@ def average_cell_midpoints(space: fem.FunctionSpace) -> Array:
 
 
 def find_reduced_columns(right: PETSc.Mat) -> Indices:
-    """Return the column of each owned row of R that is a row of the identity.
+    """Return the reduced unknown, or column, to which each owned unknown is equal.
 
-    Rows without entries (prescribed values) get -1, combinations of unknowns -2.
+    The rows of `right` express all unknowns by the reduced ones. The column is -1 for rows without
+    entries, which are prescribed values, and -2 for other rows that are not rows of the identity.
     """
     indptr, indices, data = right.getValuesCSR()
     count = np.diff(indptr)
@@ -228,9 +246,14 @@ def find_reduced_columns(right: PETSc.Mat) -> Indices:
 def make_points(
     body: BodyNodes, nodes: LocalIndices, cone: FrictionCone, opposite: Indices | None
 ) -> PairPoints:
-    """Return contact points at owned nodes (m,).
+    """Return contact points at owned nodes.
 
-    `opposite` has the global numbers (m,) of the nodes that they face, None of a rigid surface.
+    Args:
+        body: nodes of the body.
+        nodes: (m,), owned nodes of the pair.
+        cone: friction laws of the points.
+        opposite: (m,), global numbers of the opposite nodes that the nodes face. None if there are
+            no matching opposite nodes.
     """
     dim = body.x.shape[1]
     number = (nodes + body.space.dofmap.index_map.local_range[0]).astype(np.int64)
@@ -266,16 +289,16 @@ def match_opposite_nodes(
     """Return the global number (m,) of the opposite node that each node of a pair faces.
 
     Args:
-        number: of the pair.
+        number: index of the pair.
         matching: opposite part and its offset.
         nodes: (m,), owned nodes of the pair.
         opposite: (k,), owned nodes of the opposite side.
-        has_friction: (m,); friction would be lost where a displacement is prescribed on the pair's
-            own side only, which is refused.
-        body: both bodies.
+        has_friction: (m,), mask of the nodes that have friction.
+        body: nodes of both bodies.
 
     Raises:
-        ValueError: if nodes do not match one to one, or for such prescribed displacements.
+        ValueError: if nodes do not match one to one, or if a displacement of a node with friction
+            is prescribed on the pair's own side only, so that the friction would be lost.
     """
     comm, dim = body.space.mesh.comm, body.x.shape[1]
     offset = np.zeros(dim) if matching.offset is None else np.asarray(matching.offset, dtype=float)
@@ -308,10 +331,10 @@ def match_opposite_nodes(
 
 
 def check_piecewise_linear_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
-    """Raise ValueError unless a stiffness (n, n) has piecewise-linear weights, or is not recorded.
+    """Raise ValueError if a stiffness K has weight functions that are not piecewise linear.
 
-    Weight functions are identified by their values at a quarter of an edge, where quadratic ones
-    are as low as -1/8.
+    A stiffness without a record of its assembly is accepted. Weight functions are recognised by
+    their values at a quarter of an edge, where quadratic functions are as low as -1/8.
     """
     assembled = AssemblyRecord.read(K)
     if (test := assembled.test_space) is None:
@@ -328,11 +351,17 @@ def check_piecewise_linear_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> No
 def _gather_sides(
     number: int, pair: ContactPair, nodes: LocalIndices, body: BodyNodes
 ) -> tuple[Indices, Trace, Trace]:
-    """Return global numbers of a pair's owned nodes (m,), and traces of slave and master.
+    """Return global numbers (m,) of a pair's owned nodes, trace of the slave, trace of the master.
+
+    Args:
+        number: index of the pair.
+        pair: pair with a deformable surface.
+        nodes: (m,), owned nodes of the pair.
+        body: nodes of both bodies.
 
     Raises:
-        ValueError: for an empty side, nodes that belong to no facet or to both sides, or an edge
-            of the slave.
+        ValueError: for an empty side, nodes that belong to no facet or to both sides, or a sharp
+            edge of the slave.
     """
     space, master, name = body.space, pair.surface, f"contact pair {number}"
     assert isinstance(master, DeformableSurface)
@@ -364,9 +393,15 @@ def make_sliding_points(
     body: BodyNodes,
     revolved: bool,
 ) -> tuple[PairPoints, KnownGapSurface, SlidingMortar]:
-    """Return points, initial gap and mortar at owned nodes (m,) of a pair that may slide far.
+    """Return points, initial gaps and mortar of a pair of two bodies that may slide far.
 
-    `revolved` tells whether areas are those of the whole circumference.
+    Args:
+        number: index of the pair.
+        pair: pair with a deformable surface.
+        nodes: (m,), owned nodes of the pair.
+        cone: friction laws of the points.
+        body: nodes of both bodies.
+        revolved: whether areas are those of the whole circumference.
     """
     owned, slave, master = _gather_sides(number, pair, nodes, body)
     mortar = SlidingMortar(slave, master, revolved)
@@ -374,7 +409,7 @@ def make_sliding_points(
     if not undeformed.faces_master.any():
         raise ValueError(_NO_OVERLAP_MESSAGE % number)
     free = ~_find_prescribed_components(slave.nodes, body)
-    # as in `_turn_into_symmetry_planes`
+    # the same condition as in `_turn_into_symmetry_planes`
     near = np.linalg.norm(undeformed.normals * free, axis=1) > _MIN_SYMMETRY_PLANE_COSINE
     mortar.allowed_components[near] = free[near]
     undeformed = mortar.linearise(mortar.x)
@@ -389,7 +424,10 @@ def make_sliding_points(
 def _opposite_side_fields(
     owned: Indices, nodes: LocalIndices, master: Trace, body: BodyNodes
 ) -> dict[str, Any]:
-    """Return the fields of `PairPoints` that describe the master: faced, opposite, counterpart."""
+    """Return the fields `faced`, `opposite` and `counterpart` of `PairPoints`.
+
+    They describe the master, given its trace and the global and local numbers of owned nodes.
+    """
     x = master.node_positions()
     order, prescribed = order_by_position(x), _find_prescribed_components(master.nodes, body)
     counterpart = np.full(body.x[nodes].shape, -1, dtype=np.int64)
@@ -414,18 +452,18 @@ def make_mortar_points(
     revolved: bool,
     depth: Array | None,
 ) -> tuple[PairPoints, KnownGapSurface]:
-    """Return points and initial gap at owned nodes (m,) of a pair with a deformable surface.
+    """Return points and initial gaps of a pair with a deformable surface.
 
     Points that face nothing have an infinite gap.
 
     Args:
-        number: of the pair.
-        pair: as the user states it.
-        nodes: (m,), owned nodes.
-        cone: friction of the pair.
-        body: both bodies.
+        number: index of the pair.
+        pair: pair with a deformable surface.
+        nodes: (m,), owned nodes of the pair.
+        cone: friction laws of the points.
+        body: nodes of both bodies.
         revolved: whether areas are those of the whole circumference.
-        depth: (m,), nominal interference of coincident sides, None for other pairs.
+        depth: (m,), nominal interference if both sides coincide, None for other pairs.
     """
     comm = body.space.mesh.comm
     owned, slave, master = _gather_sides(number, pair, nodes, body)
@@ -492,14 +530,14 @@ def make_mortar_points(
 def _warn_of_mesh_gaps(
     number: int, mean_squares: Array, gap: Array, body: BodyNodes, edge: float
 ) -> None:
-    """Log a warning where gaps between the meshes are a large part of an interference.
+    """Log a warning if gaps between the meshes are a large part of an interference.
 
     Args:
-        number: of the pair.
-        mean_squares: (m,), mean squares of the distances around each point.
+        number: index of the pair.
+        mean_squares: (m,), mean squares of the distances between both sides around each point.
         gap: (m,), means of these distances.
-        body: both bodies.
-        edge: mean edge of the slave's sub-facets.
+        body: nodes of both bodies.
+        edge: mean length of an edge of the slave's sub-facets.
     """
     comm, pressed = body.space.mesh.comm, gap < 0
     variance = (mean_squares - gap**2)[pressed].clip(0)
@@ -510,15 +548,16 @@ def _warn_of_mesh_gaps(
 
 
 def _find_prescribed_components(nodes: Indices, body: BodyNodes) -> Mask:
-    """Return which displacements (n, dim) of global nodes (n,) are prescribed; collective."""
+    """Return a mask (n, dim) of prescribed displacements of global nodes (n,); collective."""
     return gather_from_owners(body.space, nodes, (body.reduced_column == -1).astype(np.int8)) > 0
 
 
 def _turn_into_symmetry_planes(normal: Array, free: Mask) -> Array:
-    """Return unit normals (n, dim) without prescribed components, where these are small.
+    """Return unit normals (n, dim) in which small components along supports are set to zero.
 
-    A normal on a symmetry plane is the mean of facets on one side of the plane only. `free` (n,
-    dim) marks components that are not prescribed.
+    The normal at a node on a symmetry plane is a mean of facets on one side of the plane only, and
+    may therefore point out of the plane slightly. `free` (n, dim) is a mask of the components that
+    supports do not prescribe.
     """
     inside = np.where(free, normal, 0.0)
     length = np.linalg.norm(inside, axis=1, keepdims=True)
@@ -527,14 +566,17 @@ def _turn_into_symmetry_planes(normal: Array, free: Mask) -> Array:
 
 
 def gather_points(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:
-    """Return the points (n, dim) of all processes, and the slice of this process; collective."""
+    """Return the points (n, dim) of all processes, and the slice with those of this process.
+
+    Collective.
+    """
     parts = comm.allgather(x)
     offset = sum(map(len, parts[: comm.rank]))
     return np.concatenate(parts), slice(offset, offset + len(x))
 
 
 def compute_extents(comm: MPI.Comm, x: Array) -> Array:
-    """Return the extents (dim,) along the axes of the points (n, dim) of all processes."""
+    """Return the extents (dim,), along the axes, of the points x of all processes; collective."""
     ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
     comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
     return -ends.sum(axis=0)

@@ -1,8 +1,8 @@
-"""Values of surfaces and laws of contact pairs at fixed points, equal on all processes.
+"""Values of the user's surfaces and laws at selected points, to compare contact problems.
 
-They identify a problem and serve to compare processes, since functions of the user can be compared
-by their values only. All points follow from positions of contact nodes and are independent of the
-partition.
+Functions of the user can be compared by their values only. The values are compared between
+processes, and identify a problem. The points follow from the positions of the contact nodes and are
+independent of the partition of the mesh, so that values are equal on all processes.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,11 +24,11 @@ from pw_elements.checks import (
 from pw_elements.contact.interface.operators import Interface, KnownGapSurface
 from pw_elements.contact.model import ClosestPointSurface, ContactPair, Surface
 
-# Number of points at which a surface is evaluated, in a box around a pair's nodes, and margin of
-# the box around the nodes, over its diagonal
+# Number of points in a box around a pair's nodes at which a surface is evaluated; and margin of the
+# box around the nodes, relative to its diagonal
 _N_SURFACE_POINTS, _BOX_MARGIN = 32, 0.5
-# Number of nodes of a pair at which functions of positions are evaluated, and normal forces at
-# which laws of friction are
+# Number of nodes of a pair at which functions of positions are evaluated; and normal forces at
+# which friction laws are evaluated
 _N_PROBE_NODES = 32
 _PROBE_FORCES: Array = 10.0 ** np.linspace(-6, 6, 13)
 
@@ -40,8 +40,8 @@ def compare_pairs_between_processes(
 
     Args:
         interface: all contact points.
-        pairs: as the user states them, on this process.
-        surfaces: of the pairs, at their initial places.
+        pairs: contact pairs, as given by the user on this process.
+        surfaces: surfaces of the pairs at their initial positions.
     """
     if interface.comm.size > 1:
         values: dict[str, Array] = {}
@@ -55,10 +55,15 @@ def compare_pairs_between_processes(
 
 
 def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
-    """Return gap, normal and closest points of a rigid surface at points around a pair's nodes.
+    """Return values of a rigid surface's methods at points around a pair's nodes; collective.
 
-    They are scaled to be dimensionless and put into one array, which is empty for a deformable
-    surface. A method that raises an error on all processes gives NaN. Collective.
+    Gaps, normals and closest points are made dimensionless and put into one array. It is empty for
+    a deformable surface. A method that raises an error on all processes contributes NaN.
+
+    Args:
+        interface: all contact points.
+        number: index of the pair.
+        surface: surface of the pair.
     """
     if isinstance(surface, KnownGapSurface) or number in interface.mortars:
         return np.empty(0)
@@ -75,7 +80,10 @@ def probe_surface(interface: Interface, number: int, surface: Surface) -> Array:
 
 
 def probe_friction(interface: Interface, number: int, pair: ContactPair) -> Array:
-    """Return friction coefficients at some nodes of a pair, under several forces; collective."""
+    """Return friction coefficients at some nodes of a pair for several forces; collective.
+
+    `number` is the index of the pair.
+    """
     x = evenly_spaced_rows(interface.gather_in_order(number, interface.position), _N_PROBE_NODES)
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
@@ -94,7 +102,10 @@ def probe_friction(interface: Interface, number: int, pair: ContactPair) -> Arra
 
 
 def probe_interference(interface: Interface, number: int, pair: ContactPair) -> Array:
-    """Return the interference of a pair at some of its nodes; collective."""
+    """Return the interference of a pair at some of its nodes; collective.
+
+    `number` is the index of the pair.
+    """
     depth: Any = pair.interference
     if not arguments.is_user_function(depth):
         return np.array([float(depth)])
@@ -108,10 +119,10 @@ def probe_interference(interface: Interface, number: int, pair: ContactPair) -> 
 def _evaluate_or_nan(
     comm: MPI.Comm, whose: str, function: Callable[[Array], Any], x: Array
 ) -> list[Array]:
-    """Return the arrays that a user's function returns; collective.
+    """Return the arrays that a user's function returns at points x, or NaN; collective.
 
-    An error on all processes gives NaN, an error on some of them is raised. `whose` names the
-    function in errors.
+    The result is NaN if the function raises an error on all processes. An error on only some of the
+    processes is raised. `whose` is the name of the function in error messages.
     """
     values, error = [np.array(np.nan)], None
     with collective_errors(comm), np.errstate(all="ignore"):
@@ -119,7 +130,7 @@ def _evaluate_or_nan(
             result = call_user_function(comm, whose, function, x)
             parts = result if isinstance(result, tuple) else (result,)
             values = [np.asarray(part, dtype=float) for part in parts]
-        except Exception as raised:  # any error: the function is a user's
+        except Exception as raised:  # a user's function may raise any error
             error = raised
     failed = comm.allreduce(int(error is not None), MPI.SUM)
     with collective_errors(comm):
@@ -131,8 +142,8 @@ def _evaluate_or_nan(
 def _spread_points(nodes: Array) -> Array:
     """Return points (n, dim) that fill a box around nodes (m, dim) evenly.
 
-    They are a Kronecker sequence: fractional parts of multiples of the inverse powers of the real
-    root of r^(dim+1) = r + 1.
+    The points are a Kronecker sequence. Their coordinates are the fractional parts of multiples of
+    the inverse powers of r, which is the real root of r^(dim+1) = r + 1.
     """
     lower, upper = nodes.min(axis=0), nodes.max(axis=0)
     margin = _BOX_MARGIN * (np.linalg.norm(upper - lower) or np.abs(upper).max() or 1.0)

@@ -1,14 +1,17 @@
-"""Mortars of two deformed sides in the plane, with derivatives by all positions.
+"""Mortars of two deformed sides in the plane, with derivatives with respect to all positions.
 
-Duals, forces and gaps are those of `mortar`, evaluated at the current positions of both sides,
-where the search for facing facets is repeated; the theory page gives reasons ("Large strains").
-With the integrals over the covered parts of the slave's facets,
+Dual functions, forces and gaps are defined as in `mortar`, but at the current positions of both
+sides, for which the search for facing facets is repeated. The theory page gives reasons ("Large
+strains"). Let w be weight functions, j and i nodes of the slave, and k a node of the master. With
+the integrals over the parts of the slave's facets that face the master,
 
     D_ji = integral of w_j w_i,   M_jk = integral of w_j w_k,   A_j = integral of w_j,
 
-the mean distance of a slave node from the master is S x = (D x_1 - M x_2) / A, its gap n·S x, and
-its slip since S was S_0 is t·(S_0 - S) x. A node that faced nothing at that time has no S_0: its
-slip since positions were x_0 and the tangent was t_0 is t·S x - t_0·S x_0, with the current S.
+the mean distance of slave nodes at x_1 from the master's nodes at x_2 is (D x_1 - M x_2) / A. It is
+written S x, with a matrix S and the positions x of all nodes. With the normal n and the tangent t,
+the gap of a slave node is n·S x. Its slip since the start of the increment, where S was S_0, is
+t·(S_0 - S) x. A node that faced nothing at the start has no S_0. With positions x_0 and the tangent
+t_0 at the start, the slip of such a node is t·S x - t_0·S x_0.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,12 +31,13 @@ from pw_elements.contact.interface.facing import (
 from pw_elements.contact.interface.mortar import Trace
 from pw_elements.contact.interface.overlap import MAX_FACING_COSINE
 
-# Gauss' rule on [-1, 1], exact for a cubic, such as two weight functions and a radius along a
-# segment; directions of projection are no polynomials
+# Gauss' rule on [-1, 1]. It is exact for the product of two weight functions and a radius along a
+# segment, which is a cubic. Projections onto the master are not polynomials
 _GAUSS_POINTS, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
-# Pieces of the straight path along which slip is integrated
+# Number of pieces of the straight path along which slip is integrated
 N_PATH_PIECES = 8
-# Smallest covered fraction of a facet: below it the duals are dominated by round-off
+# Smallest fraction of a facet that has to face the master. Below it the dual functions are
+# dominated by round-off
 _MIN_COVERED_FRACTION = 1e-6
 
 
@@ -51,7 +55,10 @@ def _dot(a: Vector, b: Vector) -> Any:  # noqa: ANN401
 def sum_into_matrix(
     values: Array, row: Indices, column: Indices, shape: tuple[int, int]
 ) -> sp.csr_array:
-    """Return the matrix with these values, summed, at rows and columns that broadcast to them."""
+    """Return the sparse matrix with given values, which are summed where places coincide.
+
+    `row` and `column` are broadcast to the shape of `values`.
+    """
     indices = tuple(np.broadcast_to(index, values.shape).ravel() for index in (row, column))
     return sp.csr_array(sp.coo_array((values.ravel(), indices), shape))
 
@@ -61,10 +68,11 @@ class SlidingReference:
     """State of both sides at the start of an increment, from which slip is measured.
 
     Args:
-        distance_rows: S_0, (m, n); zero for nodes that faced nothing.
-        faced_master: (m,), whether a node faced the master.
-        x: x_0, (n, 2), positions.
-        tangents: t_0, (m, 2), unit vectors.
+        distance_rows: (m, n), matrix that turns positions into mean distances of the slave's nodes
+            from the master; zero for nodes that faced nothing.
+        faced_master: (m,), whether a node of the slave faced the master.
+        x: (n, 2), positions of the nodes of both sides.
+        tangents: (m, 2), unit tangents at the slave's nodes.
     """
 
     distance_rows: sp.csr_array
@@ -75,23 +83,26 @@ class SlidingReference:
 
 @dataclass(frozen=True)
 class LinearisedMortar:
-    """Mortar of two sides at given positions, with derivatives by these.
+    """Mortar of two sides at given positions, with derivatives with respect to the positions.
 
-    The n nodes of both sides are the slave's m and then the master's k.
+    The n nodes consist of the m nodes of the slave, followed by the k nodes of the master. Let S be
+    the matrix that turns values at the nodes into weighted mean differences between both sides.
 
     Args:
-        faces_master: (m,), whether a node faces the master.
+        faces_master: (m,), whether a node of the slave faces the master.
         normals: (m, 2), unit vectors out of the master.
-        mean_distance: S x, (m, 2), mean distances; zero for nodes that face nothing.
-        distance_rows: S, (m, n).
-        master_fractions: (m, k), fractions of the force at each slave node that the master's nodes
-            receive; they add up to one.
-        areas: A, (m,).
+        mean_distance: (m, 2), mean distances S x of the slave's nodes from the master, for
+            positions x; zero for nodes that face nothing.
+        distance_rows: (m, n), the matrix S.
+        master_fractions: (m, k), fractions of the force at each node of the slave that the nodes of
+            the master receive. They add up to one.
+        areas: (m,), integrals of the slave's weight functions.
         angle_rate: (m, 2 n), derivative of the angles of the normals.
-        differentiate_distance: returns the derivative (2 m, 2 n) of S y for constant y (n, 2).
-        distance_rate: (2 m, 2 n), derivative of S x.
-        differentiate_master_forces: returns the derivative (2 k, 2 n) of the master's fractions of
-            constant forces (m, 2) at the slave's nodes.
+        differentiate_distance: function that returns the derivative (2 m, 2 n) of S y, given
+            constant values y (n, 2).
+        distance_rate: (2 m, 2 n), derivative of the mean distances S x.
+        differentiate_master_forces: function that returns the derivative (2 k, 2 n) of the forces
+            on the master's nodes, given constant forces (m, 2) on the slave's nodes.
     """
 
     faces_master: Mask
@@ -107,29 +118,30 @@ class LinearisedMortar:
 
     @property
     def tangents(self) -> Array:
-        """Unit vectors (m, 2): the normals rotated anticlockwise by a right angle."""
+        """Unit tangents (m, 2), which are the normals rotated anticlockwise by a right angle."""
         return np.stack([-self.normals[:, 1], self.normals[:, 0]], axis=1)
 
     @property
     def gaps(self) -> Array:
-        """Gaps n·S x, (m,); zero for nodes that face nothing."""
+        """Gaps (m,), mean distances along the normals; zero for nodes that face nothing."""
         return np.asarray(np.sum(self.normals * self.mean_distance, axis=1))
 
     def measure_slip_and_rates(
         self, reference: SlidingReference, x: Array
     ) -> tuple[Array, list[sp.csr_array]]:
-        """Return slip (m,) since the reference, and derivatives of gap, slip and normal angle.
+        """Return slips since the reference, and derivatives of gaps, slips and normal angles.
 
         Args:
             reference: state at the start of the increment.
             x: (n, 2), the positions of this mortar.
 
         Returns:
-            The slip, and three derivatives (m, 2 n).
+            The slip (m,); and a list of three derivatives (m, 2 n) with respect to the positions,
+            of the gap, the slip and the angle of the normal.
         """
         n, t, m = self.normals, self.tangents, len(self.faces_master)
         entering = self.faces_master & ~reference.faced_master
-        # S_0 x - S x of nodes that faced the master at the start, S x of those that enter contact
+        # S_0 x - S x for nodes that faced the master at the start, S x for all other nodes
         distance = np.where(
             entering[:, None], self.mean_distance, reference.distance_rows @ x - self.mean_distance
         )
@@ -159,7 +171,7 @@ class LinearisedMortar:
 
 
 class SlidingMortar:
-    """Mortar between two sides in the plane whose nodes move.
+    """Mortar between two sides in the plane, which can be evaluated at any node positions.
 
     Args:
         slave: trace of the undeformed slave.
@@ -167,11 +179,11 @@ class SlidingMortar:
         revolved: whether areas are those of the whole circumference.
 
     Attributes:
-        allowed_components: (m, 2), components that normals of the slave's nodes may have; all by
-            default.
-        nodes: (m + k,), global numbers of the slave's nodes, then of the master's.
-        n_slave_nodes: m, number of the slave's nodes.
-        x: (m + k, 2), undeformed positions.
+        allowed_components: (m, 2), mask of the components that normals at the slave's nodes may
+            have; all of them by default.
+        nodes: (m + k,), global numbers of the slave's nodes, followed by the master's.
+        n_slave_nodes: number m of the slave's nodes.
+        x: (m + k, 2), undeformed positions of the nodes.
     """
 
     def __init__(self, slave: Trace, master: Trace, revolved: bool) -> None:
@@ -182,28 +194,29 @@ class SlidingMortar:
         self._master_facets = _orient_facets(master) + self.n_slave_nodes
         self.allowed_components = np.ones((self.n_slave_nodes, 2), dtype=bool)
         a, b = self._slave_facets.T
-        # neighbours along the slave; the nodes at its ends are their own
+        # neighbours along the slave; the missing neighbour of an end node is the node itself
         self._previous_node, self._next_node = (np.arange(self.n_slave_nodes) for _ in range(2))
         self._previous_node[b], self._next_node[a] = a, b
 
     @property
     def sides(self) -> MortarSides:
-        """Facets and admissible normal components, which do not depend on the state."""
+        """Facets of both sides and allowed components of normals, independent of the state."""
         return MortarSides(
             self._slave_facets, self._master_facets, self.allowed_components, self._revolved
         )
 
     def evaluate_for_verification(self, x: Array) -> MortarMatrices:
-        """Return the mortar at positions (n, 2) for verification, by code of its own."""
+        """Return the mortar for node positions x (n, 2), computed by independent code to verify."""
         return evaluate_mortar_matrices(self.sides, x)
 
     def linearise(self, x: Array) -> LinearisedMortar:
-        """Return the mortar at positions x (n, 2), with its derivatives."""
+        """Return the mortar for node positions x (n, 2), with its derivatives."""
         n, m, f = len(x), self.n_slave_nodes, len(self._slave_facets)
         facet, nodes, (W, dW), (Q, dQ) = self._integrate_segments(x)
         slave_nodes, master_nodes = nodes[:, 1:3], nodes[:, 4:]
         dofs = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, 12)  # columns of derivatives
-        # integrals W_aa, W_ab and W_bb of each facet, and the matrix that sums them to areas
+        # integrals of products of the weight functions of both ends a and b of each facet, and the
+        # matrix that sums them to areas
         facet_integrals = np.zeros((f, 3))
         np.add.at(facet_integrals, facet, W)
         lumped = np.array([[1, 1, 0], [0, 1, 1]])
@@ -220,8 +233,8 @@ class SlidingMortar:
         integral_by_x = sum_into_matrix(
             dW, integral_index[facet][:, :, None], dofs[:, None], (3 * f, 2 * n)
         )
-        # coefficients of the duals (of a at a and b, of b at a and b) over areas, which depend on
-        # five variables: three integrals of the facet and the areas of both ends
+        # coefficients of the dual functions (of a at a and b, of b at a and b) divided by areas.
+        # They depend on five variables: three integrals of the facet and the areas of both ends
         variables = np.column_stack([facet_integrals[facet], areas[slave_nodes]])
         units = np.tile(np.eye(5)[:, None], (len(variables), 1))
         aa, ab, bb, A, B = (AutoDiffArray(variables[:, v], units[v]) for v in range(5))
@@ -257,7 +270,7 @@ class SlidingMortar:
         mean_distance = distance_rows @ x
 
         def differentiate_distance(y: Array) -> sp.csr_array:
-            # (q, 2, 2, 2), difference of y at node i from the mean S y of node j
+            # (q, 2, 2, 2), difference between y at node i and the mean S y of node j
             difference = y[slave_nodes][:, None] - (distance_rows @ y)[slave_nodes][:, :, None]
             derivative = np.einsum("qjic,qjix->qjxc", dD, difference)
             derivative -= np.einsum("qjkc,qkx->qjxc", dQ, y[master_nodes])
@@ -281,9 +294,10 @@ class SlidingMortar:
         )
 
     def _average_normals(self, x: Array) -> tuple[Array, sp.csr_array]:
-        """Return unit normals (m, 2) of chords between neighbours, and the angles' derivative.
+        """Return unit normals (m, 2) at the slave's nodes, and derivatives of their angles.
 
-        The derivative is (m, 2 n); it is zero where a component of the normal is excluded.
+        A normal is perpendicular to the chord between the two neighbours of its node. The
+        derivative (m, 2 n) is zero where a component of the normal is not allowed.
         """
         chord = x[self._next_node] - x[self._previous_node]
         perpendicular = np.stack([-chord[:, 1], chord[:, 0]], axis=1)
@@ -300,11 +314,15 @@ class SlidingMortar:
     def _integrate_segments(self, x: Array) -> tuple[Indices, Indices, tuple, tuple]:
         """Integrate products of weight functions over segments (q) that face each other.
 
+        A segment is a part of a slave's facet that faces a facet of the master. It depends on six
+        nodes: the node before the slave's facet, its ends a and b, the node after it, and both ends
+        of the master's facet.
+
         Returns:
-            Numbers (q,) of the slave's facets; six nodes (q, 6): the previous node, both ends of
-            the slave's facet, the next node, and both ends of the master's facet; integrals W_aa,
-            W_ab and W_bb, (q, 3), of the slave's functions; Q, (q, 2, 2), of the slave's and the
-            master's. Both integrals come with derivatives (..., 12) by the positions of the nodes.
+            Indices (q,) of the slave's facets. The six nodes (q, 6). Integrals (q, 3) of products
+            of the slave's functions, for the ends aa, ab and bb. Integrals (q, 2, 2) of products of
+            a slave's and a master's function. Both integrals are tuples of values and derivatives
+            (..., 12) with respect to the positions of the six nodes.
         """
         facet, master_facet = self._find_near_facets(x)
         (a, b), (c, d) = self._slave_facets[facet].T, self._master_facets[master_facet].T
@@ -330,15 +348,16 @@ class SlidingMortar:
         )
 
     def make_reference(self, x: Array) -> SlidingReference:
-        """Return the reference of slip at positions (m + k, 2)."""
+        """Return the state from which slip is measured, for node positions x (m + k, 2)."""
         mortar = self.linearise(x)
         return SlidingReference(mortar.distance_rows, mortar.faces_master, x, mortar.tangents)
 
     def integrate_slip(self, start: Array, end: Array) -> Array:
-        """Return slip (m, 2) along the straight path from positions (n, 2) to others.
+        """Return the slip (m, 2) along the straight path from positions `start` to `end` (n, 2).
 
-        On each piece of the path a slave node moves relative to the point p of the master that is
-        closest to it at the end of the piece: by t·(x_j - x_p) there, less the value at the start.
+        On each piece of the path, the slip of a slave node j is measured relative to the point p of
+        the master that is closest to j at the end of the piece. With the tangent t, it is the
+        change of t·(x_j - x_p) from the start to the end of the piece.
         """
         slip, previous_x = np.zeros(self.n_slave_nodes), start
         previous_tangents = self._average_tangents(start)
@@ -356,11 +375,11 @@ class SlidingMortar:
         return slip[:, None] * previous_tangents
 
     def measure_penetration(self, start: Array, end: Array) -> Array:
-        """Return the largest depth (m,) to which slave nodes get into the master on their path.
+        """Return the largest depth (m,) to which slave nodes penetrate the master on their path.
 
-        The path between positions (n, 2) is straight, and sampled in `2 N_PATH_PIECES` pieces. The
-        depth is zero for nodes that start inside the master by more than a facet's length, and
-        wherever the closest point is an end of the master.
+        The path from positions `start` to `end` (n, 2) is straight, and is sampled in
+        `2 N_PATH_PIECES` pieces. The depth is zero for nodes that start inside the master by more
+        than the length of a facet, and wherever the closest point is an end of the master.
         """
         end_nodes = np.setdiff1d(*self._master_facets.T), np.setdiff1d(*self._master_facets.T[::-1])
         depth, outside = np.zeros(self.n_slave_nodes), np.zeros(self.n_slave_nodes, dtype=bool)
@@ -393,7 +412,8 @@ class SlidingMortar:
         """Return the points of the master that are closest to the slave's nodes.
 
         Returns:
-            Both nodes (m, 2) of the master's facet, and their fractions (m, 2) of the point.
+            Both nodes (m, 2) of the master's facet with the point, and the weights (m, 2) of these
+            nodes in the position of the point.
         """
         start = x[self._master_facets[:, 0]]
         edge = x[self._master_facets[:, 1]] - start
@@ -406,7 +426,7 @@ class SlidingMortar:
         return self._master_facets[nearest], np.stack([1 - fraction, fraction], axis=1)
 
     def _unit_normal(self, perpendicular: Vector, node: Any) -> Vector:  # noqa: ANN401
-        """Return the unit vector along the admissible components of a vector at slave nodes."""
+        """Return the unit vector along the allowed components of a vector at slave nodes `node`."""
         x, y = (
             perpendicular[0] * self.allowed_components[node, 0],
             perpendicular[1] * self.allowed_components[node, 1],
@@ -415,11 +435,12 @@ class SlidingMortar:
         return x * inverse_length, y * inverse_length
 
     def _find_near_facets(self, x: Array) -> tuple[Indices, Indices]:
-        """Return pairs of facets, slave's and master's, that are near and face each other.
+        """Return pairs of a slave's and a master's facet that are near and face each other.
 
-        The distance of their middles exceeds that of the nearest facet by at most half the length
-        of the slave's facet and half the length of the longest facet of the master. Distances do
-        not depend on the axes, so that the result is the same for rotated bodies.
+        The distance between the midpoints of such a pair exceeds the distance to the nearest
+        midpoint of the master by at most the sum of two lengths: half the length of the slave's
+        facet, and half the length of the longest facet of the master. Since distances do not depend
+        on the coordinate axes, the result is the same for rotated bodies.
         """
         (middles, half_lengths), (master_middles, master_half_lengths) = (
             (ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2)
@@ -440,9 +461,10 @@ class SlidingMortar:
     def _interpolation_coefficients(
         self, corners: Sequence[Vector], nodes: Indices
     ) -> tuple[Vector, ...]:
-        """Return x_0, x_1, n_0, n_1 of the slave's facets: points x_0 + s x_1, normals n_0 + s n_1.
+        """Return vectors x_0, x_1, n_0 and n_1, which define points and normals of slave's facets.
 
-        The coordinate s is from -1 to 1. Normals are interpolated between those of both ends.
+        Points are x_0 + s x_1 and normals n_0 + s n_1 with the coordinate s from -1 to 1. Normals
+        are interpolated between the normals at both ends.
         """
         previous_node, a, b, next_node = corners[:4]
         normals = [
@@ -456,12 +478,13 @@ class SlidingMortar:
         )
 
     def _find_facing_limits(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Array, Array]:
-        """Return lower and upper limits (q,) of s on the slave's facets that face the master's.
+        """Return lower and upper limits (q,) of parts of slave's facets that face master's facets.
 
-        They may be outside of [-1, 1]. On the side of a master's node p on which its facet is,
-        f(s) = (x(s) - p) x n(s) is positive for the lower limit and negative for the upper one. A
-        facet that is visible only beyond the point where normals intersect, where f decreases with
-        s, does not face the slave's.
+        Limits are values of the coordinate s and may be outside [-1, 1]. With the point x(s) and
+        the normal n(s), they are roots of f(s) = (x(s) - p) x n(s), where p is a node of the
+        master's facet. On the side of p on which the facet of the master is, f is positive for the
+        lower limit and negative for the upper limit. A facet that is visible only beyond the point
+        where normals intersect does not face the slave's facet. There f decreases with s.
         """
         limits = []
         for side, (c0, c1, c2) in zip(
@@ -476,10 +499,11 @@ class SlidingMortar:
     def _facing_limit_polynomials(
         self, corners: Sequence[Vector], nodes: Indices
     ) -> list[tuple[Any, Any, Any]]:
-        """Return c_0, c_1, c_2 of f(s) = (x(s) - p) x n(s), for the master's second and first node.
+        """Return the coefficients c_0, c_1 and c_2 of f(s) = (x(s) - p) x n(s), quadratic in s.
 
-        x(s) and n(s) are points and normals of the slave's facets. The order of the nodes follows
-        from the opposite directions in which both sides are traversed.
+        x(s) and n(s) are points and normals of the slave's facets. The node p is first the second,
+        then the first node of the master's facet. This order follows from the opposite directions
+        in which both sides are traversed.
         """
         x0, x1, n0, n1 = self._interpolation_coefficients(corners, nodes)
         coefficients = []
@@ -492,13 +516,13 @@ class SlidingMortar:
     def _integrate_products(
         self, corners: Sequence[Vector], nodes: Indices, at_facet_end: tuple[Mask, Mask]
     ) -> tuple[list[Any], list[Any]]:
-        """Integrate products of two of the slave's weights, and of one with one of the master's.
+        """Integrate products of two slave's functions, and of a slave's and a master's function.
 
         Args:
             corners: positions of the six nodes of each segment, with derivatives.
-            nodes: (q, 6), numbers of these nodes.
-            at_facet_end: (q,) of the lower and the upper limit: whether the segment extends to that
-                end of the slave's facet.
+            nodes: (q, 6), the six nodes of each segment.
+            at_facet_end: two masks (q,), for the lower and the upper limit of a segment. They tell
+                whether the segment extends to this end of the slave's facet.
         """
         q, ends = len(nodes), list[Any]()
         x0, x1, n0, n1 = self._interpolation_coefficients(corners, nodes)
@@ -537,7 +561,7 @@ class SlidingMortar:
 
 
 def _smaller_root(c0: Any, c1: Any, c2: Any) -> Any:  # noqa: ANN401
-    """Return the root of c_0 + c_1 s + c_2 s^2 that is nearer to zero, NaN if there is none."""
+    """Return the root of c_0 + c_1 s + c_2 s^2 that is nearer to zero, or NaN without a root."""
     sign = np.where(getattr(c1, "value", c1) < 0, -1.0, 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         return c0 * -2.0 / (c1 + (c1**2.0 - c0 * c2 * 4.0) ** 0.5 * sign)
@@ -546,15 +570,18 @@ def _smaller_root(c0: Any, c1: Any, c2: Any) -> Any:  # noqa: ANN401
 def _set_constant_where(
     is_constant: Mask, constant: float, numbers: AutoDiffArray
 ) -> AutoDiffArray:
-    """Replace numbers, which may be NaN, by a constant where `is_constant` (n,) holds."""
+    """Return numbers (n,) in which a constant replaces those where `is_constant` (n,) is true.
+
+    The replaced numbers may be NaN.
+    """
     derivative = np.where(is_constant[:, None], 0.0, numbers.derivative)
     return AutoDiffArray(np.where(is_constant, constant, numbers.value), derivative)
 
 
 def _orient_facets(trace: Trace) -> Indices:
-    """Return nodes (f, 2) of the sub-facets, as indices of the trace's nodes.
+    """Return the two nodes (f, 2) of each sub-facet, as indices of the trace's nodes.
 
-    They are ordered so that the outside is on the right.
+    The outside is on the right of the direction from the first to the second node.
     """
     nodes, corners, outward = trace.sub_facets
     edge = corners[:, 1] - corners[:, 0]

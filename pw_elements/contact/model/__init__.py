@@ -1,4 +1,4 @@
-"""What is stated of contact and what comes back: pairs, surfaces, states, errors."""
+"""Input and results of contact computations: pairs, surfaces, friction laws, states, errors."""
 
 from pw_elements.contact.model.errors import (
     ContactFailed,

@@ -1,4 +1,4 @@
-"""Errors of contact computations, and descriptions for their messages."""
+"""Errors of contact computations, and descriptions of states for their messages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,13 +10,14 @@ from pw_elements.checks import format_points
 from pw_elements.contact.model.state import ContactState
 from pw_elements.solvers import SingularSystem
 
-# Fraction of the largest friction from which on friction counts as exhausted after a failure
+# Smallest ratio of friction to its largest value at which friction counts as exhausted after a
+# failure
 _EXHAUSTED_FRACTION = 0.9
 
 
 @dataclass(frozen=True)
 class RigidVelocity:
-    """Rigid velocity of each connected piece of the body, and of the surfaces that are free.
+    """Rigid velocity of each connected piece of the body, and of each surface that is free to move.
 
     The velocity of a node at x of piece k is translation[k] + rotation[k] × (x - centre[k]); in the
     plane the rotation has one component w, and w × (x, y) is (-w y, w x). The velocity is scaled so
@@ -24,11 +25,12 @@ class RigidVelocity:
     piece, is one.
 
     Args:
-        centre: (pieces, dim), mean position of a piece's nodes, by which pieces are sorted.
+        centre: (pieces, dim), mean position of the nodes of each piece. Pieces are sorted by it.
         translation: (pieces, dim), velocities of the centres.
         rotation: (pieces, 1) in the plane, (pieces, 3) in space, angular velocities.
         surface: (pairs, dim), velocities of surfaces; zero for prescribed translations.
-        power: of the loads and of the forces on the free surfaces, positive.
+        power: power of the loads and of the forces on the free surfaces at this velocity; it is
+            positive.
     """
 
     centre: Array
@@ -42,14 +44,15 @@ class RigidVelocity:
 class MissingForce:
     """Smallest addition to the loads that makes equilibrium possible.
 
-    It has the smallest sum of the magnitudes of all components, where moments are divided by the
-    radius of gyration of their piece. Components that supports balance are zero.
+    Of all such additions it has the smallest sum of the magnitudes of all components, where moments
+    are divided by the radius of gyration of their piece. Components that supports can balance are
+    zero.
 
     Args:
-        force: (pieces, dim), on each connected piece.
-        moment: (pieces, 1) in the plane, (pieces, 3) in space, on each piece about its
-            `RigidVelocity.centre`.
-        surface: (pairs, dim), force on each free surface.
+        force: (pieces, dim), force on each connected piece of the body.
+        moment: (pieces, 1) in the plane, (pieces, 3) in space, moment on each piece about the
+            piece's `RigidVelocity.centre`.
+        surface: (pairs, dim), force on each surface that is free to move.
     """
 
     force: Array
@@ -58,15 +61,15 @@ class MissingForce:
 
 
 class ContactFailed(RuntimeError):
-    """No state was computed for an increment; derived classes tell the reason.
+    """No state was computed for an increment. Derived classes tell the reason.
 
     Attributes:
         states: states of the increments before the failed one.
-        state: the iterate of the failed increment that is nearest to a solution, or None. It is not
-            a solution (`converged` is False, and `residuals` tell by how much), but shows where the
-            iteration failed.
+        state: the iterate of the failed increment that is nearest to a solution, or None. It shows
+            where the iteration failed, but is not a solution: its `converged` is False, and its
+            `residuals` tell how large the errors are.
         last_substate: load factor and state at the end of the last substep that was solved, or
-            None. The state is a solution from which other increments can start.
+            None if there is none. The state is a solution from which other increments can start.
     """
 
     states: Sequence[ContactState] = ()
@@ -75,14 +78,17 @@ class ContactFailed(RuntimeError):
 
 
 class FreeBody(ContactFailed, SingularSystem):
-    """A rigid motion is prevented neither by supports nor by contact, even if all nodes stuck."""
+    """Neither supports nor contact prevent a rigid motion, even if all contact nodes stuck."""
 
 
 class NoEquilibrium(FreeBody):
-    """No contact forces that the law admits balance the loads, as statics prove.
+    """Statics prove that no admissible contact forces balance the loads.
+
+    Contact forces are admissible if they push, and if their friction is within its limit.
 
     Attributes:
-        velocity: rigid velocity on which the loads do work that no admissible force takes up.
+        velocity: rigid velocity at which the power of the loads is positive and cannot be balanced
+            by any admissible contact forces.
         missing: smallest addition to the loads that makes equilibrium possible.
     """
 
@@ -91,33 +97,39 @@ class NoEquilibrium(FreeBody):
 
 
 class NotUnique(ContactFailed, SingularSystem):
-    """The tangent is singular at a solution, which is not unique: by friction or a loose body."""
+    """The tangent stiffness is singular at a solution, so that the solution is not unique.
+
+    The reason is friction or a loose body.
+    """
 
 
 class NotFound(ContactFailed):
-    """The iteration found no solution; it is not known whether there is one."""
+    """The iteration found no solution. It is not known whether a solution exists."""
 
     @classmethod
     def with_positions(cls, message: str, positions: Array) -> "NotFound":
-        """Create the error with positions in its message.
+        """Return the error with positions of nodes in its message.
 
         Args:
-            message: with one {}, which the positions replace.
-            positions: (k, dim), undeformed.
+            message: text with one placeholder {}, which the positions replace.
+            positions: (k, dim), undeformed positions of the nodes.
         """
         return cls(message.format(format_points(positions)))
 
 
 class Cycling(NotFound):
-    """The iteration repeats active sets, none of which gives a solution."""
+    """The iteration repeats a sequence of active sets, none of which gives a solution."""
 
 
 class LastContactLost(NotFound):
-    """The next active set would release a body or surface that only contact holds."""
+    """The next active set would release a body or a surface that only contact holds in place."""
 
 
 def describe_exhausted_friction(state: ContactState) -> str:
-    """Return a message on the pairs of a state whose friction is exhausted, empty if none is."""
+    """Return a message on all pairs of a state at which friction is exhausted.
+
+    The message is empty if there is no such pair.
+    """
     words = []
     for k, pair in enumerate(state.pairs):
         capacity = pair.friction_capacity
@@ -133,4 +145,4 @@ def describe_exhausted_friction(state: ContactState) -> str:
 
 
 class SurfacePassed(ContactFailed):
-    """A rigid surface has passed through the body, or pushes it outwards."""
+    """A rigid surface has passed through the body, or pushes the body's boundary outwards."""

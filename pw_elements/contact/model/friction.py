@@ -1,16 +1,19 @@
-"""Friction laws, which limit the tangential force, and the cone of forces that they admit.
+"""Friction laws, which limit tangential forces, and the cone of contact forces that they admit.
 
 A law limits the tangential force r_t of a node with normal force r_n >= 0 by
 
     |r_t| <= limit(r_n),    limit(0) = 0,
 
 and gives the derivative of the limit. Coulomb's limit is mu r_n. All of these are nodal forces, not
-stresses: a law for stresses has to multiply by the node's area, which its `parameter_at` may
-return. The coefficient limit(r_n) / r_n must not rise with r_n, so that its value at zero, the
-slope of the limit there, bounds it, and the cone with that slope contains all admissible forces.
-This is checked at forces of many magnitudes before any computation, because those of a problem are
-not known yet, and again at all forces that occur, where slopes are also compared with differences.
-Laws are evaluated by `FrictionCone.limit` only.
+stresses. A law for stresses has to multiply them by the node's area, which its `parameter_at` may
+return.
+
+The coefficient limit(r_n) / r_n must not rise with r_n. Its value at zero, which is the slope of
+the limit there, then bounds the coefficient, and the cone with this slope contains all admissible
+forces. Coefficients are checked at forces of many magnitudes before any computation, because the
+forces of a problem are not known yet. They are checked again at all forces that occur, where the
+slopes of limits are also compared with finite differences. Only `FrictionCone.limit` evaluates
+laws.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,21 +26,23 @@ import numpy as np
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks import arguments
 
-# Normal forces at which coefficients are checked not to rise, and round-off of a coefficient,
-# relative to its value at zero
+# Normal forces at which coefficients are checked not to rise; and round-off of a coefficient,
+# relative to the coefficient at zero force
 _TEST_FORCES = 10.0 ** np.linspace(-12, 12, 24 * 16 + 1)
 _COEFFICIENT_ROUND_OFF = 1e-9
-# Step of differences over the normal force, and their error over the slope at zero
+# Step of finite differences relative to the normal force, and largest error of the differences
+# relative to the slope of the limit at zero force
 _RELATIVE_FORCE_STEP, _SLOPE_TOLERANCE = 1e-4, 1e-6
 
 
 @runtime_checkable
 class Friction(Protocol):
-    """Friction law: a limit of the tangential force whose ratio to the normal one does not rise.
+    """Friction law: limit of the tangential force as a function of the normal force.
 
-    Forces are those of nodes, not stresses: a limit of stress is one of force over a node's area.
-    The iteration uses the slope as the derivative of the limit; it is compared with differences at
-    all forces that occur.
+    The ratio of the limit to the normal force must not rise with the normal force. Forces are nodal
+    forces, not stresses: a limit of the shear stress has to be multiplied by the node's area. The
+    iteration uses the slope that the law gives as the derivative of the limit. The slope is
+    compared with finite differences at all forces that occur.
 
     Any object with both methods is a law:
 
@@ -55,64 +60,74 @@ class Friction(Protocol):
     """
 
     def parameter_at(self, x: Array) -> Array | float:
-        """Return the law's parameter (n,) at each node, or one number for all.
+        """Return the law's parameter (n,) at each node, or one number for all nodes.
 
         Args:
-            x: positions as columns (3, n), of the nodes of all processes.
+            x: positions of the nodes of all processes, as columns (3, n).
         """
 
     def limit(self, parameter: Array, force: Array) -> tuple[Array, Array]:
-        """Return the largest tangential nodal force (n,) and its derivative (n,) by the normal one.
+        """Return the limits (n,) of the tangential nodal forces, and the slopes (n,) of the limits.
+
+        A slope is the derivative of the limit with respect to the normal force.
 
         Args:
-            parameter: (n,), of these nodes, which may be those of another process.
-            force: normal nodal forces (n,), not negative; not pressures.
+            parameter: (n,), the law's parameter at each node. The nodes may belong to another
+                process.
+            force: (n,), normal nodal forces, not pressures; they are not negative.
         """
 
 
 @dataclass(frozen=True)
 class Coulomb:
-    """Coulomb's law, |r_t| <= mu r_n, of nodal forces.
+    """Coulomb's law |r_t| <= mu r_n for tangential and normal nodal forces r_t and r_n.
 
-    A derived class may override `limit`, like any other law.
+    A derived class may override `limit`; it is then treated like any other law.
 
     Args:
-        mu: the coefficient, or a function of positions as columns (3, n) that returns it for each
-            node, (n,).
+        mu: the coefficient of friction, or a function that takes positions as columns (3, n) and
+            returns the coefficient (n,) at each of them.
     """
 
     mu: float | Callable[[Array], Array]
 
     def parameter_at(self, x: Array) -> Array | float:
-        """Return the coefficient (n,) at nodes, or one number for all.
+        """Return the coefficient (n,) of friction at each node, or one number for all nodes.
 
         Args:
-            x: positions as columns (3, n).
+            x: positions of the nodes, as columns (3, n).
         """
         return self.mu(x) if callable(self.mu) else self.mu
 
     def limit(self, parameter: Array, force: Array) -> tuple[Array, Array]:
-        """Return the largest tangential nodal force (n,) and its derivative (n,) by the normal one.
+        """Return the limits (n,) of the tangential nodal forces, and the slopes (n,) of the limits.
+
+        A slope is the derivative of the limit with respect to the normal force.
 
         Args:
-            parameter: the coefficient (n,).
-            force: normal nodal forces (n,), not pressures.
+            parameter: (n,), coefficient of friction at each node.
+            force: (n,), normal nodal forces, not pressures.
         """
         return parameter * force, parameter
 
 
 @dataclass(frozen=True)
 class FrictionCone:
-    """Forces that the friction laws admit at contact points (m), pair after pair."""
+    """Forces that the friction laws admit at the m contact points, which are sorted by pair.
+
+    Errors of laws are collected in `errors`, if it is a list, and can then be raised on all
+    processes by `raise_law_error`. Otherwise they are raised at once.
+    """
 
     laws: Sequence[Friction]  # one per pair
     parameters: Sequence[Array]  # parameters of each law at the points of its pair
-    errors: list[BaseException] | None = None  # errors of laws, raised later on all processes
+    errors: list[BaseException] | None = None
 
     def limit(self, force: Array) -> tuple[Array, Array]:
-        """Return the largest tangential forces (m,) with normal forces (m,), and their slopes (m,).
+        """Return the limits (m,) of tangential forces at normal forces (m,), and their slopes (m,).
 
-        If a law raises an error, and errors are collected, limits are NaN.
+        A slope is the derivative of the limit with respect to the normal force. If a law raises an
+        error and `errors` is a list, the error is added to `errors`, and all limits are NaN.
         """
         try:
             parts = np.split(
@@ -132,7 +147,7 @@ class FrictionCone:
 
     @staticmethod
     def _evaluate_law(law: Friction, parameter: Array, force: Array) -> tuple[Array, Array]:
-        """Return limits and slopes of one law, checked if it is a user's."""
+        """Return the limits and slopes of one law. The arrays of a user's law are checked."""
         limit, slope = law.limit(parameter, force)
         if type(law) is Coulomb:
             return limit, slope
@@ -145,27 +160,30 @@ class FrictionCone:
 
     @cached_property
     def has_user_law(self) -> bool:
-        """Whether any law is a user's, which may raise errors and be wrong."""
+        """Whether any law has been written by the user and may therefore be wrong."""
         return any(type(law) is not Coulomb for law in self.laws)
 
     def raise_law_error(self) -> None:
-        """Raise the last error of a law that has been collected, if there is one."""
+        """Raise the last error of a law in `errors`, if there is one."""
         if self.errors:
             raise self.errors.pop()
 
     def coefficient(self, force: Array) -> Array:
-        """Return the limit over normal forces (m,); at forces of zero, the slope of the limit."""
+        """Return the limits (m,) divided by the normal forces (m,).
+
+        Where the normal force is zero or negative, it is the slope of the limit.
+        """
         limit, slope = self.limit(force)
         linear = (force <= 0) | (limit == slope * force)
         return np.where(linear, slope, limit / np.where(linear, 1.0, force))
 
     @cached_property
     def max_coefficient(self) -> Array:
-        """Slopes (m,) of the limit at zero, which bound the coefficient."""
+        """Slopes (m,) of the limits at zero normal force, which bound the coefficients."""
         return self.limit(np.zeros(sum(len(parameter) for parameter in self.parameters)))[1]
 
     def find_rising_coefficients(self) -> Mask:
-        """Return the points (m,) whose coefficient rises with the normal force."""
+        """Return a mask (m,) of the points at which the coefficient rises with the normal force."""
         with np.errstate(all="ignore"):  # forces may be far outside the range of a law
             coefficients = [
                 self.limit(np.full(len(self.max_coefficient), force))[0] / force
@@ -176,10 +194,12 @@ class FrictionCone:
         return np.asarray(rising.any(axis=0))
 
     def find_rising_coefficients_at(self, force: Array) -> Mask:
-        """Return the points (m,) whose coefficient rises at normal forces, or exceeds that at zero.
+        """Return a mask (m,) of points whose coefficient rises near their normal force.
+
+        The mask includes points whose coefficient exceeds the coefficient at zero force.
 
         Args:
-            force: (m,).
+            force: (m,), normal forces.
         """
         factors = (1 - _RELATIVE_FORCE_STEP, 1.0, 1 + _RELATIVE_FORCE_STEP)
         coefficients = [
@@ -191,12 +211,13 @@ class FrictionCone:
         return np.asarray((force > 0) & rising)
 
     def compare_slopes(self, force: Array) -> tuple[Array, Array, Mask]:
-        """Compare the slopes of the limit with differences at normal forces (m,).
+        """Compare the slopes of the limits with finite differences at normal forces (m,).
 
-        At a corner of the limit any slope between those of both sides is accepted.
+        At a corner of a limit any slope between the two one-sided slopes is accepted.
 
         Returns:
-            Slopes (m,), differences (m,), and the points (m,) at which they contradict each other.
+            The slopes (m,) that the laws give, the slopes (m,) by finite differences, and a mask
+            (m,) of the points at which they contradict each other.
         """
         pressed = force > 0
         force = np.where(pressed, force, 1.0)
@@ -210,5 +231,5 @@ class FrictionCone:
 
     @cached_property
     def has_friction(self) -> Mask:
-        """Points (m,) with any friction."""
+        """Mask (m,) of the points that have friction."""
         return self.max_coefficient > 0

@@ -16,9 +16,9 @@ from pw_elements.spaces import Part
 
 @dataclass(frozen=True)
 class Motion:
-    """Rigid motion of a surface from its initial position, at the end of one increment.
+    """Rigid motion of a surface from its initial position to its position after one increment.
 
-    At large sliding a surface whose pair has a pivot may also rotate about it, by any angle; the
+    At large sliding, a surface whose pair has a pivot may rotate about the pivot by any angle. The
     increment is then solved in substeps of at most an eighth of a turn. The pivot moves with the
     translation.
 
@@ -27,18 +27,20 @@ class Motion:
         Motion((0.4, -0.1), rotation=None, torque=0.0)        # is dragged, on a frictionless shaft
 
     Args:
-        translation: (dim,); None for a component that is free and follows from its force.
-        force: (dim,), total force of the surface on the body in the free components (on the
-            whole circumference in axisymmetry, where radial ones are sums of nodal forces round
-            the axis), and zero in prescribed ones.
-        rotation: angle in radians, right-handed about the pair's axis, in the plane
-            anticlockwise; None if it is free and follows from its torque.
-        torque: of the surface on the body about the current position of the pivot, if the rotation
-            is free.
+        translation: (dim,), translation of the surface. A component that is None is free and
+            follows from the force.
+        force: (dim,), total force of the surface on the body. It is given in the free components
+            and is zero in the prescribed ones. In axisymmetry it is the force on the whole
+            circumference, and the radial component is the sum of nodal forces round the axis.
+        rotation: angle in radians. It is right-handed about the pair's axis in space, and
+            anticlockwise in the plane. None means that the rotation is free and follows from the
+            torque.
+        torque: torque of the surface on the body about the current position of the pivot, if the
+            rotation is free.
 
     Raises:
-        ValueError: for values that are not finite numbers, a force and a translation of different
-            sizes, or a force or torque on a prescribed component.
+        ValueError: for values that are not finite numbers, for a force and a translation of
+            different sizes, and for a force or torque on a prescribed component.
     """
 
     translation: Sequence[float | None]
@@ -71,37 +73,38 @@ class Motion:
 
     @property
     def _components(self) -> tuple[list[float | None], list[float]]:
-        """Translation and rotation, and force and torque, (dim + 1) components each."""
+        """Return two lists with dim + 1 entries: translation and rotation, force and torque."""
         force = [0.0] * len(self.translation) if self.force is None else self.force
         return [*self.translation, self.rotation], [*force, self.torque]
 
     def translation_and_rotation(self) -> Array:
-        """Return translation and angle (dim + 1,), NaN in free components."""
+        """Return translation and angle, (dim + 1,); free components are NaN."""
         return np.array([np.nan if u is None else u for u in self._components[0]], dtype=float)
 
     def force_and_torque(self) -> Array:
-        """Return total force and torque (dim + 1,), zero where none is given."""
+        """Return total force and torque, (dim + 1,); components that are not given are zero."""
         return np.array(self._components[1], dtype=float)
 
 
 @dataclass(frozen=True)
 class MatchingNodes:
-    """Another part of the boundary of the same mesh, with one node opposite to each of the pair's.
+    """Another part of the boundary of the mesh, with one opposite node for each node of the pair.
 
-    It replaces the rigid surface in contact of two bodies (disconnected parts of one mesh) whose
-    meshes match along the contact. A `Motion` is then a rigid motion of the opposite body in
-    addition to its displacements: an approach of two supported bodies, prescribed or computed from
-    a force.
+    It takes the place of the rigid surface in contact of two bodies whose meshes match along the
+    contact. The bodies are disconnected parts of one mesh. A `Motion` of the pair is then a rigid
+    motion of the opposite body, which is added to the displacements of that body. For example, two
+    supported bodies approach each other by a prescribed distance, or under a force.
 
     Args:
-        nodes: nodes of the opposite part: a marker of positions as columns (3, n), local numbers,
-            or a mask.
-        shape: surface of the opposite part, as if it were rigid: its gap (n,) and its normal
-            (n, dim) towards the pair's own nodes are evaluated at their positions (n, dim).
-        offset: (dim,), from the pair's nodes to the opposite ones; zero by default.
+        nodes: nodes of the opposite part, given by a marker of positions as columns (3, n), by
+            local numbers, or by a mask.
+        shape: rigid surface that coincides with the opposite part. Its gap (n,) and its normal
+            (n, dim) towards the pair's own nodes are evaluated at the positions (n, dim) of the
+            pair's own nodes.
+        offset: (dim,), vector from each node of the pair to its opposite node; zero by default.
 
     Raises:
-        TypeError: for arguments of the wrong type, such as interchanged ones.
+        TypeError: for arguments of the wrong type, for example in the wrong order.
         ValueError: for an offset that is not finite.
     """
 
@@ -123,12 +126,13 @@ class MatchingNodes:
 
 @dataclass(frozen=True)
 class DeformableSurface:
-    """Another part of the boundary of the same mesh, whose nodes need not match the pair's.
+    """Another part of the boundary of the same mesh, whose nodes need not match the pair's nodes.
 
-    It replaces the rigid surface in contact of two bodies (disconnected parts of one mesh). The
-    pair's own side is the slave of the mortar: contact is stated at its nodes, so that its mesh
-    should be the finer one. A `Motion` is then a rigid motion of the master in addition to its
-    displacements, as for `MatchingNodes`.
+    It takes the place of the rigid surface in contact of two bodies, which are disconnected parts
+    of one mesh. In the mortar method, the pair's own side is the slave and this part is the master.
+    The contact conditions hold at the slave's nodes, so that the slave should have the finer mesh.
+    A `Motion` of the pair is a rigid motion of the master, which is added to the displacements of
+    the master's body.
 
         materials = {STEEL: Material(210e3, 0.3), ALUMINIUM: Material(70e3, 0.33)}
         material = Material.by_tag(mesh, cell_tags, materials)
@@ -136,19 +140,20 @@ class DeformableSurface:
         own = fem.locate_dofs_topological(body.spaces.trial, 1, facet_tags.find(FINE))
         pair = ContactPair(own, DeformableSurface(facet_tags.find(COARSE)), friction=0.2)
 
-    `PairState` has results at the slave's nodes, and nodal forces of the master; `ContactFields`
-    has pressures, gaps, slips and statuses of both. The theory page tells which quantities are
-    exact ("Two bodies"). Large sliding needs `ContactProblem.of_residual`, in the plane or in
-    axisymmetry.
+    `PairState` has results at the slave's nodes, and the nodal forces on the master.
+    `ContactFields` has pressures, gaps, slips and statuses of both sides. The theory page tells
+    which quantities are exact ("Two bodies"). Large sliding needs `ContactProblem.of_residual`, and
+    is available in the plane and in axisymmetry.
 
     Args:
-        where: facets: a marker of positions as columns (3, n) that holds at every vertex of a
-            facet; or local numbers of facets, such as those of `MeshTags.find`; or a mask of all
-            facets.
-        revolved: whether areas are those of the whole circumference, as in axisymmetry. Required in
-            two dimensions only, unless the stiffness is that of a `Body`, which records it.
-        coincident: whether both sides are the same surface before any motion, such as those of a
-            tube and its liner. Small gaps between the meshes of a curved surface are then ignored.
+        where: facets of the master, given by a marker of positions as columns (3, n) that holds at
+            every vertex of a facet, by local numbers of facets, as returned by `MeshTags.find`, or
+            by a mask of all facets.
+        revolved: whether areas are those of the whole circumference, as in axisymmetry. The value
+            is required in two dimensions only, and not if the stiffness has been assembled by a
+            `Body`, which records it.
+        coincident: whether both sides are the same surface before any motion, as in a tube and its
+            liner. Small gaps between the meshes of a curved surface are then ignored.
 
     Raises:
         TypeError: for arguments of the wrong type.
@@ -171,29 +176,32 @@ class ContactPair:
     """Nodes of a body that may touch a rigid surface, or another part of the mesh.
 
     Args:
-        nodes: marker of their positions as columns (3, n), or their local numbers in the space,
-            such as those of `fem.locate_dofs_topological` for tagged facets, or a mask of these
-            (ghosts are skipped, so that every process may pass all its nodes).
-        surface: the rigid surface at its initial position, or the other part of the mesh, as
+        nodes: nodes of the pair, given by a marker of positions as columns (3, n), by local numbers
+            of nodes in the space, as returned by `fem.locate_dofs_topological` for tagged facets,
+            or by a mask of all local nodes. Ghosts are skipped, so that every process may pass all
+            its nodes.
+        surface: the rigid surface at its initial position, or the other part of the mesh as a
             `DeformableSurface` or `MatchingNodes`.
-        friction: Coulomb's mu, or a function of positions as columns (3, n) that returns it for
-            each node, (n,), or another law, see `Friction`. A node between a smooth and a rough
-            part has the function's value at its position.
-        motions: one per increment of `solve_contact`; a single one needs no list. Without motions
-            the surface rests.
+        friction: Coulomb's coefficient mu, or a function that takes positions as columns (3, n) and
+            returns mu at each of them, (n,), or another law (see `Friction`). A node between a
+            smooth and a rough part has the function's value at its position.
+        motions: motions of the surface, one for each increment of `solve_contact`. A single motion
+            needs no list. Without motions the surface rests.
         interference: whether the surface may penetrate the body before any motion, as in a shrink
-            fit; the first increment then pushes the nodes out of it. With a `coincident`
-            `DeformableSurface` it is the nominal depth instead: a number, or a function of
-            positions as columns (3, n) that returns it for each node, (n,); gaps between meshes of
-            curved faces, which may exceed the depth, are then ignored.
-        pivot: (dim,), initial position of the point about which a rigid surface may rotate, for
-            `ContactProblem.of_residual` only; not in axisymmetry.
-        axis: (3,), in space only: direction, of any length, of the axis through the pivot.
+            fit. The first increment then pushes the nodes out of the surface. With a `coincident`
+            `DeformableSurface` it is the nominal depth instead, given by a number or by a function
+            that takes positions as columns (3, n) and returns the depth at each of them, (n,). Gaps
+            between meshes of curved faces, which may exceed the depth, are then ignored.
+        pivot: (dim,), initial position of the point about which a rigid surface may rotate. It is
+            admitted by `ContactProblem.of_residual` only, and not in axisymmetry.
+        axis: (3,), direction of the axis of rotation through the pivot, in space only. It may have
+            any length.
 
     Raises:
-        TypeError: for arguments of the wrong type, such as interchanged ones.
-        ValueError: for a friction that is negative or not a number, an interference of the wrong
-            kind for the surface, a pivot of a deformable body, or one in space without axis.
+        TypeError: for arguments of the wrong type, for example in the wrong order.
+        ValueError: for a friction coefficient that is negative or not a number, an interference of
+            the wrong kind for the surface, a pivot of a deformable surface, or a pivot in space
+            without an axis.
     """
 
     nodes: Part
@@ -246,16 +254,18 @@ class ContactPair:
 
     @property
     def law(self) -> Friction:
-        """The friction law: Coulomb's, unless another one is given."""
+        """Friction law of the pair, which is Coulomb's law unless another one is given."""
         if isinstance(self.friction, Friction) and not isinstance(self.friction, type):
             return self.friction
         return Coulomb(self.friction)
 
     def pivot_and_spin(self, dim: int) -> tuple[Array, Array]:
-        """Return pivot c (dim,) and matrix J (dim, dim); J (x - c) is the velocity of a point x.
+        """Return the pivot c (dim,) and the matrix J (dim, dim) of the axis of rotation.
+
+        J (x - c) is the velocity of a point x at unit angular velocity. J is zero without a pivot.
 
         Args:
-            dim: dimension of space. J is zero without a pivot.
+            dim: dimension of space.
         """
         arguments.check_integer("dim", dim, 2)
         if self.pivot is None:
@@ -271,7 +281,10 @@ def _is_surface(thing: object) -> bool:
 
 
 def _check_part(name: Literal["nodes", "facets"], part: object, call: str) -> None:
-    """Raise TypeError unless a part selects nodes or facets; `call` shows the right arguments."""
+    """Raise TypeError unless `part` can select nodes or facets.
+
+    `call` is an example of a correct call, which the message shows.
+    """
     if isinstance(part, MatchingNodes | DeformableSurface) or _is_surface(part):
         raise TypeError(f"a surface is given in place of {name}: {call} has them first")
     if isinstance(part, MeshTags):

@@ -1,4 +1,4 @@
-"""States of a contact computation: results, and data that the next increment needs."""
+"""States of a contact computation, with results and with data that the next increment needs."""
 
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -22,38 +22,44 @@ class PairState:
     Arrays are read-only and the same on every process.
 
     Args:
-        position: (m, dim), undeformed, sorted by the first coordinate, then the next.
-        normal: (m, dim), from the surface into the body.
-        force_normal: (m,), nodal force along the normal; compression is positive.
-        force_tangential: (m, dim), tangential part of the nodal force of the surface on the body,
-            even if supports bear it. Where supports hold a node and the surface does not move along
-            them, it is that of the increment's start, reduced to the limit of friction.
-        gap: (m,), infinite for nodes that face nothing.
-        slip: (m, dim), tangential displacement relative to the surface in this increment;
-            zero for open nodes.
-        path_slip: (m, dim), slip integrated along the straight path of the material points of both
-            sides in this increment, by formulas that the law does not use; zero for open nodes. A
-            warning is logged where it differs from the slip.
-        friction: (m,), Coulomb's mu; for other laws the limit of friction over the normal force.
-        status: (m,), OPEN, STICK or SLIP; or HELD, for nodes in rough contact with a deformable
-            surface where supports prescribe the same motion of both sides: there is no friction
-            along them. Nodes that supports move along a rigid surface slip if the surface moves
-            differently.
-        translation: (dim,) of the surface from its initial position.
-        force: (dim,), total force of the surface on the body; in axisymmetry sums round the
-            axis, so that the radial component is no resultant.
+        position: (m, dim), undeformed positions of the nodes, sorted by the first coordinate, then
+            by the next.
+        normal: (m, dim), unit normals from the surface into the body.
+        force_normal: (m,), nodal forces along the normals; compression is positive.
+        force_tangential: (m, dim), tangential parts of the nodal forces of the surface on the body,
+            even if supports bear them. Where supports hold a node and the surface does not move
+            along the supports, it is the tangential force at the start of the increment, reduced to
+            the limit of friction.
+        gap: (m,), gaps between nodes and surface, infinite for nodes that face nothing.
+        slip: (m, dim), tangential displacements relative to the surface in this increment, zero for
+            open nodes.
+        path_slip: (m, dim), slips integrated along the straight paths of the material points of
+            both sides in this increment, zero for open nodes. The formulas are independent of those
+            in the contact law. A warning is logged where the values differ from `slip`.
+        friction: (m,), Coulomb's coefficient mu. For other laws it is the limit of friction divided
+            by the normal force.
+        status: (m,), OPEN, STICK, SLIP or HELD. Nodes in rough contact with a deformable surface
+            are HELD where supports prescribe the same motion of both sides, so that there is no
+            friction along the supports. Nodes that supports move along a rigid surface slip if the
+            surface moves differently.
+        translation: (dim,), translation of the surface from its initial position.
+        force: (dim,), total force of the surface on the body. In axisymmetry, components are sums
+            of nodal forces round the axis, so that the radial component is not a resultant.
         rotation: (), angle of the surface about its pivot.
-        torque: (), of the surface on the body about the current position of the pivot.
-        displacement: (m, dim), of the nodes; relative to the opposite nodes where nodes match.
-        direction: (m, dim), unit direction of the tangential force of slipping nodes, else zero.
+        torque: (), torque of the surface on the body about the current position of the pivot.
+        displacement: (m, dim), displacements of the nodes. For `MatchingNodes` they are relative to
+            the opposite nodes.
+        direction: (m, dim), unit vectors along the tangential forces of slipping nodes, zero at
+            other nodes.
         friction_ratio: (m,), ratio of the limit of friction to the trial friction at slipping
-            nodes, from which the next increment's linearised law starts.
-        node: (m,), global node numbers, valid for the current number of processes; component i of
+            nodes. The linearised law of the next increment starts from it.
+        node: (m,), global node numbers, valid for the current number of processes. Component i of
             node k is entry dim k + i of `ContactState.displacement`.
-        faced_node: (m,), global number of the node that each node faces; -1 for a rigid surface,
-            -2 for a deformable one.
-        opposite_node: (k,), global numbers of a deformable surface's nodes, sorted by position.
-        opposite_force: (k, dim), nodal forces on these.
+        faced_node: (m,), global number of the node that each node faces, -1 if it faces a rigid
+            surface, and -2 if it faces a deformable surface with many nodes.
+        opposite_node: (k,), global numbers of the nodes of a deformable surface, sorted by
+            position.
+        opposite_force: (k, dim), nodal forces on the nodes of a deformable surface.
     """
 
     position: Array
@@ -83,41 +89,47 @@ class PairState:
 
     @property
     def friction_capacity(self) -> float:
-        """Sum of the largest tangential forces that the normal forces of this state admit."""
+        """Sum of the limits of friction of all nodes at the normal forces of this state."""
         return float(np.sum(self.friction * np.maximum(0.0, self.force_normal)))
 
     @property
     def force_vector(self) -> Array:
-        """Nodal force (m, dim) of the surface on the body, with both its parts."""
+        """Nodal forces (m, dim) of the surface on the body, with normal and tangential parts."""
         return self.force_normal[:, None] * self.normal + self.force_tangential
 
 
 @dataclass(frozen=True)
 class Residuals:
-    """Largest violation of each contact condition over all nodes, relative to a scale.
+    """Largest violation of each contact condition at any node, relative to a force or length.
 
-    Forces are divided by the largest nodal contact force, lengths by the largest displacement of a
-    contact node or its surface (for two bodies, of both), where the largest values of this state
-    and of all earlier ones with contact count (`ResidualScale`). If these are only round-off,
-    lengths are divided by the largest coordinate of a contact node, and forces by a node's
-    stiffness times it.
+    Forces are divided by the largest nodal contact force. Lengths are divided by the largest
+    displacement of a contact node or of its surface (for two bodies, of both sides). The largest
+    values of this state and of all earlier states with contact are used (`ResidualScale`). If the
+    largest values are only round-off, lengths are divided by the largest coordinate of a contact
+    node, and forces by this coordinate times a node's stiffness.
 
     Residuals are evaluated from displacements, form or stiffness, surfaces and law, independently
-    of the iteration. A state is returned only if each is at most 1e-9 plus its allowance, see
-    `ContactState.allowance`: possible round-off, 1e-13 of displacements and 1e-15 of coordinates,
-    and both times the stiffness; the noise of a surface's differences; and for lengths 1e-9 of the
-    force over a node's stiffness. The allowance is large where a body is much stiffer than its
-    supports, or moves far under small forces.
+    of the iteration. A state is returned only if each residual is at most 1e-9 plus its allowance
+    (`ContactState.allowance`). The allowance consists of possible round-off (1e-13 of displacements
+    and 1e-15 of coordinates, and for forces both times the stiffness), of the noise of a surface
+    whose derivatives are finite differences, and for lengths of 1e-9 times the force divided by a
+    node's stiffness. The allowance is large where a body is much stiffer than its supports, or
+    moves far under small forces.
+
+    In the following, g is the gap, r_n the normal and r_t the tangential force, v the slip and l
+    the limit of friction, which is mu r_n for Coulomb's law. Each violation is a magnitude.
 
     Args:
-        equilibrium: unbalanced force at all nodes but the contact nodes.
-        penetration: -g where it is positive.
-        tension: -r_n where it is positive.
-        complementarity: smaller one of r_n and g, where both are positive.
-        cone: |r_t| minus the limit l of friction (Coulomb's mu r_n), where it is positive.
-        stick: smaller one of the slip |v| and of l - |r_t|.
-        direction: | |v| r_t + l v |, over a force and a length or the slip: r_t opposes the slip.
-        balance: total force (or torque over its arm) minus the prescribed one, on free motions.
+        equilibrium: unbalanced force at all nodes that are not contact nodes.
+        penetration: -g, where the gap is negative.
+        tension: -r_n, where the normal force is negative.
+        complementarity: the smaller one of r_n and g, where both are positive.
+        cone: |r_t| - l, where it is positive.
+        stick: the smaller one of |v| and l - |r_t|.
+        direction: | |v| r_t + l v |, which vanishes if r_t opposes the slip. It is divided by a
+            force, and by a length or the slip.
+        balance: difference between total and prescribed force of each free motion of a surface.
+            For free rotations it is the difference of torques divided by the lever arm.
     """
 
     equilibrium: float = 0.0
@@ -130,29 +142,34 @@ class Residuals:
     balance: float = 0.0
 
     def largest(self) -> float:
-        """Return the largest violation of any condition."""
+        """Return the largest of all residuals."""
         return max(vars(self).values())
 
 
 @dataclass(frozen=True)
 class ResidualScale:
-    """Largest force and length in a history from the undeformed body on, during contact."""
+    """Largest force and length that have occurred during contact since the undeformed state."""
 
-    force: float = 0.0  # nodal contact force; 0 as long as it has been only round-off
-    length: float = 0.0  # displacement of a contact node or its surface
+    force: float = 0.0  # largest nodal contact force; 0 if all forces have been only round-off
+    length: float = 0.0  # largest displacement of a contact node or its surface
 
 
 @dataclass(frozen=True)
 class Smallness:
-    """Measures of displacements, equal to the relative size of neglected second-order terms.
+    """Measures of how small displacements are.
+
+    Each of them is of the size of the neglected second-order terms relative to the first-order
+    terms.
 
     Args:
-        strain: largest principal strain by magnitude; without the hoop strain u_r/r of bodies
-            of revolution, since the stiffness does not tell whether a body is one.
-        rotation: largest angle, in radians.
-        slip: largest slip of a node in contact over the size of the smallest adjacent facet: in
-            this increment against rigid surfaces, as contact is stated at their current position;
-            since the undeformed body between two bodies, whose nodes keep their opposite parts.
+        strain: largest magnitude of a principal strain. The hoop strain u_r/r of bodies of
+            revolution is not included, since the stiffness does not tell whether a body is
+            axisymmetric.
+        rotation: largest angle of rotation in the body, in radians.
+        slip: largest slip of a node in contact, divided by the size of the smallest adjacent facet.
+            Against rigid surfaces it is the slip in this increment, since contact is evaluated at
+            the current positions of the surfaces. Between two bodies it is the slip since the
+            undeformed state, since nodes keep their opposite facets.
     """
 
     strain: float = 0.0
@@ -164,41 +181,44 @@ class Smallness:
 class ContactState:
     """State of the body at the end of one increment, from which `ContactProblem.step` continues.
 
-    `ContactProblem.save` writes a state to a file, for any number of processes.
+    `ContactProblem.save` writes a state to a file, which can be read on any number of processes.
 
     Args:
-        displacement: full vector in the numbering of the displacements' space, which is the trial
-            space unless that is hybrid.
+        displacement: full vector in the numbering of the space of displacements. This is the trial
+            space, or its displacement part if the trial space is hybrid.
         pairs: one state per contact pair.
-        iterations: number of linear systems solved, including those of failed attempts and of
-            substeps.
-        unique: False if the determinants of the tangents that the problem has factorised so far
-            (including those of a loaded state that was continued) differ in sign: friction is so
-            large that several states may be in equilibrium with the same loads, and smaller
-            increments may lead to another one. Also False if friction is exhausted, so that a body
-            may slide without limit. None for solvers without determinants, and for
-            `ContactProblem.of_residual`.
-        residuals: of all conditions.
-        allowance: part of each residual that round-off and noise explain, besides the tolerance of
-            1e-9.
+        iterations: number of linear systems that have been solved, including the systems of failed
+            attempts and of substeps.
+        unique: False in two cases, in which the solution may not be unique. In the first case, the
+            determinants of all tangent matrices that the problem has factorised so far differ in
+            sign. If the problem has continued from a loaded state, the determinants of that state
+            count. Friction is then so large that several states may be in equilibrium with the same
+            loads, and smaller increments may lead to another state. In the second case, friction is
+            exhausted, so that a body may slide without limit. None for solvers without
+            determinants, and for `ContactProblem.of_residual`.
+        residuals: violations of all contact conditions.
+        allowance: part of each residual that round-off and noise explain. It is added to the
+            tolerance of 1e-9.
         report: report of the solver of this increment's linear systems.
-        increment: number of increments since the undeformed body, where it is 0.
-        free_motions: (pair, component) of the free motions of surfaces; component dim is the angle.
-        determinant_signs: signs of the determinants that `unique` compares; for
-            `ContactProblem.of_residual` that of the last tangent, which distinguishes unstable
-            states from stable ones. Empty with `Iterative()`, which searches for negative
-            eigenvalues of the preconditioned tangent by Arnoldi's method, without a proof.
+        increment: number of increments since the undeformed state, which has number 0.
+        free_motions: (pair, component) of each free motion of a surface. Component dim is the
+            angle.
+        determinant_signs: signs of the determinants that `unique` compares. For
+            `ContactProblem.of_residual` it is the sign of the last tangent's determinant, which
+            distinguishes unstable states from stable ones. It is empty with `Iterative()`, which
+            searches for negative eigenvalues of the preconditioned tangent by Arnoldi's method; the
+            search may miss some of them.
         scale: force and length by which `residuals` are divided.
-        smallness: largest strain, rotation and slip; a warning is logged when they leave the range
+        smallness: largest strain, rotation and slip. A warning is logged when they leave the range
             of small displacements. None for `ContactProblem.of_residual`, where they may be large.
-        substates: (load factor, state) at the end of each substep but the last one, if the
-            increment was cut (see `ContactProblem`); the factor is 0 at the loads and motions
-            before the increment and 1 at its own. `slip` and `iterations` of this state are sums
-            over all substeps. Files do not include substates.
-        converged: False for the `state` of an error, which is no solution and from which no
+        substates: load factor and state at the end of each substep except the last, if the
+            increment was cut (see `ContactProblem`). The factor is 0 for the loads and motions
+            before the increment, and 1 for those of the increment. `slip` and `iterations` of this
+            state are sums over all substeps. Files do not include substates.
+        converged: False for the `state` of an error, which is not a solution and from which no
             increment can start.
-        unknowns: full vector (n,) in the trial space's numbering; `split` gives displacement and
-            pressure of a hybrid space. By default the displacement.
+        unknowns: full vector (n,) in the numbering of the trial space. `split` returns displacement
+            and pressure of a hybrid space. By default `unknowns` is the displacement.
         history: values on this process of each function in the `history` of a residual.
     """
 
@@ -230,5 +250,5 @@ class ContactState:
 
     @property
     def placements(self) -> Array:
-        """Translations and, in the last column, angles of all surfaces, (pairs, dim + 1)."""
+        """Motions (pairs, dim + 1) of all surfaces: translations, and angles in the last column."""
         return np.array([[*pair.translation, pair.rotation] for pair in self.pairs])

@@ -3,7 +3,7 @@
 A surface is any object with the two methods of `Surface`. Points are rows (n, dim), in contrast to
 markers and friction functions, which take columns (3, n) as in DOLFINx; in axisymmetry the
 coordinates are (r, z). The normal points from the rigid surface into the body, and the gap is
-measured along it: it is negative inside the rigid surface.
+measured along the normal. It is negative inside the rigid surface.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,27 +17,33 @@ from pw_elements.checks import arguments, defer_errors_if_parallel
 
 PointArray = Array
 
-# Newton's method for closest points: limit of steps, and size of the final step over the largest
-# coordinate, with a gradient function and with differences
+# Newton's method for closest points: limit of steps; and size of the final step relative to the
+# largest coordinate, with a gradient function and with finite differences
 _MAX_PROJECTION_STEPS = 30
 _PROJECTION_TOLERANCE, _PROJECTION_TOLERANCE_BY_DIFFERENCES = 1e-12, 1e-8
-# Step of first differences over the largest coordinate; step of second differences over that of
-# first ones
+# Step of first differences relative to the largest coordinate; step of second differences relative
+# to the step of first differences
 _DIFFERENCE_STEP, _SECOND_DIFFERENCE_FACTOR = 1e-6, 100
-# Largest error of a user's gradient, over its size, and round-off of function values in eps
+# Largest error of a user's gradient relative to its size; round-off of function values divided by
+# the machine epsilon
 _GRADIENT_TOLERANCE, _ROUND_OFF_IN_EPS = 1e-5, 64
-# Largest error of a user's normal and of its derivative, over the largest entry
+# Largest error of a user's normal and of its derivative, relative to the largest entry
 _NORMAL_DERIVATIVE_TOLERANCE = 1e-4
-# Distance from the centre of a sphere, over its radius, up to which there is no closest point
+# Distance from the centre of a sphere, relative to its radius, up to which there is no closest
+# point
 _CENTRE_TOLERANCE = 1e-12
-# Largest relative change of a gradient by differences when their step is halved; above it a warning
-# is logged. With the default step the change is round-off of the function, up to 1e-6 for a radius
-# of 1e4 times the body's size
+# Largest relative change of a gradient by finite differences when their step is halved. A warning
+# is logged if the change is larger. With the default step the change is caused by round-off of the
+# function; it is up to 1e-6 for a radius of 1e4 times the body's size
 MAX_DIFFERENCE_STEP_ERROR = 1e-5
 
 
 def unit_vector(direction: Sequence[float]) -> Array:
-    """Return the unit vector (dim,) along a direction; ValueError if it has no finite length."""
+    """Return the unit vector (dim,) along a direction.
+
+    Raises:
+        ValueError: for a direction whose length is zero or not finite.
+    """
     vector = np.asarray(direction, dtype=float)
     length = np.linalg.norm(vector)
     if not (np.isfinite(length) and length > 0):
@@ -46,13 +52,17 @@ def unit_vector(direction: Sequence[float]) -> Array:
 
 
 def check_direction(direction: Sequence[float]) -> None:
-    """Raise ValueError unless a direction is a vector of finite numbers and has a length."""
+    """Raise ValueError unless a direction is a vector of finite numbers that are not all zero."""
     arguments.check_vector("direction", direction)
     unit_vector(direction)
 
 
 def normalise_rows(vectors: PointArray) -> PointArray:
-    """Return unit vectors (n, dim) along vectors; ValueError if one has no length."""
+    """Return the unit vectors (n, dim) along vectors (n, dim).
+
+    Raises:
+        ValueError: for a vector of length zero.
+    """
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if not length.all():
         raise ValueError("the normal of a surface is not defined at a contact node")
@@ -63,7 +73,10 @@ class Surface(Protocol):
     """Geometry of a rigid surface at its initial position."""
 
     def gap(self, x: PointArray) -> Array:
-        """Return gaps (n,) at points x (n, dim), negative inside, infinite if nothing faces x."""
+        """Return gaps (n,) at points x (n, dim).
+
+        A gap is negative inside the surface, and infinite if the surface does not face the point.
+        """
 
     def normal(self, x: PointArray) -> PointArray:
         """Return the unit directions (n, dim) in which the surface pushes points x (n, dim)."""
@@ -71,17 +84,19 @@ class Surface(Protocol):
 
 @runtime_checkable
 class ClosestPointSurface(Surface, Protocol):
-    """Surface for deformed bodies, with closest points and curvature."""
+    """Surface for contact of deformed bodies, which computes closest points and curvatures."""
 
     def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
-        """Return distances of points x (n, dim) from their closest points, with derivatives.
+        """Return distances, normals and derivatives of normals at the points closest to x (n, dim).
+
+        Where the surface does not face a point, the distance is infinite, the normal arbitrary and
+        the derivative zero. Where there is no closest point, all values are NaN. The normal has to
+        be the derivative of the distance. Where nodes touch the surface, the derivatives of the
+        distance and of the normal are compared with finite differences.
 
         Returns:
-            Distance (n,), negative inside; normal (n, dim) at the closest point; and derivative
-            (n, dim, dim) of the normal by x. Where nothing faces x the distance is infinite, the
-            normal arbitrary and the derivative zero; where there is no closest point all are NaN.
-            Where nodes touch, the normal has to be the derivative of the distance, and both
-            derivatives are compared with differences.
+            Distance (n,) of each point, negative inside the surface; unit normal (n, dim) at the
+            closest point; and derivative (n, dim, dim) of the normal with respect to x.
         """
 
 
@@ -91,10 +106,11 @@ class Plane:
 
     Args:
         point: (dim,), any point on the plane.
-        direction: (dim,) from the rigid surface into the body, of any length.
+        direction: (dim,), vector of any length that is normal to the plane and points from the
+            rigid surface into the body.
 
     Raises:
-        ValueError: for a direction of no length.
+        ValueError: for a direction that is zero.
     """
 
     point: Sequence[float]
@@ -106,15 +122,21 @@ class Plane:
         check_direction(self.direction)
 
     def gap(self, x: PointArray) -> Array:
-        """Return distances (n,) of points x (n, dim), positive on the side of the direction."""
+        """Return distances (n,) of points x (n, dim) from the plane.
+
+        They are positive on the side to which `direction` points.
+        """
         return (x - np.asarray(self.point)) @ unit_vector(self.direction)
 
     def normal(self, x: PointArray) -> PointArray:
-        """Return the unit direction (n, dim) at points x (n, dim)."""
+        """Return the unit normal of the plane for each of the points x (n, dim)."""
         return np.tile(unit_vector(self.direction), (len(x), 1))
 
     def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
-        """Return distances of points x (n, dim), normals and their derivatives, which are zero."""
+        """Return distances (n,), normals (n, dim) and derivatives (n, dim, dim) of the normals.
+
+        Distances and normals are those at points x (n, dim). The derivatives are zero.
+        """
         return self.gap(x), self.normal(x), np.zeros((*x.shape, x.shape[1]))
 
 
@@ -122,12 +144,13 @@ class Plane:
 class Parabola:
     """Parabola y = y_apex + s²/(2 radius), with s the distance from the axis through the apex.
 
-    y is the last coordinate, and s is measured along all others: a parabola in 2-D, a paraboloid in
-    axisymmetry and 3-D. The rigid body is above the curve for a positive radius (a
-    punch that presses downwards), and below it for a negative one.
+    Here y is the last coordinate, and s is measured in the directions of all other coordinates. The
+    surface is a parabola in 2-D, and a paraboloid in axisymmetry and 3-D. The rigid body is above
+    the surface for a positive radius (a punch that presses downwards), and below it for a negative
+    radius.
 
-    The gap is measured along the axis, and the normal is the axis: Hertz's approximation for
-    contact areas that are small compared to the radius, so that slopes are small, too.
+    The gap is measured along the axis, and the normal is parallel to the axis. This is Hertz's
+    approximation for contact areas that are small compared to the radius, so that slopes are small.
 
     Args:
         apex: (dim,), position of the apex.
@@ -147,12 +170,15 @@ class Parabola:
             raise ValueError(f"radius = {self.radius}: a parabola needs a radius that is not zero")
 
     def gap(self, x: PointArray) -> Array:
-        """Return distances (n,) of points x (n, dim) along the axis."""
+        """Return distances (n,) of points x (n, dim) from the surface, measured along the axis."""
         s, radius = x - np.asarray(self.apex), self.radius
         return np.sign(radius) * (np.sum(s[:, :-1] ** 2, axis=1) / (2 * radius) - s[:, -1])
 
     def normal(self, x: PointArray) -> PointArray:
-        """Return the axis (n, dim), from the rigid surface into the body, at points x (n, dim)."""
+        """Return unit vectors (n, dim) along the axis, from the surface into the body.
+
+        They are the same at all points x (n, dim).
+        """
         axis = np.zeros_like(x)
         axis[:, -1] = -np.sign(self.radius)
         return axis
@@ -160,11 +186,11 @@ class Parabola:
 
 @dataclass(frozen=True)
 class Sphere:
-    """Sphere, in 2-D a circle, in axisymmetry a sphere on the axis; its inside is rigid.
+    """Rigid sphere: a circle in 2-D, a sphere on the axis in axisymmetry.
 
     Args:
         centre: (dim,), position of the centre.
-        radius: positive.
+        radius: radius of the sphere, positive.
 
     Raises:
         ValueError: for a radius that is not positive.
@@ -179,9 +205,9 @@ class Sphere:
         arguments.check_positive("radius", self.radius)
 
     def gap(self, x: PointArray) -> Array:
-        """Return distances (n,) of points x (n, dim) from the sphere."""
+        """Return distances (n,) of points x (n, dim) from the sphere, negative inside."""
         y, row = x - np.asarray(self.centre), np.arange(len(x))
-        # measured from the nearest pole, since |y| - R would lose digits of small gaps
+        # measured from the nearest pole, since |y| - radius would lose digits of small gaps
         axis = np.abs(y).argmax(axis=1)
         side = np.where(y[row, axis] < 0, -1.0, 1.0)
         pole = np.asarray(self.centre)[axis] + side * self.radius
@@ -194,9 +220,11 @@ class Sphere:
         return normalise_rows(x - np.asarray(self.centre))
 
     def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
-        """Return distances of points x (n, dim), normals n, and (I - n n^T)/|x - centre|.
+        """Return distances (n,), normals (n, dim) and derivatives (n, dim, dim) of the normals.
 
-        All are NaN at the centre, which has no closest point.
+        They are evaluated at points x (n, dim). With the unit vector n from the centre to a point,
+        the normal is n, and its derivative is (I - n n^T)/|x - centre|. All values are NaN at the
+        centre, which has no closest point.
         """
         gap, from_centre = self.gap(x), x - np.asarray(self.centre)
         distance = np.linalg.norm(from_centre, axis=1)
@@ -209,15 +237,16 @@ class Sphere:
 
 @dataclass(frozen=True)
 class FlatPunch:
-    """Flat face of finite width, a disc in 3-D; only nodes within the width can touch it.
+    """Flat face of finite width, which is a disc in 3-D. Only nodes within the width can touch it.
 
     Args:
         centre: (dim,), centre of the face.
-        direction: (dim,) from the rigid surface into the body, of any length.
-        half_width: distance from centre to edge; a node on the edge can touch.
+        direction: (dim,), vector of any length that is normal to the face and points from the rigid
+            surface into the body.
+        half_width: distance from the centre to the edge. A node on the edge can touch the face.
 
     Raises:
-        ValueError: for a direction of no length, or a half width that is not positive.
+        ValueError: for a direction that is zero, or a half width that is not positive.
     """
 
     centre: Sequence[float]
@@ -238,28 +267,32 @@ class FlatPunch:
         return np.where(outside, np.inf, gap)
 
     def normal(self, x: PointArray) -> PointArray:
-        """Return the unit direction (n, dim) at points x (n, dim)."""
+        """Return the unit normal of the face for each of the points x (n, dim)."""
         return np.tile(unit_vector(self.direction), (len(x), 1))
 
 
 @dataclass(frozen=True)
 class SignedDistance:
-    """Level-set surface: zero of a function that is positive in the body, negative in the surface.
+    """Level-set surface, on which a function is zero.
 
-    The gap is the function divided by the size of its gradient, which is the distance close to the
-    surface for any scale of the function: x² + y² - R² may be used for a circle.
+    The function is positive on the side of the body, and negative inside the rigid surface. The gap
+    is the function divided by the magnitude of its gradient. Close to the surface this is the
+    distance, whatever the scale of the function is. For a circle of radius R about the origin, for
+    example, the function may be x² + y² - R².
 
     Args:
-        function: of points as rows, (n, dim) to (n,), zero on the surface; infinite where nothing
-            faces x.
-        gradient: of points as rows, (n, dim) to (n, dim). By default it is computed by central
-            differences, with which a user's gradient is compared where it is used.
-        step: step of these differences, a small part of the smallest radius of the surface; by
-            default 1e-6 of the largest coordinate, in contact that of the mesh. Contact logs a
-            warning where half the step changes the gradient by more than 1e-5.
+        function: function of points as rows (n, dim) that returns values (n,). They are zero on the
+            surface, and infinite where the surface does not face a point.
+        gradient: function of points as rows (n, dim) that returns gradients (n, dim). By default
+            they are computed by central differences. A user's gradient is compared with finite
+            differences wherever it is used.
+        step: step of the differences, which should be a small part of the smallest radius of the
+            surface. By default it is 1e-6 of the largest coordinate of the points, or of the mesh
+            in contact computations. Contact computations log a warning where half the step changes
+            the gradient by more than 1e-5 of its magnitude.
 
     Raises:
-        TypeError: for arguments that are not functions.
+        TypeError: for a `function` or `gradient` that is not a function.
         ValueError: for a step that is not positive.
     """
 
@@ -278,14 +311,17 @@ class SignedDistance:
             arguments.check_positive("step", self.step)
 
     def gap(self, x: PointArray) -> Array:
-        """Return distances (n,) of points x (n, dim), of first order."""
+        """Return first-order approximations (n,) of the distances of points x (n, dim)."""
         gap = self._evaluate_function(x)
         faced = np.isfinite(gap)
         gap[faced] /= np.linalg.norm(self._evaluate_gradient(x[faced]), axis=1)
         return gap
 
     def normal(self, x: PointArray) -> PointArray:
-        """Return unit gradients (n, dim) at points x (n, dim), arbitrary where nothing faces x."""
+        """Return unit vectors (n, dim) along the gradient at points x (n, dim).
+
+        They are arbitrary where the surface does not face a point.
+        """
         faced = np.isfinite(self._evaluate_function(x))
         self._check_gradient(x[faced])
         normal = np.tile(np.eye(x.shape[1])[-1], (len(x), 1))
@@ -293,13 +329,14 @@ class SignedDistance:
         return normal
 
     def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
-        """Return distances of points x (n, dim), normals and derivatives of the normals.
+        """Return distances (n,), normals (n, dim) and derivatives (n, dim, dim) of the normals.
 
-        Newton's method solves p + l grad f(p) = x, f(p) = 0 for the closest point p.
+        They are evaluated at points x (n, dim). Newton's method solves p + l grad f(p) = x,
+        f(p) = 0 for the closest point p of each point and a multiplier l, where f is the function.
 
-        The Hessian is computed from differences of the gradient; without a gradient function it has
-        half of the digits. Where the function is infinite nothing faces x; close to such points
-        differences are one-sided.
+        Second derivatives are differences of the gradient. Without a gradient function they have
+        half as many correct digits. Where the function is infinite, the surface does not face the
+        point. Differences next to such points are one-sided.
         """
         n, dim = x.shape
         faced = ~np.isposinf(self._evaluate_function(x))
@@ -310,9 +347,10 @@ class SignedDistance:
         return gap, normal, curvature
 
     def _project_points(self, x: PointArray) -> tuple[Array, PointArray, Array]:
-        """Return distances, normals and their derivatives at points x (n, dim) with finite values.
+        """Return distances, normals and derivatives of normals at points x (n, dim).
 
-        They are NaN where Newton's method finds no closest point.
+        The function has to be finite at the points. Results are NaN where Newton's method finds no
+        closest point.
         """
         n, dim = x.shape
         self._check_gradient(x)
@@ -348,14 +386,14 @@ class SignedDistance:
         return gap, normal, np.linalg.solve(identity + gap[:, None, None] * curvature, curvature)
 
     def _evaluate_function(self, x: PointArray) -> Array:
-        """Return values (n,) of the function."""
+        """Return values (n,) of the function at points x (n, dim)."""
         layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
         return arguments.check_function_values(
             "the function of a signed distance", self.function(x), (len(x),), layout
         )
 
     def _evaluate_gradient(self, x: PointArray) -> PointArray:
-        """Return the gradient (n, dim), by differences if there is no gradient function."""
+        """Return the gradient (n, dim) at points x, by differences without a gradient function."""
         if self.gradient is not None:
             layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
             gradient = self.gradient(x)
@@ -369,9 +407,9 @@ class SignedDistance:
         return np.asarray(np.array(derivatives).T, dtype=float)
 
     def _check_gradient(self, x: PointArray) -> None:
-        """Raise ValueError if differences contradict a user's gradient at points x (n, dim).
+        """Raise ValueError if finite differences contradict a user's gradient at points x (n, dim).
 
-        At an edge any component between those of both sides is accepted.
+        At an edge of the surface, a component may have any value between its values on both sides.
         """
         if self.gradient is None or not len(x):
             return
@@ -403,13 +441,16 @@ class SignedDistance:
         return self.step or _DIFFERENCE_STEP * (np.abs(x).max(initial=0.0) or 1.0)
 
     def _nonzero_gradient(self, x: PointArray) -> tuple[PointArray, Mask]:
-        """Return the gradient (n, dim), replaced by a unit vector where (n,) it vanishes."""
+        """Return the gradient (n, dim), and a mask (n,) of the points x at which it vanishes.
+
+        There it is replaced by a unit vector.
+        """
         gradient = self._evaluate_gradient(x)
         is_zero = ~np.any(gradient != 0, axis=1)
         return np.where(is_zero[:, None], np.eye(x.shape[1])[-1], gradient), is_zero
 
     def _evaluate_hessian(self, x: PointArray) -> Array:
-        """Return second derivatives (n, dim, dim) of the function, symmetrised."""
+        """Return symmetrised second derivatives (n, dim, dim) of the function at points x."""
         factor = 1 if self.gradient is not None else _SECOND_DIFFERENCE_FACTOR
         step = self._difference_step(x) * factor
         steps, gradient = step * np.eye(x.shape[1]), self._evaluate_gradient(x)
@@ -419,18 +460,24 @@ class SignedDistance:
         return np.asarray(hessian.transpose(1, 0, 2) + hessian.transpose(1, 2, 0)) / 2
 
 
-# Surfaces whose closest points the library computes, those without any function of the user, and
-# those among them that have a normal everywhere
+# Surfaces of the library that have closest points; surfaces without any function of the user; and
+# surfaces of the latter kind that have a normal everywhere
 BUILT_IN_CLOSEST_POINTS = (Plane, Sphere, SignedDistance)
 CLOSED_FORM_SURFACES = (Plane, Parabola, Sphere, FlatPunch)
 SURFACES_DEFINED_EVERYWHERE = (Plane, Parabola, FlatPunch)
 
 
 def describe_wrong_derivatives(surface: ClosestPointSurface, x: PointArray, step: float) -> str:
-    """Return how differences contradict a surface's closest points at points x (n, dim), or "".
+    """Return a description of a wrong derivative in a surface's closest points, or "" if none is.
 
-    The normal is compared with differences of the distance, and its derivative with differences of
-    the normal; at an edge any derivative between those of both sides is accepted.
+    The normal is compared with finite differences of the distance, and the derivative of the normal
+    with finite differences of the normal. At an edge of the surface, a derivative may have any
+    value between its values on both sides.
+
+    Args:
+        surface: surface with closest points.
+        x: (n, dim), points at which derivatives are checked.
+        step: step of the differences.
     """
     gap, normal, curvature = surface.closest(x)
     values = np.concatenate([gap[:, None], normal], axis=1)
@@ -440,7 +487,7 @@ def describe_wrong_derivatives(surface: ClosestPointSurface, x: PointArray, step
         next_gap, next_normal, _ = surface.closest(x + sign * step * np.eye(x.shape[1])[axis])
         next_values = np.concatenate([next_gap[:, None], next_normal], axis=1)
         one_sided[axis, side] = sign * (next_values - values) / step
-    # (n, 1 + dim, dim), of the distance and of the normal
+    # derivatives (n, 1 + dim, dim) of the distance and of the normal
     smallest, largest = np.sort(one_sided, axis=1).transpose(1, 2, 3, 0)
     central = one_sided.mean(axis=1).transpose(1, 2, 0)
     derivatives = np.concatenate([normal[:, None], curvature], axis=1)
@@ -463,13 +510,15 @@ def describe_wrong_derivatives(surface: ClosestPointSurface, x: PointArray, step
 def _directional_derivative(
     function: Callable[[PointArray], Array], x: PointArray, values: Array, h: Array
 ) -> Array:
-    """Return the derivative (n, ...) along h (dim,) by differences, one-sided next to infinity.
+    """Return the derivative (n, ...) of a function in the direction of h (dim,) by differences.
+
+    Differences are central, or one-sided next to points at which the function is infinite.
 
     Args:
-        function: of points (n, dim).
+        function: function of points (n, dim) that returns values (n, ...).
         x: (n, dim), points.
-        values: (n, ...), of the function at x.
-        h: (dim,), step.
+        values: (n, ...), values of the function at x.
+        h: (dim,), step of the differences.
     """
     size = np.linalg.norm(h)
     with np.errstate(invalid="ignore"):
@@ -485,8 +534,8 @@ def _directional_derivative(
 def measure_difference_step_error(surface: SignedDistance, x: PointArray) -> float:
     """Return the largest relative change of the gradient when the step of differences is halved.
 
-    It is evaluated on the surface, at first-order closest points of points x (n, dim), and is zero
-    with a gradient function.
+    The gradient is evaluated at first-order approximations of the points of the surface that are
+    closest to x (n, dim). The result is zero for a surface with a gradient function.
     """
     faced = np.isfinite(surface._evaluate_function(x))
     if surface.gradient is not None or not faced.any():
@@ -502,7 +551,10 @@ def measure_difference_step_error(surface: SignedDistance, x: PointArray) -> flo
 
 
 def with_default_step(surface: Surface, max_coordinate: float) -> Surface:
-    """Return a surface whose step of differences suits a body with this largest coordinate."""
+    """Return the surface with a step of differences that suits the largest coordinate of a body.
+
+    Surfaces that have a step, or that need none, are returned unchanged.
+    """
     if isinstance(surface, SignedDistance) and surface.step is None:
         return replace(surface, step=_DIFFERENCE_STEP * max_coordinate)
     return surface

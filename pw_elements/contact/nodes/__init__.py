@@ -1,4 +1,4 @@
-"""Contact nodes: law, active set, and kinematics of undeformed and deformed bodies."""
+"""Contact nodes: contact law, active set, and kinematics of undeformed and deformed bodies."""
 
 from pw_elements.contact.nodes.deformed import (
     DeformablePairKinematics,

@@ -1,8 +1,8 @@
 """Gap, slip and frame of a deformed body at rigid surfaces that translate and rotate.
 
 The theory page derives the kinematics ("Large strains"). The module guarantees first derivatives of
-gap, slip and force by the motions of points and surfaces. It assumes surfaces with a method
-`closest`, which `ContactProblem.of_residual` checks.
+gap, slip and force with respect to the motions of points and surfaces. It assumes surfaces with a
+method `closest`, which `ContactProblem.of_residual` checks.
 """
 
 from collections.abc import Sequence
@@ -22,22 +22,25 @@ from pw_elements.contact.nodes.nodes import (
 )
 from pw_elements.contact.nodes.undeformed import IncrementStart
 
+# In the following, s is half the length of the difference between two unit normals.
 # Largest s at which the ratio of arc to chord is computed by its series
 _MAX_SERIES_S = 1e-3
 # Smallest divisor when vectors are normalised and rotated
 _MIN_DIVISOR = 1e-3
-# s of perpendicular normals, beyond which a point has jumped; largest argument of `_arc_factors`
+# s of perpendicular normals, above which a point has jumped; largest argument of `_arc_factors`
 _RIGHT_ANGLE_S, _MAX_S = np.sqrt(0.5), 0.99
 # Fractions of a point's path at which penetration of the surface is checked
 _PATH_FRACTIONS = np.linspace(0.05, 0.95, 19)
 
 
 class RigidSurfaceMotion:
-    """Rigid motion of the surfaces of all pairs by q, (pairs, dim + 1): translation and angle.
+    """Rigid motion of the surfaces of all pairs.
+
+    The motions q (pairs, dim + 1) of the surfaces are their translations and angles.
 
     Args:
         interface: contact points (m) of all pairs.
-        pairs: contact pairs, which supply pivots and axes of rotation.
+        pairs: contact pairs, which define pivots and axes of rotation.
     """
 
     def __init__(self, interface: Interface, pairs: Sequence[ContactPair]) -> None:
@@ -45,21 +48,28 @@ class RigidSurfaceMotion:
         self._pivots = [pair.pivot_and_spin(dim) for pair in pairs]
         pivots, spins = zip(*self._pivots, strict=True)
         self._from_pivot = interface.position - np.array(pivots)[self._pair]
-        self._spin = np.array(spins)[self._pair]  # J v = w x v, (m, dim, dim)
+        self._spin = np.array(spins)[self._pair]  # J v = w x v with the axis w, (m, dim, dim)
 
     def rotation_minus_identity(self, q: Array) -> Array:
-        """Return R - I, (m, dim, dim), of the surface of each point."""
+        """Return R - I, (m, dim, dim), with the rotation matrix R of the surface of each point."""
         angle, J = q[self._pair, -1, None, None], self._spin
         return np.asarray(np.sin(angle) * J + 2 * np.sin(angle / 2) ** 2 * J @ J)
 
     def motion_in_surface_frame(self, q: Array, displacement: Array) -> Array:
-        """Return y - X, (m, dim), in surface frames, of points with displacements (m, dim)."""
+        """Return the motions (m, dim) of points in the frames of their surfaces.
+
+        A motion is the difference between the position in the moving frame and the undeformed
+        position. The points have displacements (m, dim), and the surfaces motions q.
+        """
         relative = displacement - q[self._pair, :-1]
         from_pivot = relative + self._from_pivot
         return relative + np.einsum("nba,nb->na", self.rotation_minus_identity(q), from_pivot)
 
     def positions_in_surface_frame(self, pair: int, q: Array, x: Array) -> Array:
-        """Return the positions of points x (n, dim) in the frame of the pair's rigid surface."""
+        """Return the positions of points x (n, dim) in the moving frame of a pair's rigid surface.
+
+        `pair` is the index of the pair, and q (dim + 1,) is the motion of its surface.
+        """
         dim = x.shape[1]
         pivot, J = self._pivots[pair]
         angle = q[dim]
@@ -67,13 +77,22 @@ class RigidSurfaceMotion:
         return np.asarray(pivot + (x - q[:dim] - pivot) @ R)
 
     def displacement_from_surface_frame(self, q: Array, motion: Array) -> Array:
-        """Return displacements (m, dim) of points with motions y - X (m, dim) in surface frames."""
+        """Return displacements (m, dim) of points with given motions (m, dim) in surface frames.
+
+        The motions of the surfaces are q (pairs, dim + 1).
+        """
         from_pivot = motion + self._from_pivot
         rotation = np.einsum("nab,nb->na", self.rotation_minus_identity(q), from_pivot)
         return motion + rotation + q[self._pair, :-1]
 
     def torque_map(self, q: Array, displacement: Array, force: Array) -> TorqueMap:
-        """Return the map at motions q, displacements (m, dim) and forces (m, dim) of the points."""
+        """Return the map from point forces to surface forces and torques, linearised at a state.
+
+        Args:
+            q: (pairs, dim + 1), motions of the surfaces.
+            displacement: (m, dim), displacements of the points.
+            force: (m, dim), forces on the points.
+        """
         relative, J = displacement - q[self._pair, :-1], self._spin
         arm = np.einsum("nab,nb->na", J, self._from_pivot + relative)
         identity = np.broadcast_to(np.eye(J.shape[1]), J.shape)
@@ -82,21 +101,24 @@ class RigidSurfaceMotion:
 
 
 class DeformablePairKinematics(Protocol):
-    """Kinematics of the pairs of two bodies; all other pairs have rigid surfaces."""
+    """Kinematics of the pairs of two bodies. All other pairs have rigid surfaces."""
 
     def fill_pairs(self, kinematics: LinearisedKinematics, force: Array) -> LinearisedKinematics:
-        """Return the kinematics with the values of these pairs at forces (m, dim)."""
+        """Return a copy of `kinematics` in which the values of pairs of two bodies are set.
+
+        They are linearised at forces (m, dim) on the points.
+        """
 
     def fill_path_slip(self, slip: Array) -> Array:
-        """Return path slips (m, dim) with the values of these pairs."""
+        """Return path slips (m, dim) in which the values of pairs of two bodies are set."""
 
     @property
     def sides(self) -> dict[int, tuple[SlidingReference, Array]]:
-        """Reference state and positions (nodes, dim) of both sides of each of these pairs."""
+        """Reference state and node positions (nodes, dim) of each pair of two bodies, by index."""
 
 
 class NoDeformablePairs:
-    """`DeformablePairKinematics` of problems in which all surfaces are rigid."""
+    """`DeformablePairKinematics` for problems without pairs of two bodies."""
 
     sides: ClassVar[dict[int, tuple[SlidingReference, Array]]] = {}
 
@@ -111,7 +133,7 @@ class DeformedKinematics:
     """Kinematics of a deformed body since the start of an increment, linearised at each iterate.
 
     Args:
-        interface: contact points of all pairs.
+        interface: contact points (m) of all pairs.
         surfaces: rigid motion of the surfaces.
         start: state at the start of the increment.
         deformable_pairs: kinematics of the pairs of two bodies.
@@ -128,18 +150,24 @@ class DeformedKinematics:
         self._start, self._deformable_pairs = start, deformable_pairs
         self._motion0 = surfaces.motion_in_surface_frame(start.q, start.displacement)
         gap, self._normal0, self._curvature0 = interface.find_closest(self._motion0)
-        # slip of points that no surface faces at the start is measured from their position there
+        # slip of points that no surface faces at the start is measured from their start position
         self._faced0 = np.isfinite(gap)
         self._gap0 = np.where(self._faced0, gap, 0.0)
         self._point0 = interface.position + self._motion0 - self._gap0[:, None] * self._normal0
 
     @property
     def sides(self) -> dict[int, tuple[SlidingReference, Array]]:
-        """Reference state and positions (nodes, dim) of both sides of each pair of two bodies."""
+        """Reference state and node positions (nodes, dim) of each pair of two bodies, by index."""
         return self._deformable_pairs.sides
 
     def move_closed_with_surfaces(self, q: Array, displacement: Array, closed: Mask) -> Array:
-        """Return displacements (m, dim), with `closed` points (m,) moved with their surfaces."""
+        """Return displacements (m, dim) in which closed points move rigidly with their surfaces.
+
+        Args:
+            q: (pairs, dim + 1), motions of the surfaces.
+            displacement: (m, dim), displacements of all other points.
+            closed: (m,), mask of the closed points.
+        """
         rigid = self._surfaces.displacement_from_surface_frame(q, self._motion0)
         return np.where(closed[:, None], rigid, displacement)
 
@@ -163,7 +191,13 @@ class DeformedKinematics:
         return previous
 
     def linearise(self, q: Array, displacement: Array, force: Array) -> LinearisedKinematics:
-        """Linearise at motions q (pairs, dim + 1), displacements (m, dim) and forces (m, dim)."""
+        """Return the kinematics linearised at a state.
+
+        Args:
+            q: (pairs, dim + 1), motions of the surfaces.
+            displacement: (m, dim), displacements of the points.
+            force: (m, dim), forces on the points.
+        """
         interface, surfaces = self._interface, self._surfaces
         motion = surfaces.motion_in_surface_frame(q, displacement)
         R = np.eye(force.shape[1]) + surfaces.rotation_minus_identity(q)
@@ -174,7 +208,7 @@ class DeformedKinematics:
         torque_map = surfaces.torque_map(q, displacement, force)
         force = np.where(held_components, 0.0, force)
         tangents = frame[:, 1:] @ R
-        tangent_change = tangents @ curvature  # t·N
+        tangent_change = tangents @ curvature  # t·N with the derivative N of the normal
         finite_gap = np.where(np.isfinite(gap), gap, 0.0)
         chord = interface.position + motion - finite_gap[:, None] * normal - self._point0
         normal0 = self._normals_at_start(normal, gap)
@@ -214,17 +248,23 @@ class DeformedKinematics:
         return self._deformable_pairs.fill_pairs(kinematics, force)
 
     def check_surface_derivatives(self, kinematics: LinearisedKinematics, pressed: Mask) -> None:
-        """Raise ValueError if a surface's derivatives differ from differences at `pressed` (m,)."""
+        """Raise ValueError if finite differences contradict a surface's derivatives.
+
+        They are compared at the points of the mask `pressed` (m,).
+        """
         self._interface.check_closest(self._surface_frame_motion(kinematics), pressed)
 
     def slip_by_start_motion(self, kinematics: LinearisedKinematics) -> Array:
-        """Return derivatives (m, dim - 1, dim) of the slip by the displacements at the start."""
+        """Return derivatives (m, dim - 1, dim) of slips with respect to displacements at the start.
+
+        The start is that of the increment.
+        """
         normal, tangents = kinematics.frame[:, 0], kinematics.frame[:, 1:]
         normal0 = self._normals_at_start(normal, kinematics.gap)
         s = np.linalg.norm(normal - normal0, axis=1) / 2
         factor, factor_slope = _arc_factors(np.minimum(s, _MAX_S))
         n_n = self._normal0[:, :, None] * self._normal0[:, None, :]
-        # derivative of the closest point at the start
+        # derivative of the closest point at the start of the increment
         point_by_v = np.eye(normal.shape[1]) - np.where(self._faced0[:, None, None], n_n, 0.0)
         point_by_v -= self._gap0[:, None, None] * self._curvature0
         s_change = np.einsum("na,nab->nb", normal, self._curvature0) / 4
@@ -232,10 +272,15 @@ class DeformedKinematics:
         return -factor[:, None, None] * (tangents @ point_by_v) - by_factor * s_change[:, None]
 
     def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
-        """Return the path slip (m, dim) to motions q (pairs, dim + 1) and displacements (m, dim).
+        """Return the slip (m, dim) along the straight path from the start of the increment.
 
         In the frame of a surface, the closest point of each contact point is followed along
         `N_PATH_PIECES` chords. Tangential vectors are rotated with the normal.
+
+        Args:
+            q: (pairs, dim + 1), motions of the surfaces at the end.
+            displacement: (m, dim), displacements of the points at the end.
+            normal: not used.
         """
         interface, surfaces, start = self._interface, self._surfaces, self._start
         normal, point, slip = self._normal0, self._point0, np.zeros_like(displacement)
@@ -264,8 +309,9 @@ class DeformedKinematics:
     def find_jumped_points(self, kinematics: LinearisedKinematics, pressed: Mask) -> Mask:
         """Return a mask (m,) of points that have jumped to another part of their surface.
 
-        The normal of such a point has rotated by more than a right angle since the start, and the
-        point is `pressed` (m,) or has penetrated the surface on the straight path.
+        The normal at such a point has rotated by more than a right angle since the start of the
+        increment. In addition, the point is pressed now, or has penetrated the surface on the
+        straight path from the start. `pressed` is a mask (m,).
         """
         interface = self._interface
         end = self._surface_frame_motion(kinematics)
@@ -279,20 +325,21 @@ class DeformedKinematics:
         return jumped & pressed
 
     def _surface_frame_motion(self, kinematics: LinearisedKinematics) -> Array:
-        """Return y - X, (m, dim), in surface frames, at which kinematics have been linearised."""
+        """Return the motions (m, dim) of points in surface frames that `kinematics` belong to."""
         displacement = kinematics.v0[:, : self._motion0.shape[1]]
         return self._surfaces.motion_in_surface_frame(kinematics.q0, displacement)
 
     def _normals_at_start(self, normal: Array, gap: Array) -> Array:
         """Return normals (m, dim) at the start of the increment.
 
-        Where no surface faces a point at the start or now, it is the current normal.
+        The current `normal` is returned for points that no surface faces at the start or now. The
+        current `gap` of a point is infinite if no surface faces it.
         """
         return np.where((self._faced0 & np.isfinite(gap))[:, None], self._normal0, normal)
 
 
 def _rotate_with_normal(vectors: Array, normal: Array, next_normal: Array) -> Array:
-    """Return tangential vectors (m, dim) after the rotation from `normal` to `next_normal`."""
+    """Return tangential vectors (m, dim) after a rotation that turns `normal` to `next_normal`."""
     one_plus_cosine = 1 + np.sum(normal * next_normal, axis=1, keepdims=True)
     normal_part = np.sum(vectors * next_normal, axis=1, keepdims=True)
     divisor = np.maximum(one_plus_cosine, _MIN_DIVISOR)
@@ -300,9 +347,10 @@ def _rotate_with_normal(vectors: Array, normal: Array, next_normal: Array) -> Ar
 
 
 def _arc_factors(s: Array) -> tuple[Array, Array]:
-    """Return factors arcsin(s) / (s sqrt(1 - s^2)), and their derivatives divided by s, (m,) each.
+    """Return ratios (m,) of arcs to the tangential parts of their chords, and slopes (m,).
 
-    The factor is the ratio of an arc to the tangential part of its chord.
+    With half the length s of the difference between the unit normals at both ends, a ratio is
+    arcsin(s) / (s sqrt(1 - s^2)). A slope is the derivative of the ratio divided by s.
     """
     large = np.where(s < _MAX_SERIES_S, 0.5, s)
     w, angle = np.sqrt(1 - large**2), np.arcsin(large)

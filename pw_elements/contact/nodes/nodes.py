@@ -1,17 +1,19 @@
-"""Contact nodes: active set, law, and kinematics linearised about a state.
+"""Contact nodes: active set, contact law, and kinematics linearised about a state.
 
-With the trial pressure p = r_n - c g, the trial friction s = r_t - c v and the friction limit l,
-the law is F = 0 with
+Let r_n and r_t be the normal and tangential force on a node, g its gap, v its slip, l the friction
+limit and c a stiffness. With the trial pressure p = r_n - c g and the trial friction s = r_t - c v,
+the contact law is F = 0 with
 
-    F_n = r_n - max(0, p),    F_t = r_t - projection of s on the disc |.| <= l(max(0, p)),
+    F_n = r_n - max(0, p),    F_t = r_t - projection of s on the disc |.| <= l(max(0, p)).
 
-and Newton's method applied to F is an active-set iteration. The theory page derives the equations
-of open, sticking and slipping nodes ("The law, linearised"). The motions of the contact points are
-v = G a, the motions of a surface q = (U, angle).
+Newton's method applied to F is an active-set iteration. The theory page derives the equations of
+open, sticking and slipping nodes ("The law, linearised"). In the linearised kinematics, v are the
+motions of the contact points. They follow from the displacements a by the motion operator G, so
+that v = G a. The motions q = (U, angle) of a surface are its translation U and its angle.
 
 The module guarantees that the equations of an active set hold at a solution of F = 0 and contain
-the first derivatives of F. It assumes that friction limits are concave in the normal force, which
-`Interface.check` verifies, and that the first row of each frame is a unit normal.
+the first derivatives of F. It assumes that the ratio of the friction limit to the normal force does
+not rise, which `Interface.check` verifies, and that the first row of each frame is a unit normal.
 """
 
 from dataclasses import dataclass, replace
@@ -26,17 +28,17 @@ from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.contact.model import FrictionCone
 
 OPEN, STICK, SLIP = 0, 1, 2
-# Status in states only: rough contact with a deformable surface, along which supports prescribe
-# the motion of the node
+# Status that occurs in states only: rough contact with a deformable surface, along which supports
+# prescribe the motion of the node
 HELD = 3
 
-# Largest difference of directions and slopes (absolute), and of support friction (relative), within
-# one active set
+# Largest difference between equal active sets: absolute for directions and slopes, relative for
+# support friction
 _SAME_SET_TOLERANCE = 1e-10
 # Largest violation of the contact conditions, relative to the largest nodal contact force
 FORCE_TOLERANCE = 1e-9
-# Smallest length of a unit tangent's projection on the supported components at which the tangent
-# counts as held
+# Smallest length of a unit tangent's projection on the components held by supports at which the
+# tangent counts as held
 _MIN_HELD_FRACTION = 0.5
 
 
@@ -44,19 +46,22 @@ _MIN_HELD_FRACTION = 0.5
 class ActiveSet:
     """Status and linearised friction of all contact nodes (m) of this process in a linear system.
 
-    All arrays except the status are zero at nodes that do not slip or have no friction.
+    All arrays except the status are zero at nodes that do not slip or have no friction. Below, p is
+    the trial pressure, s the trial friction, v the slip and l(p) the friction limit with the slope
+    l'(p). The held tangents of a node are those along which supports hold it. Support friction is
+    the friction along held tangents.
 
     Args:
         status: (m,), OPEN, STICK or SLIP.
-        direction: (m, dim - 1), unit vectors of the friction forces along the tangents.
-        friction_ratio: (m,), l(p) / |s|, derivative of the friction's direction by the trial
-            friction s.
-        limit_slope: (m,), l'(p) of the friction limit.
-        limit_intercept: (m,), l(p) - l'(p) p, zero for Coulomb's law.
-        friction_per_slip: (m,), l(p) / |v| of nodes that supports move along their surface.
-        support_friction: (m, dim - 1), support friction of the previous iteration at nodes whose
+        direction: (m, dim - 1), unit vectors along the friction forces, in components along the
+            tangents.
+        friction_ratio: (m,), l(p) / |s|, a factor in the derivative of friction with respect to s.
+        limit_slope: (m,), l'(p).
+        limit_intercept: (m,), l(p) - l'(p) p, which is zero for Coulomb's law.
+        friction_per_slip: (m,), l(p) / |v| at nodes that supports move along their surface.
+        support_friction: (m, dim - 1), support friction in the previous iteration at nodes whose
             surface is free to slide.
-        support_slip: (m, dim - 1), slip along held tangents of the previous iteration.
+        support_slip: (m, dim - 1), slip along held tangents in the previous iteration.
     """
 
     status: npt.NDArray[np.int8]
@@ -72,19 +77,28 @@ class ActiveSet:
 def linearise_friction_limits(
     pressure: Array, limits: tuple[Array, Array], direction: Array
 ) -> tuple[Array, Array]:
-    """Return slopes l'(p) and intercepts l(p) - l'(p) p, (m,), zero at nodes without slip.
+    """Return slopes l'(p) and intercepts l(p) - l'(p) p of friction limits l at pressures p.
+
+    Both are arrays (m,), and are zero at nodes that do not slip.
 
     Args:
-        pressure: max(0, p), (m,).
+        pressure: (m,), trial pressures p, with zero in place of negative values.
         limits: friction limits l(p) and slopes l'(p), (m,) each.
-        direction: (m, dim - 1), directions of friction in the active set, zero without slip.
+        direction: (m, dim - 1), directions of friction in the active set, zero at nodes that do not
+            slip.
     """
     (limit, slope), slips = limits, np.any(direction != 0, axis=1)
     return np.where(slips, slope, 0.0), np.where(slips, limit - slope * pressure, 0.0)
 
 
 def make_sticking_set(closed: Mask, cone: FrictionCone, n_tangents: int) -> ActiveSet:
-    """Return the active set in which closed nodes (m,) stick, or slip if they have no friction."""
+    """Return the active set in which closed nodes stick, or slip if they have no friction.
+
+    Args:
+        closed: (m,), mask of closed nodes. All other nodes are open.
+        cone: friction laws of the nodes.
+        n_tangents: number of tangents of each node.
+    """
     m = len(closed)
     status = np.where(closed, np.where(cone.has_friction, STICK, SLIP), OPEN).astype(np.int8)
     no_vector = np.zeros((m, n_tangents))
@@ -102,13 +116,19 @@ def make_sticking_set(closed: Mask, cone: FrictionCone, n_tangents: int) -> Acti
 
 
 def combine_active_sets(where: Mask, inside: ActiveSet, elsewhere: ActiveSet) -> ActiveSet:
-    """Return an active set with the values of `inside` at nodes `where` (m,) is true."""
+    """Return an active set with values of `inside` where a mask is true, else of `elsewhere`.
+
+    The mask is `where` (m,).
+    """
     pairs = zip(vars(inside).values(), vars(elsewhere).values(), strict=True)
     return ActiveSet(*(np.where(where, a.T, b.T).T for a, b in pairs))
 
 
 def rotate_active_set(active: ActiveSet, old_frame: Array, frame: Array) -> ActiveSet:
-    """Return the active set with its vectors transformed from old to new frames (m, dim, dim)."""
+    """Return the active set with its vectors transformed from old to new frames.
+
+    `old_frame` and `frame` are (m, dim, dim).
+    """
     rotation = np.einsum("nai,nbi->nab", frame[:, 1:], old_frame[:, 1:])
     names = "direction", "support_friction", "support_slip"
     vectors = {name: np.einsum("nab,nb->na", rotation, getattr(active, name)) for name in names}
@@ -130,26 +150,31 @@ def is_same_set(a: ActiveSet, b: ActiveSet, comm: MPI.Comm) -> bool:
 
 
 def describe_status_counts(active: ActiveSet, comm: MPI.Comm) -> str:
-    """Return the numbers of open, sticking and slipping nodes of all processes as a phrase."""
+    """Return a phrase with the numbers of open, sticking and slipping nodes; collective."""
     counts = [comm.allreduce(int(np.sum(active.status == s)), MPI.SUM) for s in (OPEN, STICK, SLIP)]
     return "{} open, {} sticking, {} slipping contact nodes".format(*counts)
 
 
 @dataclass(frozen=True)
 class ContactNodes:
-    """Gap, slip and force of the contact nodes (m) of this process in their frames.
+    """Gap, slip and force of the contact nodes (m) of this process, in frames at the nodes.
+
+    The contact law is formulated with trial forces. The trial pressure is r_n - c g, and the trial
+    friction r_t - c v, with the normal force r_n, the gap g, the friction r_t, the slip v and a
+    factor c.
 
     Args:
-        frame: (m, dim, dim), rows are the normal and the tangents; tangents along which the law is
-            not stated are zero.
-        gap: (m,), infinite where no surface faces the node.
-        slip: (m, dim - 1), since the start of the increment.
-        force: (m, dim), components in the frame.
+        frame: (m, dim, dim), rows are the normal and the tangents. Tangents along which the law
+            does not apply are zero.
+        gap: (m,), gaps, infinite where no surface faces the node.
+        slip: (m, dim - 1), slips since the start of the increment.
+        force: (m, dim), components of the nodal forces in the frames.
         cone: friction laws of the nodes.
-        scale: (m,), factor c of the law, force per length.
-        held_tangents: (m, dim - 1), whether supports hold the node along a tangent with friction.
-        has_prescribed_slip: (m,), whether supports and prescribed surface motions make the node
-            slip.
+        scale: (m,), factor c of the law, a force per length.
+        held_tangents: (m, dim - 1), mask of the tangents with friction along which supports hold
+            the node.
+        has_prescribed_slip: (m,), whether supports and prescribed motions of the surface make the
+            node slip.
         is_coupled_to_surface: (m,), whether the slip along a held tangent depends on a free motion
             of the surface.
     """
@@ -166,33 +191,37 @@ class ContactNodes:
 
     @cached_property
     def resting_tangents(self) -> Mask:
-        """Mask (m, dim - 1) of held tangents along which neither node nor surface moves."""
+        """Mask (m, dim - 1) of held tangents along which neither the node nor its surface moves."""
         return (
             self.held_tangents & ~(self.has_prescribed_slip | self.is_coupled_to_surface)[:, None]
         )
 
     @cached_property
     def trial_pressure(self) -> Array:
-        """Trial pressure p, (m,), a force; minus infinity where no surface faces the node."""
+        """Trial pressures (m,) as forces; minus infinity where no surface faces the node."""
         return self.force[:, 0] - self.scale * self.gap
 
     @cached_property
     def trial_friction(self) -> Array:
-        """Trial friction s, (m, dim - 1); zero along resting tangents, where it implies no slip."""
+        """Trial friction (m, dim - 1); zero along resting tangents, along which nothing slips."""
         trial = self.force[:, 1:] - self.scale[:, None] * self.slip
         return np.asarray(np.where(self.resting_tangents, 0.0, trial))
 
     @cached_property
     def friction_limits(self) -> tuple[Array, Array]:
-        """Friction limits l(max(0, p)) and slopes l'(max(0, p)), (m,) each."""
+        """Friction limits and their slopes, (m,) each, at the trial pressures.
+
+        Negative trial pressures are replaced by zero.
+        """
         return self.cone.limit(np.maximum(0.0, self.trial_pressure))
 
     def admissible_friction(self, limit: Array) -> Array:
         """Return the friction (m, dim - 1) that the law gives for friction limits (m,).
 
-        It opposes the slip of nodes with prescribed slip; at other nodes it is the projection of
-        the trial friction on the disc. The support friction of resting tangents is shortened to the
-        part of the limit that friction along the free tangents leaves.
+        At nodes with prescribed slip, friction has the size of the limit and opposes the slip. At
+        other nodes it is the trial friction, shortened to the limit where it is larger. Friction
+        along resting tangents is reduced to the part of the limit that remains after friction along
+        the free tangents.
         """
         slip_size = np.linalg.norm(self.slip, axis=1)
         against_slip = (
@@ -207,11 +236,14 @@ class ContactNodes:
 
     @cached_property
     def active_set(self) -> ActiveSet:
-        """Active set of these gaps, slips and forces, independent of any previous set."""
+        """Active set that follows from gaps, slips and forces, without any previous active set."""
         return self._linearise(np.zeros_like(self.slip))
 
     def next_active_set(self, previous: ActiveSet) -> ActiveSet:
-        """Return the active set here; nodes whose slip has reversed since `previous` stick."""
+        """Return the active set that follows from gaps, slips, forces and the previous active set.
+
+        Nodes whose slip has reversed since the previous active set stick.
+        """
         return self._linearise(previous.direction)
 
     def _linearise(self, previous_direction: Array) -> ActiveSet:
@@ -246,7 +278,11 @@ class ContactNodes:
         )
 
     def law_violation(self) -> Array:
-        """Return F, (m, dim), in units of force; F is zero at a solution."""
+        """Return the violation (m, dim) of the contact law as forces, which are zero at a solution.
+
+        The components are the normal force minus the positive part of the trial pressure, and the
+        friction minus the friction that the law gives.
+        """
         normal = self.force[:, :1] - np.maximum(0.0, self.trial_pressure)[:, None]
         tangential = self.force[:, 1:] - self.admissible_friction(self.friction_limits[0])
         return np.hstack([normal, tangential])
@@ -254,8 +290,12 @@ class ContactNodes:
     def friction_round_off(self, coordinate_round_off: float) -> Array:
         """Return the round-off (m,) of friction that the round-off of coordinates causes.
 
-        `coordinate_round_off` is a force. Slips do not depend on coordinates. The friction limit
-        depends on the gap, which matters at nodes whose normal force exceeds this round-off.
+        Slips do not depend on coordinates, but the friction limit depends on the gap. At nodes
+        whose normal force exceeds `coordinate_round_off`, the result is the effect of the gap on
+        the limit. At other nodes it is `coordinate_round_off`.
+
+        Args:
+            coordinate_round_off: round-off of coordinates, converted to a force.
         """
         gap = np.where(np.isfinite(self.gap), np.abs(self.gap), 0.0)
         limit_round_off = self.friction_limits[1] * self.scale * gap
@@ -265,10 +305,11 @@ class ContactNodes:
     def residuals(
         self, reference_force: float, reference_length: Array | float
     ) -> dict[str, Array]:
-        """Return the violation (m,) of each contact condition, by the fields of `Residuals`.
+        """Return the violations (m,) of contact conditions, by the names of fields of `Residuals`.
 
-        Forces are divided by the reference force, lengths by the reference length, a number or
-        (m,).
+        Args:
+            reference_force: force by which forces are divided.
+            reference_length: length by which lengths are divided; one number, or (m,).
         """
         normal, tangential, gap = self.force[:, 0], self.force[:, 1:], self.gap
         limit, _ = self.cone.limit(np.maximum(0.0, normal))
@@ -288,7 +329,7 @@ class ContactNodes:
 
 
 def shorten_to_limit(limit: Array, vectors: Array) -> Array:
-    """Return vectors (m, dim - 1), shortened to limits (m,) where they are longer."""
+    """Return vectors (m, dim - 1), shortened to the limits (m,) of their lengths."""
     size = np.linalg.norm(vectors, axis=1)
     is_longer = size > limit
     factor = np.where(is_longer, limit / np.where(is_longer, size, 1.0), 1.0)
@@ -296,9 +337,16 @@ def shorten_to_limit(limit: Array, vectors: Array) -> Array:
 
 
 def assemble_node_equations(active: ActiveSet, scale: Array) -> tuple[Array, Array, Array]:
-    """Return the law of an active set, A r + B (g; v) = b, in the frames of the nodes.
+    """Return the linear equations A r + B (g; v) = b of an active set in the frames of the nodes.
 
-    `scale` (m,) is c of the law. A and B are (m, dim, dim), b is (m, dim).
+    The unknowns are forces r, gaps g and slips v.
+
+    Args:
+        active: active set.
+        scale: (m,), factor c of gaps and slips in the contact law.
+
+    Returns:
+        A (m, dim, dim), B (m, dim, dim) and b (m, dim).
     """
     m, n_tangents = active.direction.shape
     A, B = np.zeros((2, m, n_tangents + 1, n_tangents + 1))
@@ -321,13 +369,16 @@ def assemble_node_equations(active: ActiveSet, scale: Array) -> tuple[Array, Arr
 
 @dataclass(frozen=True)
 class LinearisedLaw:
-    """Linearised law E r + C v - D q = c of the contact points (m) of this process.
+    """Linearised contact law E r + C v - D q = c of the contact points (m) of this process.
+
+    The unknowns are the contact forces r, the motions v of the points and the motions q of their
+    surfaces.
 
     Args:
-        E: (m, dim, dim), coefficients of forces in global components.
-        C: (m, dim, p), coefficients of the motions v = G a.
-        D: (m, dim, k), coefficients of the surface motions q: translations, and angles of surfaces
-            that may rotate.
+        E: (m, dim, dim), coefficients of the forces in global components.
+        C: (m, dim, p), coefficients of the motions of the points.
+        D: (m, dim, k), coefficients of the motions of the surfaces, which are translations and, if
+            surfaces may rotate, angles.
         c: (m, dim), right-hand side.
     """
 
@@ -338,7 +389,13 @@ class LinearisedLaw:
 
 
 def eliminate_known_motions(law: LinearisedLaw, q: Array, v: Array) -> LinearisedLaw:
-    """Return the law with known parts q (m, k) and v (m, p) of the motions moved into c."""
+    """Return the law in which known parts of the motions have been moved to the right-hand side.
+
+    Args:
+        law: law for the whole motions.
+        q: (m, k), known parts of the motions of the surfaces.
+        v: (m, p), known parts of the motions of the points.
+    """
     change = np.einsum("nij,nj->ni", law.D, q)
     change -= np.einsum("nij,nj->ni", law.C, v)
     return replace(law, c=law.c + change)
@@ -346,17 +403,18 @@ def eliminate_known_motions(law: LinearisedLaw, q: Array, v: Array) -> Linearise
 
 @dataclass(frozen=True)
 class TorqueMap:
-    """Map from point forces r (m, dim) to forces and torques V^T r on the surfaces.
+    """Map from point forces r (m, dim) to forces and torques on the surfaces.
 
-    The torque on a surface that may rotate changes with the lever arms. Linearised about
-    displacements a_0 and translations U_0, forces and torques are
+    The torque on a surface that may rotate changes with the lever arms. For displacements a of the
+    points and translations U of the surfaces, forces and torques linearised about a_0 and U_0 are
 
         V^T r - w·(a - U - d_0) e,    e = (0, 1), d_0 = a_0 - U_0.
 
     Args:
-        V: (m, dim, k), derivative by q of the displacements of points that move with the surface.
-        w: (m, dim), derivative by the angle of forces that rotate with the surface.
-        d0: (m, dim), displacements relative to the translation of the surface.
+        V: (m, dim, k), derivative of the displacements of points that move with their surface, with
+            respect to the motions of the surface.
+        w: (m, dim), derivative of forces that rotate with the surface, with respect to the angle.
+        d0: (m, dim), displacements a_0 - U_0 relative to the translation of the surface.
     """
 
     V: Array
@@ -365,21 +423,29 @@ class TorqueMap:
 
     @classmethod
     def without_rotation(cls, m: int, dim: int) -> "TorqueMap":
-        """Return the map of m points on surfaces that do not rotate."""
+        """Return the map of m points in dim dimensions on surfaces that do not rotate."""
         return cls(np.broadcast_to(np.eye(dim), (m, dim, dim)), *np.zeros((2, m, dim)))
 
     def resultants(self, force: Array) -> Array:
-        """Return V^T r, (m, k), of forces (m, dim)."""
+        """Return the forces and torques (m, k) on surfaces due to forces (m, dim) on the points."""
         return np.einsum("nak,na->nk", self.V, force)
 
     def eliminate_known_motions(self, q: Array, v: Array) -> "TorqueMap":
-        """Return the map for the free parts of q and a, given known parts q (m, k), v (m, dim)."""
+        """Return the map for the unknown parts of motions, given the known parts.
+
+        Args:
+            q: (m, k), known parts of the motions of the surfaces.
+            v: (m, dim), known parts of the displacements of the points.
+        """
         return replace(self, d0=self.d0 + q[:, : v.shape[1]] - v)
 
 
 @dataclass(frozen=True)
 class LinearisedKinematics:
-    """First-order expansion of gap, slip and nodal force about motions v_0 and q_0.
+    """First-order expansion of gap, slip and contact force about a state.
+
+    For motions v of the points, motions q of the surfaces and contact forces r, with the index 0
+    for values at the state,
 
         (gap; slip) = (gap_0; slip_0) + motion_by_v (v - v_0) + motion_by_q (q - q_0),
         force       = frame_0 r       + force_by_v (v - v_0)  + force_by_q (q - q_0).
@@ -387,16 +453,17 @@ class LinearisedKinematics:
     Args:
         pair: (m,), index of the contact pair of each point.
         torque_map: map from point forces to forces and torques on the surfaces.
-        v0: v_0, (m, p).
-        q0: q_0, (pairs, k).
-        frame: (m, dim, dim), normals and tangents.
-        gap: gap_0, (m,), infinite where no surface faces a point.
-        slip: slip_0, (m, dim - 1).
-        motion_by_v: (m, dim, p), derivative of gap and slip by v.
-        motion_by_q: (m, dim, k), derivative of gap and slip by q.
-        force_by_v: (m, dim, p), derivative of the force components by v.
-        force_by_q: (m, dim, k), derivative of the force components by q.
-        held_tangents: (m, dim - 1), whether supports hold a point along a tangent with friction.
+        v0: (m, p), motions of the points at the state.
+        q0: (pairs, k), motions of the surfaces at the state.
+        frame: (m, dim, dim), normals and tangents at the state, as rows.
+        gap: (m,), gaps at the state, infinite where no surface faces a point.
+        slip: (m, dim - 1), slips at the state.
+        motion_by_v: (m, dim, p), derivative of gap and slip with respect to v.
+        motion_by_q: (m, dim, k), derivative of gap and slip with respect to q.
+        force_by_v: (m, dim, p), derivative of the force components with respect to v.
+        force_by_q: (m, dim, k), derivative of the force components with respect to q.
+        held_tangents: (m, dim - 1), mask of the tangents with friction along which supports hold a
+            point.
     """
 
     pair: LocalIndices
@@ -415,7 +482,15 @@ class LinearisedKinematics:
     def evaluate_nodes(
         self, v: Array, q: Array, force: Array, *, cone: FrictionCone, scale: Array
     ) -> ContactNodes:
-        """Return the contact nodes at motions v (m, p) and q (pairs, k) and forces r (m, dim)."""
+        """Return gap, slip and force of the contact nodes at given motions and forces.
+
+        Args:
+            v: (m, p), motions of the points.
+            q: (pairs, k), motions of the surfaces.
+            force: (m, dim), contact forces in global components.
+            cone: friction laws of the points.
+            scale: (m,), factor c of gaps and slips in the contact law.
+        """
         dv, dq = v - self.v0, (q - self.q0)[self.pair]
 
         def expand(by_v: Array, by_q: Array) -> Array:
@@ -440,7 +515,7 @@ class LinearisedKinematics:
     def linearise_law(self, active: ActiveSet, scale: Array) -> LinearisedLaw:
         """Return the linearised law of an active set in global components.
 
-        `scale` (m,) is the factor c of gaps and slips in the law.
+        `scale` (m,) is the factor c of gaps and slips in the contact law.
         """
         A, B, b = assemble_node_equations(active, scale)
         b = b - np.einsum("nab,nb->na", A[:, :, 1:], active.support_friction)
@@ -458,10 +533,14 @@ class LinearisedKinematics:
 
 
 def make_frames(normal: Array, stated: Mask) -> Array:
-    """Return frames (m, dim, dim): unit normals (m, dim), and tangents along stated components.
+    """Return frames (m, dim, dim) whose rows are a unit normal and tangents.
 
-    `stated` (m, dim) marks the global components in which the law is stated; the others have to be
-    tangential. Tangents that are left over are zero.
+    Tangents lie in the directions in which the contact law applies. The remaining rows are zero.
+
+    Args:
+        normal: (m, dim), unit normals.
+        stated: (m, dim), mask of the global components in which the law applies. All other
+            components have to be perpendicular to the normal.
     """
     free = np.eye(normal.shape[1]) * stated[:, None, :]
     projector = free - normal[:, :, None] * normal[:, None, :]
@@ -473,7 +552,7 @@ def make_frames(normal: Array, stated: Mask) -> Array:
 def add_tangents_along_supports(frame: Array, held: Mask) -> Array:
     """Return frames (m, dim, dim) whose zero tangents are replaced by tangents along supports.
 
-    `held` (m, dim) marks the global components that supports hold.
+    `held` (m, dim) is a mask of the global components that supports hold.
     """
     frame = frame.copy()
     for t in range(1, frame.shape[1]):
@@ -487,6 +566,9 @@ def add_tangents_along_supports(frame: Array, held: Mask) -> Array:
 
 
 def find_held_tangents(frame: Array, held: Mask) -> Mask:
-    """Return a mask (m, dim - 1) of the tangents along held global components `held` (m, dim)."""
+    """Return a mask (m, dim - 1) of the tangents along which supports hold a point.
+
+    `held` (m, dim) is a mask of the global components that supports hold.
+    """
     held_part = np.where(held[:, None], frame[:, 1:], 0.0)
     return np.asarray(np.linalg.norm(held_part, axis=2) > _MIN_HELD_FRACTION)

@@ -1,11 +1,13 @@
 """Gap, slip and forces of two deformed bodies that slide on each other, by mortar integrals.
 
-A slave node that faces the master has three motions: the changes of its gap and slip, and the
-rotation angle of its normal. The motion operator G of these motions and the force operator H are
-assembled again at each iterate. See the theory page ("Large strains").
+A slave node that faces the master has three motions: the change of its gap, the change of its slip,
+and the rotation angle of its normal. The motion operator G turns unknowns into these motions, and
+the force operator H turns contact forces r into nodal forces. Both are assembled again at each
+iterate. See the theory page ("Large strains").
 
 The module guarantees G and H at the current positions, and the derivative of H r. It assumes plane
-or axisymmetric bodies, and `update_force_operator` before any other evaluation at an iterate.
+or axisymmetric bodies. It also assumes that `update_force_operator` is called before any other
+evaluation at an iterate.
 """
 
 from dataclasses import replace
@@ -20,7 +22,7 @@ from pw_elements.arrays import Array
 from pw_elements.contact.interface import RIGID, Interface, SlidingReference
 from pw_elements.contact.nodes.nodes import LinearisedKinematics, make_frames
 
-# Motions of a slave node that faces the master: gap, slip and angle of the normal
+# Number of motions of a slave node that faces the master: gap, slip and angle of the normal
 _MOTIONS_PER_NODE = 3
 
 
@@ -34,7 +36,8 @@ class MortarKinematics:
         q_end: motions (pairs, dim + 1) of the masters at the end.
 
     Attributes:
-        motion_operator: G of the law, (m p, n), at the last iterate.
+        motion_operator: matrix (m p, n) at the last iterate, which turns the unknowns into the p
+            motions of each point.
     """
 
     def __init__(
@@ -45,7 +48,7 @@ class MortarKinematics:
             k: mortar.make_reference(self._gather_positions(k, start, q_start[:, :-1]))
             for k, mortar in interface.mortars.items()
         }
-        # points of this process, and their indices among the slave's nodes
+        # points of each pair on this process, and their indices among the slave's nodes
         self._points = {k: np.flatnonzero(interface.pair == k) for k in self._references}
         self._slave_indices = {
             k: np.searchsorted(
@@ -56,7 +59,10 @@ class MortarKinematics:
         self.motion_operator: PETSc.Mat = interface.motion
 
     def update_force_operator(self, unknowns: PETSc.Vec) -> PETSc.Mat:
-        """Linearise the mortars at all unknowns (n,) and return H, (n, m dim)."""
+        """Linearise the mortars at all unknowns (n,) and return the force operator (n, m dim).
+
+        The operator turns forces on the points into nodal forces.
+        """
         interface = self._interface
         self._positions = {
             k: self._gather_positions(k, unknowns, self._translations) for k in self._references
@@ -81,7 +87,11 @@ class MortarKinematics:
         return interface.assemble_rows(rows).transpose(PETSc.Mat())
 
     def force_operator_stiffness(self, force: Array) -> PETSc.Mat:
-        """Return the derivative (n, n) of -H r by the unknowns at constant forces r (m, dim)."""
+        """Return the stiffness (n, n) due to the change of the force operator with the unknowns.
+
+        It is the derivative of -H r with respect to the unknowns, with the force operator H and
+        constant forces r (m, dim) on the points.
+        """
         interface, dim = self._interface, force.shape[1]
         node_offset = interface.field.space.dofmap.index_map.local_range[0]
         sizes = interface.field.sizes
@@ -101,7 +111,10 @@ class MortarKinematics:
         return matrix if field.is_whole_space else field.selection_matrix().transposeMatMult(matrix)
 
     def fill_pairs(self, kinematics: LinearisedKinematics, force: Array) -> LinearisedKinematics:
-        """Return the kinematics with the values of these pairs at forces (m, dim)."""
+        """Return a copy of `kinematics` in which the values of pairs of two bodies are set.
+
+        They are linearised at forces (m, dim) on the points.
+        """
         interface, (m, dim) = self._interface, force.shape
         gap, slip = kinematics.gap.copy(), kinematics.slip.copy()
         frame = kinematics.frame.copy()
@@ -126,7 +139,7 @@ class MortarKinematics:
                 mortar_state.faces_master[number],
             )
             frame[points] = make_frames(normal, interface.equation[points] >= 0)
-            sign = np.sum(frame[points, 1] * tangent, axis=1)  # of the frame's tangent
+            sign = np.sum(frame[points, 1] * tangent, axis=1)  # 1 or -1; 0 without tangent
             gap[points] = np.where(faced, mortar_state.gaps[number], np.inf)
             slip[points, 0] = np.where(faced, sign * slips[number], 0.0)
             normal_force = np.sum(normal * force[points], axis=1)
@@ -159,16 +172,16 @@ class MortarKinematics:
 
     @property
     def references(self) -> dict[int, SlidingReference]:
-        """Reference state of each pair, from which its slip is measured."""
+        """State of each pair, by its index, from which slip is measured."""
         return self._references
 
     @property
     def sides(self) -> dict[int, tuple[SlidingReference, Array]]:
-        """Reference state, and positions (nodes, dim) at the last iterate, of both sides."""
+        """Reference state and positions (nodes, dim) at the last iterate of each pair, by index."""
         return {k: (start, self._positions[k]) for k, start in self._references.items()}
 
     def fill_path_slip(self, slip: Array) -> Array:
-        """Return path slips (m, dim) with the values of these pairs."""
+        """Return path slips (m, dim) in which the values of pairs of two bodies are set."""
         slip = slip.copy()
         for k, mortar in self._interface.mortars.items():
             path_slip = mortar.integrate_slip(self._references[k].x, self._positions[k])
@@ -178,7 +191,7 @@ class MortarKinematics:
     def _gather_positions(self, pair: int, unknowns: PETSc.Vec, translations: Array) -> Array:
         """Return the positions (nodes, dim) of both sides of a pair on all processes; collective.
 
-        `translations` (pairs, dim) move the masters.
+        The masters are moved by `translations` (pairs, dim).
         """
         mortar = self._interface.mortars[pair]
         displacement = self._interface.extract_at_nodes(mortar.nodes, unknowns)

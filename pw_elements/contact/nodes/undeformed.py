@@ -1,11 +1,11 @@
 """Gap, slip and frame at small strains, evaluated at the undeformed positions of the points.
 
-With planes the kinematics are linear in displacements and translations. The normals of a curved
-surface that is free to move change with its translation, and the derivatives by the translation are
-differences.
+Against planes the kinematics are linear in displacements and translations. If a curved surface is
+free to move, its normals change with its translation. Derivatives with respect to the translation
+are then finite differences.
 
 The module guarantees kinematics that depend on displacements linearly. It assumes surfaces that do
-not rotate and displacements that are small compared to their radii.
+not rotate, and displacements that are small compared to the radii of the surfaces.
 """
 
 from dataclasses import dataclass
@@ -30,12 +30,13 @@ _DIFFERENCE_STEP = 1e-4
 
 @dataclass(frozen=True)
 class IncrementStart:
-    """State at the start of an increment, the reference of slip.
+    """State at the start of an increment, from which slip is measured.
 
     Args:
         displacement: displacements of the points, (m, dim).
         force: forces on the points, (m, dim).
-        q: translations of the surfaces, and angles if they may rotate, (pairs, k).
+        q: motions of the surfaces, (pairs, k). They are translations and, if surfaces may rotate,
+            angles.
     """
 
     displacement: Array
@@ -44,7 +45,10 @@ class IncrementStart:
 
 
 def make_increment_start(state: ContactState, interface: Interface, q: Array) -> IncrementStart:
-    """Return a state's displacements and forces at the points of this process, with motions q."""
+    """Return displacements and forces of a state at the points of this process.
+
+    The motions q (pairs, k) of the surfaces are included in the result.
+    """
     displacement, force = interface.extract_local_values(
         state.pairs, "displacement", "force_vector"
     )
@@ -57,10 +61,10 @@ class Kinematics(Protocol):
     def kinematics_at_iterate(
         self, previous: LinearisedKinematics, q: Array, displacement: Array, force: Array
     ) -> tuple[LinearisedKinematics, Array]:
-        """Return the kinematics that evaluate an iterate, and its motions v (m, p).
+        """Return the kinematics for the evaluation of an iterate, and the point motions v (m, p).
 
         Args:
-            previous: kinematics of the linear system that was solved.
+            previous: kinematics of the linear system whose solution is the iterate.
             q: motions of the surfaces, (pairs, k).
             displacement: displacements of the points, (m, dim).
             force: forces on the points, (m, dim).
@@ -69,14 +73,15 @@ class Kinematics(Protocol):
     def kinematics_at_solution(
         self, previous: LinearisedKinematics, q: Array, displacement: Array, force: Array
     ) -> LinearisedKinematics:
-        """Return kinematics linearised at a solution, for the arguments of `kinematics_at_iterate`.
+        """Return kinematics that are linearised at a solution.
 
-        The kinematics at small strains are linearised anew; at large strains `previous` already is
-        the linearisation at the solution.
+        The arguments are those of `kinematics_at_iterate`. At small strains the kinematics are
+        linearised anew. At large strains `previous` is returned, which has already been linearised
+        at the solution.
         """
 
     def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
-        """Return the path slip (m, dim) from the start of the increment.
+        """Return the slip (m, dim) along the straight path from the start of the increment.
 
         Args:
             q: motions of the surfaces at the end, (pairs, k).
@@ -86,13 +91,15 @@ class Kinematics(Protocol):
 
 
 class UndeformedKinematics:
-    """Kinematics at small strains; they are linearised again only when the law is solved.
+    """Kinematics at small strains.
+
+    They are linearised again only when an iterate satisfies the contact law.
 
     Args:
-        interface: contact points of all pairs.
+        interface: contact points (m) of all pairs.
         start: state at the start of the increment.
-        prescribed: translations (pairs, dim), NaN where they are free.
-        load_factor: fraction of the interference of pairs that is applied.
+        prescribed: prescribed translations (pairs, dim), NaN where they are free.
+        load_factor: fraction of the pairs' interference that is applied.
     """
 
     def __init__(
@@ -125,13 +132,25 @@ class UndeformedKinematics:
     def linearise(
         self, translations: Array, displacement: Array, force: Array
     ) -> LinearisedKinematics:
-        """Linearise at translations (pairs, dim), displacements (m, dim) and forces (m, dim)."""
+        """Return the kinematics linearised at a state.
+
+        Derivatives with respect to prescribed translations are those for constant normals.
+
+        Args:
+            translations: (pairs, dim), translations of the surfaces.
+            displacement: (m, dim), displacements of the points.
+            force: (m, dim), forces on the points.
+        """
         return self._linearise(self._free, translations, displacement, force)
 
     def linearise_by_all_translations(
         self, translations: Array, displacement: Array, force: Array
     ) -> LinearisedKinematics:
-        """Linearise like `linearise`, with derivatives by prescribed translations as well."""
+        """Return the kinematics linearised at a state, as if all translations were free.
+
+        In contrast to `linearise`, the change of normals with prescribed translations is included.
+        The arguments are those of `linearise`.
+        """
         return self._linearise(np.ones_like(self._free), translations, displacement, force)
 
     def _relative_motion(self, q: Array, displacement: Array) -> Array:
@@ -151,9 +170,9 @@ class UndeformedKinematics:
         frame = make_frames(normal, interface.equation >= 0)
         frame = add_tangents_along_supports(frame, held_components)
         tangents, gap_loss = frame[:, 1:], normal.copy()
-        if self._load_factor != 1:  # interference is applied in steps
+        if self._load_factor != 1:  # a part of the interference is not applied yet
             gap = gap + (1 - self._load_factor) * interface.interference
-        normal_by_q = np.zeros_like(frame)  # (m, component, translation)
+        normal_by_q = np.zeros_like(frame)  # (m, component, component of translation)
         for axis in np.flatnonzero(free.any(axis=0)):
             forward, backward = translations.copy(), translations.copy()
             forward[free[:, axis], axis] += step
@@ -162,7 +181,7 @@ class UndeformedKinematics:
             change = (
                 interface.evaluate_normals(forward) - interface.evaluate_normals(backward)
             ) / (2 * step)
-            with np.errstate(invalid="ignore"):  # infinite gaps
+            with np.errstate(invalid="ignore"):  # gaps may be infinite
                 loss = (interface.evaluate_gaps(backward) - interface.evaluate_gaps(forward)) / (
                     2 * step
                 )
