@@ -354,7 +354,8 @@ class ContactSystem:
 
         Args:
             load: load vector (n_r,), reduced by the supports.
-            law: linearised law. Its known motions of surfaces are part of the right-hand side.
+            law: linearised law, in which only the free motions of surfaces are unknown. All other
+                motions of surfaces are contained in its right-hand side.
             totals: prescribed forces and torques (free,) of the free motions.
             torque_map: map from motions of the surfaces to velocities of the contact nodes.
             accuracy: accuracy of the solution, used only by iterative solvers.
@@ -490,17 +491,20 @@ class ContactSystem:
         return longest
 
     def _extract_forces(self, equation_values: PETSc.Vec) -> Array:
-        """Return the nodal forces (m, dim) contained in the reduced equations.
+        """Return the nodal forces (m, dim) that follow from values of the reduced equations.
 
         The result is 0 for components without an equation.
         """
         return self.extract_at_points(equation_values.array_r) * self._force_factor
 
     def _eliminate_forces(self, equation_values: PETSc.Vec) -> Array:
-        """Return this process' equations after elimination of the contact forces.
+        """Return the values (n,) of this process' equations without contact forces.
 
-        The equations are a reduced vector. Entries at the contact points' own equations are not
-        eliminated, because the law replaces these rows.
+        Contact forces are not eliminated from the contact points' own equations, because the law
+        replaces these rows.
+
+        Args:
+            equation_values: values of the reduced equations.
         """
         local: Array = equation_values.array_r.copy()
         if self._opposite_force is None:

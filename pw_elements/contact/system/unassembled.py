@@ -55,12 +55,10 @@ class ContactPointData:
         law_scale: Array,
         free_motions: FreeMotions,
     ) -> "ContactPointData":
-        """Collect the data of an interface.
+        """Return the data of the contact points of an interface.
 
-        Args:
-            interface: contact points of all pairs.
-            force, opposite_force, equations, force_factor, law_scale: attributes of the same names.
-            free_motions: number of the pair and of the component of each free motion.
+        `free_motions` contains the number of the pair and of the component of each free motion. The
+        other arguments are the attributes of the same names.
         """
         node = interface.node - interface.field.space.dofmap.index_map.local_range[0]
         free_translation = np.full(equations.shape, -1, dtype=np.int64)
