@@ -185,10 +185,7 @@ class LargeStrainStepping:
     def step(
         self, state: ContactState, load: LoadFunction | None, motions: Sequence[Motion | None]
     ) -> ContactState:
-        """Return the state at the end of one increment.
-
-        Arguments and errors are the same as those of `ContactProblem.step`.
-        """
+        """Return the state at the end of one increment; errors are those of the public `step`."""
         start_time, interface = perf_counter(), self.interface
         start = IncrementTarget.from_state(state, with_angles=True)
         end = IncrementTarget.from_motions(None, motions, interface, with_angles=True)
@@ -544,10 +541,7 @@ class LargeStrainStepping:
         target: IncrementTarget,
         sizes: tuple[ResidualScale, float, float],
     ) -> ContactState:
-        """Return the solution with residuals that are evaluated independently of the iteration.
-
-        They follow from the form, the surfaces and the contact law alone.
-        """
+        """Return the solution with residuals from the form, the surfaces and the law alone."""
         _, force, length = sizes
         self._residual_system.set_unknowns(solution.unknowns)
         unbalanced = self._residual_system.assemble_residual()
@@ -577,10 +571,7 @@ class LargeStrainStepping:
         system: ContactSystem,
         unknowns: PETSc.Vec,
     ) -> tuple[Increment, DeformedKinematics]:
-        """Return the equations of the step from a state to a target, and the kinematics.
-
-        `unknowns` (n,) are the initial iterate.
-        """
+        """Return equations and kinematics of a step; `unknowns` (n,) are its initial iterate."""
         interface = self.interface
         start = make_increment_start(state, interface, state.placements)
         reduction = replace(self._reduction, offset=self.prescribed_displacements())
@@ -609,7 +600,7 @@ class LargeStrainStepping:
 
     @property
     def stiffness(self) -> PETSc.Mat:
-        """The last tangent (n, n)."""
+        """Tangent (n, n) of the last linearisation."""
         return self._residual_system.tangent
 
     def prescribed_displacements(self) -> PETSc.Vec:
@@ -618,7 +609,7 @@ class LargeStrainStepping:
     def depends_on(self, constant: fem.Constant) -> bool:
         """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
         values = [getattr(condition.g, "value", None) for condition in self._condition_list]
-        # DOLFINx stores C++ objects of constants, which share the array of values
+        # DOLFINx stores constants as C++ objects, which share the array of values
         is_prescribed = any(v is not None and np.shares_memory(v, constant.value) for v in values)
         return is_prescribed or any(constant is c for c in self._constants)
 
@@ -655,10 +646,7 @@ class LargeStrainStepping:
         )
 
     def _system_for(self, free_motions: FreeMotions) -> ContactSystem:
-        """Return the contact system for given free motions of the surfaces.
-
-        The result is cached for the next call with the same free motions.
-        """
+        """Return the contact system for given free motions; the last system is cached."""
         if self._system is None or self._system.free_motions != free_motions:
             self.release()
             zero_vectors = np.zeros_like(self.interface.position)
