@@ -85,16 +85,18 @@ class SupportFriction:
     def subtract_from_totals(
         self, totals: Array, active: ActiveSet, kinematics: LinearisedKinematics
     ) -> tuple[Array, Array]:
-        """Return the part of the totals that other contact forces balance, and a stiffness.
+        """Return the prescribed totals minus the support friction, and its stiffness.
+
+        Support friction depends linearly on the free motions of the surfaces.
 
         Args:
-            totals: prescribed forces and torques (free,) of the free motions of surfaces.
+            totals: prescribed forces and torques (free,) of the free motions.
             active: active set.
             kinematics: linearised kinematics.
 
         Returns:
-            The totals minus the support friction, and the stiffness (free,) of the support friction
-            against each free motion.
+            The totals minus the constant part of the support friction, and the stiffness (free,) of
+            the support friction against each free motion.
         """
         interface, system = self._interface, self._system
         dim, factor = interface.position.shape[1], _stiffness_factor(kinematics)

@@ -50,9 +50,9 @@ def refuse_tools_through_supports(
 ) -> None:
     """Raise SurfacePassed if a rigid surface is moved through fully supported nodes, or up to them.
 
-    A surface that is moved up to a support leaves no room for the part of the body between surface
-    and support. There is such a part if the straight line from the support to a contact node in
-    front of the support lies inside the body.
+    A surface that is moved up to a support leaves no room for the body between surface and support.
+    The body is considered to be between them if the straight line from the support to a contact
+    node in front of the support lies inside the body.
 
     Args:
         interface: contact nodes of all pairs.

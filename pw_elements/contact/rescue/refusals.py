@@ -197,7 +197,8 @@ def proves_imbalance(nodes: NodeVelocities, power: Array, size: Array, motion: A
     The result is evaluated directly, without the linear program. If the motion violates the
     condition of a friction cone by round-off, large contact forces could balance the work of the
     loads. The work therefore has to exceed the work of contact forces that are `_MAX_FORCE_RATIO`
-    times as large as the loads. See `find_proof` for the other arguments.
+    times as large as the loads. `power` and `size` (k,) are the work of the loads in each motion
+    and the sum of the magnitudes of its parts.
     """
     violation = float(np.max(-nodes.cone_margin(motion), initial=0.0))
     min_work = max(_ZERO_WORK, _MAX_FORCE_RATIO * violation) * float(size @ np.abs(motion))

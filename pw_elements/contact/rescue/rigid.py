@@ -210,10 +210,10 @@ class RigidMotions:
         ]
 
     def is_friction_exhausted(self, nodes: ContactNodes, allowance: float) -> bool:
-        """Return whether friction has reached its limit, such that the body may slide on.
+        """Return whether a body may slide on because friction has reached its limit.
 
-        Friction has reached its limit if it differs from the limit by no more than the force
-        `allowance`.
+        Friction that is below its limit by no more than the force `allowance` counts as friction at
+        the limit.
         """
         comm, shear, active = self._system.comm, nodes.force[:, 1:], nodes.active_set
         size, limit = np.linalg.norm(shear, axis=1), nodes.friction_limits[0]
@@ -238,7 +238,7 @@ class RigidMotions:
         slip = np.einsum("nab,na,nbk->nk", nodes.frame[:, 1:], direction, motions)
         slip = slip[is_at_limit & (active.status == STICK)]
         extremes = comm.allgather([slip.max(initial=0.0), -slip.min(initial=0.0)])
-        # a single motion, or its reverse, has to be against the friction at all sticking nodes
+        # one motion, or its reverse, has to oppose friction at all nodes that stick at the limit
         return len(free) > 1 or (
             len(free) == 1 and np.max(extremes, axis=0).min() <= _FREE_STIFFNESS
         )
@@ -248,7 +248,7 @@ class RigidMotions:
 
         A loose piece has no contact forces; forces up to `allowance` count as zero. A node that
         touches a surface without force stops only motions into this surface. The list is empty if
-        there is no such motion.
+        all motions are stopped.
         """
         comm, (m, dim, _) = self._system.comm, nodes.frame.shape
         is_pressed = nodes.force[:, 0] > allowance

@@ -46,7 +46,7 @@ def solve_in_substeps(
 
     Returns:
         Load factor and state at the end of each substep; and load factor and error of the last
-        failure, or None if the end of the increment has been reached.
+        failure, or None if the last substep has succeeded.
     """
     max_size, min_size, growth = substep_sizes
     size = max_size

@@ -1,7 +1,7 @@
 """Checks of the user's arguments, made once in each public method.
 
 The module guarantees that increments are solved only with arguments of valid types, sizes and
-values, such that the iteration need not check them. It assumes that the checks are called on all
+values, so that the iteration need not check them. It assumes that the checks are called on all
 processes.
 """
 

@@ -384,19 +384,19 @@ class LargeStrainStepping:
 
     @property
     def _is_supported(self) -> Mask:
-        """Mask of components (owned nodes, dim) that supports prescribe."""
+        """Mask (owned nodes, dim) of displacement components that supports prescribe."""
         free, _ = evaluate_conditions(self._whole_space, self._conditions)
         return np.asarray(~free[self.interface.field.owned_unknowns])
 
     @property
     def _node_positions(self) -> Array:
-        """Undeformed positions (owned nodes, dim)."""
+        """Undeformed positions (owned nodes, dim) of the nodes of this process."""
         owned, dim = self.interface.field.owned_unknowns.shape
         return np.asarray(self.space.tabulate_dof_coordinates()[:owned, :dim])
 
     @cached_property
     def _node_component(self) -> Indices:
-        """Number (owned nodes,) of each node's connected component of the mesh."""
+        """Number (owned nodes,) of the connected component of the mesh that contains each node."""
         dofmap = self.space.dofmap
         number, _ = connected_components(self.interface.comm, dofmap.index_map, dofmap.list)
         return number[: len(self._node_positions)]
@@ -516,7 +516,7 @@ class LargeStrainStepping:
 
         Args:
             system: contact system.
-            n_signs: number of tangents before this substep.
+            n_signs: number of signs that the solver has recorded before this substep.
             state: state at the start of the substep.
 
         Raises:

@@ -286,7 +286,7 @@ class ContactProblem:
         )
 
     def _rebuild_if_stiffness_changed(self) -> None:
-        """Rebuild the contact systems and factors if the stiffness has changed since they exist."""
+        """Rebuild the contact systems if the stiffness has changed since its factorisation."""
         if self._K.stateGet() != self._stiffness_state:
             self.release()
             self._small_strain_stepping, self._stiffness_state = (

@@ -29,16 +29,16 @@ _ROW_CHANGE_TOLERANCE = 1e-12
 class ContactRows:
     """Matrix rows of the contact points, in which the linearised law replaces equilibrium.
 
-    The rows are E F + C G - D. F contains the forces of the points as functions of the unknowns,
-    and the motion operator G contains their motions. E, C and D are the coefficients of the law for
-    forces, motions of the points and motions of the surfaces. The sparsity pattern is fixed: the
-    rows of a point contain all columns that its forces and motions depend on.
+    The rows are E F + C G - D B. The matrices F, G and B give the forces of the points, the motions
+    of the points and the motions of the surfaces as functions of the unknowns. E, C and D are their
+    coefficients in the law. The sparsity pattern is fixed: the rows of a point contain all columns
+    on which its forces and motions depend.
 
     Args:
         forces: matrix F (m dim, n).
         motion: motion operator G (m p, n), with p motions per point.
-        borders: matrix (m k, n) with an entry of one in the row of each of the k motions of a
-            surface that is free and moves a point.
+        borders: matrix B (m k, n) with k rows per point, one for each motion of its surface. The
+            row of a free motion has an entry of one, all other rows are zero.
         equations: local row numbers (m, dim) of the points in the matrix, -1 for components without
             an equation.
     """
@@ -282,7 +282,7 @@ class AssembledTangent:
 
     def set_springs(self, springs: Array) -> None:
         if self._springs is None and not springs.any():
-            return  # the matrix has no springs
+            return  # the matrix has no springs from support friction
         previous = np.zeros_like(springs) if self._springs is None else self._springs
         if np.array_equal(previous, springs):
             return

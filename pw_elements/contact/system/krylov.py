@@ -191,13 +191,12 @@ class KrylovTangent:
             self._operations_per_digit = None
 
     def determinant_signs(self) -> tuple[int, ...]:
-        """Return estimates of determinant signs for the preconditioner and the last tangent.
+        """Return estimated signs of the determinants of preconditioner and preconditioned tangent.
 
-        The first sign, of the preconditioner, is 1. The second sign is that of the determinant of
-        the preconditioned tangent. Its eigenvalues are near one, and an eigenvalue that has changed
-        its sign is an outlier, which Arnoldi's method usually finds first from an arbitrary start
-        vector. The result is therefore not a proof. It is empty if the solver computes no
-        eigenvalues.
+        The sign of the preconditioner is taken as 1. Most eigenvalues of the preconditioned tangent
+        are near one. An eigenvalue that has changed its sign is an outlier, which Arnoldi's method
+        usually finds first; the start vector is arbitrary, so the result is not a proof. The result
+        is empty if the solver computes no eigenvalues.
         """
         if self._krylov.uses_external_method:
             return ()
@@ -271,7 +270,7 @@ class KrylovTangent:
         return TangentSolution(np.array(x.array_r), is_exact=is_stalled, is_final=self._is_final)
 
     def _scale_law_to_forces(self, law: LinearisedLaw, rhs: Array) -> tuple[LinearisedLaw, float]:
-        """Scale the law between two bodies such that its rows are forces; return the scaled law.
+        """Return the law between two bodies with rows that are scaled from lengths to forces.
 
         Lengths are multiplied by the stiffness of the springs in the `SpringPreconditioner`. The
         law of rigid surfaces is not scaled.

@@ -26,7 +26,7 @@ from pw_elements.spaces import SubSpace
 class ContactPointData:
     """Operators and factors of the m contact points of this process.
 
-    Each contact point belongs to a node, on which the contact force of the point acts.
+    Each contact point is a node, or its contact force acts on a node.
     """
 
     node: Indices  # local number (m,) of the node of each point
