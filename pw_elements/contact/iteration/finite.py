@@ -153,7 +153,7 @@ class FiniteEquilibrium:
         self._update_forces()
 
     def line_search_to(self, reduced: PETSc.Vec) -> float:
-        """Move u towards the solution of the linear equations; return the accepted step length.
+        """Move the iterate towards the linear solution; return the accepted step length.
 
         The full step has length 1. The step is halved until no cell is inverted.
 
@@ -214,9 +214,10 @@ class FiniteEquilibrium:
         return float(np.max(unbalanced / allowed, initial=0.0))
 
     def linearise(self, torque_map: TorqueMap) -> PETSc.Vec:
-        """Linearise at the current u: update the contact system and return the reduced load.
+        """Linearise at the current iterate: update the contact system and return the load (n_r,).
 
-        The load is f = K u - F(u), with the tangent K and the residual F at u.
+        The load is K u - F(u) with the unknowns u of the iterate, the tangent K and the residual
+        F(u). It is reduced by the supports.
 
         Args:
             torque_map: map from motions of the surfaces to velocities of the contact nodes.
@@ -265,7 +266,7 @@ class FiniteEquilibrium:
         return COORDINATE_ROUND_OFF * np.abs(volumes.array_r)
 
     def _update_forces(self) -> None:
-        """Evaluate the residual at the current u, reduce it, and store its largest force."""
+        """Evaluate the residual of the current iterate, reduce it, and store its largest force."""
         self._forces = self._body.assemble_residual()
         self._max_force = self._field.extract(self._forces).norm(PETSc.NormType.INFINITY)
         self._residual = self._reduction.left.createVecRight()

@@ -120,7 +120,7 @@ class LinearEquilibrium:
         """Return the equilibrium under a load, reduced by the supports.
 
         Args:
-            system: contact system, which has the supports.
+            system: contact system, which contains the reduction by the supports.
             K: stiffness (n, n).
             load: load vector (n,).
             load_factor: factor of the prescribed displacements.
@@ -249,7 +249,7 @@ class Increment:
     def solve(
         self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: Accuracy
     ) -> NewtonState:
-        """Solve the linear system of an active set and evaluate all conditions at its solution.
+        """Solve the linear system of an active set; return the iterate with its residuals.
 
         Raises:
             SingularSystem: if the tangent is singular.
@@ -463,7 +463,7 @@ class LinearIncrement(Increment):
     def solve(
         self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: Accuracy
     ) -> NewtonState:
-        """Solve the linear system of an active set and evaluate all conditions at its solution.
+        """Solve the linear system of an active set; return the iterate with its residuals.
 
         Raises:
             NotUnique: if the tangent is singular at a solution.

@@ -457,7 +457,7 @@ def _combine_proofs(
 
 
 def _describe_contacts(nodes: NodeVelocities, motion: Array) -> str:
-    """Return a text on the pairs along which the body slides or opens in a motion (k,)."""
+    """Return a text with the pairs on which the body slides or lifts off in a motion (k,)."""
     sliding, margin = nodes.tangential @ motion, nodes.cone_margin(motion)
     speed = np.linalg.norm(sliding, axis=1)
     negligible = NEGLIGIBLE_PART * max(speed.max(initial=0.0), margin.max(initial=0.0))

@@ -78,8 +78,8 @@ class RigidModes:
         modes_per_piece: number of translations and rotations of one piece.
         n_piece_modes: number of modes of all pieces.
         n_modes: number of all modes.
-        mover: number (modes,) of the piece that each mode moves. For the translation of a surface
-            it is a number that no other mode has.
+        mover: number (modes,) of the piece that each mode moves. The translation of a surface has a
+            number of its own.
     """
 
     def __init__(self, pieces: RigidComponents, free: FreeMotions, n_pairs: int) -> None:
@@ -175,7 +175,7 @@ class RigidMotions:
     """Rigid motions of the pieces of a supported body and of surfaces that are free to move.
 
     Args:
-        system: contact system, which has the supports and the contact points.
+        system: contact system, which contains the supports and the contact points.
         K: stiffness (n, n) without supports.
         space: trial space of the displacements.
 

@@ -325,12 +325,12 @@ class ContactProblem:
                 its surface, ("translation", pair, axis).
             parameters: quantities with respect to which outputs are differentiated. A parameter
                 that is the same in all steps is a scalar `fem.Constant` in the residual, conditions
-                or functionals, or Coulomb's friction coefficient, ("friction", pair). A quantity
-                that varies depends on the parameter by given rates, its derivatives in all states
-                including the first: (constant, rates (states,)) for a constant; (vector,
-                rates (states,)) for nodal loads; and ("motion", pair, rates (states, dim)) for the
-                translation of a surface, or for its force where the translation is free. Rates are
-                interpolated linearly between states.
+                or functionals, or Coulomb's friction coefficient, ("friction", pair). For a
+                quantity that varies with a parameter, give its derivatives with respect to the
+                parameter (rates) in all states, including the first: (constant, rates (states,));
+                (vector, rates (states,)) for nodal loads; or ("motion", pair, rates (states, dim))
+                for the translation of a surface, or for its force where the translation is free.
+                Rates are interpolated linearly between states.
             loads: function `load` of each step, only for a problem with a residual; by default
                 there are no loads.
             weights: weight (states - 1, outputs) of each output in each state except the first.
