@@ -1,12 +1,13 @@
 """Equilibrium F(u) = H r at large strains, linearised at each iterate.
 
-The nodal forces are entries of the residual, r = L F(u), and
+F is the residual of the body, r the contact forces at the contact points, and the force operator H
+(n, m dim) distributes these forces to the equations. The contact forces are read from the
+residual's entries at the contact points. The linear equilibrium of the next iterate a is
 
     K a = f + H r,    K = F'(u_k),    f = K u_k - F(u_k)
 
-is the linear equilibrium of the next iterate. Newton's step is halved while it inverts a cell. For
-two bodies that slide on each other, `MortarKinematics` evaluates H(u), and K also contains the
-derivative of -H(u) r.
+with the current iterate u_k. Newton's step is halved until it inverts no cell. For two bodies that
+slide on each other, `MortarKinematics` evaluates H(u), and K includes the derivative of -H(u) r.
 
 The module guarantees that no iterate has an inverted cell. It assumes a residual whose tangent is
 assembled with the same sparsity pattern at each iterate.
@@ -32,7 +33,8 @@ from pw_elements.contact.nodes import FORCE_TOLERANCE, MortarKinematics, TorqueM
 from pw_elements.contact.system import ContactSystem
 from pw_elements.spaces import SubSpace, is_hybrid
 
-# Estimate of the largest sum of magnitudes in a row of K, relative to the diagonal
+# Estimate of the largest sum of magnitudes in a row of the tangent K, divided by the largest
+# diagonal entry
 _ROW_SUM_TO_DIAGONAL_RATIO = 4.0
 # Largest number of halvings of a Newton step
 _MAX_HALVINGS = 10
@@ -42,11 +44,11 @@ class CellGuard:
     """Check of det(I + grad u) > 0 at all quadrature points of a form's cell integrals.
 
     Args:
-        u: displacements, or displacements and pressure of a hybrid space.
-        form: form whose integrals define the quadrature points.
+        u: displacements, or displacements and pressure in a hybrid space.
+        form: form whose cell integrals define the quadrature points.
 
     Attributes:
-        extent: largest magnitude of the mesh's coordinates.
+        extent: largest magnitude of a coordinate of the mesh.
     """
 
     def __init__(self, u: fem.Function, form: ufl.Form) -> None:
@@ -62,7 +64,10 @@ class CellGuard:
         self.extent: float = self._mesh.comm.allreduce(max_coordinate, MPI.MAX)
 
     def min_determinant(self) -> float:
-        """Return the smallest determinant, minus infinity if one is not a number; collective."""
+        """Return the smallest determinant on all processes; collective.
+
+        The result is minus infinity if any determinant is NaN.
+        """
         values = np.nan_to_num(self._evaluate_determinants(), nan=-np.inf)
         return float(self._mesh.comm.allreduce(values.min(initial=np.inf), MPI.MIN))
 
@@ -79,7 +84,7 @@ class CellGuard:
 
 
 def _quadrature_points(integral: ufl.Integral) -> Array:
-    """Return the quadrature points (q, dim) of an integral in the reference cell."""
+    """Return the quadrature points (q, dim) in the reference cell that an integral uses."""
     metadata = integral.metadata()
     if "quadrature_points" in metadata:
         return np.array(metadata["quadrature_points"])
@@ -91,17 +96,20 @@ def _quadrature_points(integral: ufl.Integral) -> Array:
 
 
 class FiniteEquilibrium:
-    """An `Equilibrium` F(u) = H r at large strains with rigid surfaces.
+    """Equilibrium at large strains of a body in contact with rigid surfaces.
+
+    The residual of the body is balanced by the contact forces.
 
     Args:
-        body: residual and tangent.
-        system: linear systems of the contact nodes, which receive each new tangent.
-        reduction: reduction by the supports with the displacements prescribed at the end.
-        guard: check of inverted cells.
-        start: all unknowns (n,) at the initial iterate.
+        body: residual of the body and its tangent.
+        system: contact system, to which each new tangent is passed.
+        reduction: reduction by the supports, with the displacements prescribed at the end of the
+            increment.
+        guard: check for inverted cells.
+        start: all unknowns (n,) of the initial iterate.
 
     Attributes:
-        tangent: K, (n, n), of the last linearisation.
+        tangent: tangent (n, n) of the last linearisation.
 
     Raises:
         NotFound: if cells are inverted at the start.
@@ -123,7 +131,7 @@ class FiniteEquilibrium:
         self._u = start.copy()
         self._field = SubSpace.displacements(body.u.function_space)
         self.offset = reduction.offset
-        # forces due to round-off of coordinates
+        # forces that correspond to the round-off of coordinates
         round_off = COORDINATE_ROUND_OFF * float(system.law_scale.max(initial=0.0)) * guard.extent
         self._round_off = system.comm.allreduce(round_off, MPI.MAX) or np.finfo(float).tiny
         diagonal = self._field.extract(body.tangent.getDiagonal())
@@ -145,12 +153,15 @@ class FiniteEquilibrium:
         self._update_forces()
 
     def line_search_to(self, reduced: PETSc.Vec) -> float:
-        """Update u towards the solution of the linear equations; return the step length.
+        """Move the iterate towards the linear solution; return the accepted step length.
 
-        A step of length 1, the full step, is halved until no cell is inverted.
+        The full step has length 1. The step is halved until no cell is inverted.
+
+        Args:
+            reduced: solution (n_r,) of the linear equations, reduced by the supports.
 
         Raises:
-            NotFound: if the shortest step inverts cells.
+            NotFound: if even the shortest step inverts cells.
         """
         step = self._linear.displacements(reduced)
         step.axpy(-1.0, self._u)
@@ -183,9 +194,15 @@ class FiniteEquilibrium:
     ) -> float:
         """Return the largest ratio of an unbalanced force to its tolerance.
 
-        The ratio is infinite until the prescribed displacements are reached. Tolerances are
-        relative to the largest force and include round-off: a body that has lost contact may have
-        large displacements and no forces. Equations of pressures have the round-off of volumes.
+        The ratio is infinite until the prescribed displacements are reached. The tolerance is a
+        fraction of the largest nodal force plus round-off, because a body that has lost contact may
+        have large displacements and no forces. In the pressure equations of hybrid bodies, the
+        round-off is that of volumes.
+
+        Args:
+            unbalanced: magnitudes (n_r,) of the unbalanced forces in the equations of this process.
+            contact_allowance: not used here.
+            unknowns: not used here.
         """
         displacement = self._field.extract(self._u).norm(PETSc.NormType.INFINITY)
         volume_round_off = np.asarray(self._volume_round_off)
@@ -197,7 +214,14 @@ class FiniteEquilibrium:
         return float(np.max(unbalanced / allowed, initial=0.0))
 
     def linearise(self, torque_map: TorqueMap) -> PETSc.Vec:
-        """Assemble K and f at u, pass K to the contact system and return the reduced f."""
+        """Linearise at the current iterate: update the contact system and return the load (n_r,).
+
+        The load is K u - F(u) with the unknowns u of the iterate, the tangent K and the residual
+        F(u). It is reduced by the supports.
+
+        Args:
+            torque_map: map from motions of the surfaces to velocities of the contact nodes.
+        """
         K, reduction = self._body.tangent, self._reduction
         self._body.assemble_tangent()
         K = self._update_system(K, torque_map)
@@ -212,12 +236,24 @@ class FiniteEquilibrium:
         return reduced
 
     def _update_system(self, K: PETSc.Mat, torque_map: TorqueMap) -> PETSc.Mat:
-        """Pass the tangent K (n, n) of the body to the contact system; return the full tangent."""
+        """Pass the tangent to the contact system and return it.
+
+        Args:
+            K: tangent (n, n) of the body alone.
+            torque_map: map from motions of the surfaces to velocities of the contact nodes.
+
+        Returns:
+            The tangent (n, n) of the whole equilibrium, including the contact forces.
+        """
         self._system.update_stiffness(K, torque_map)
         return K
 
     def _estimate_volume_round_off(self, K: PETSc.Mat) -> Array | float:
-        """Return the round-off (n_r,) of the reduced pressure equations, zero in all others."""
+        """Return the round-off (n_r,) of the reduced equations of pressure in a hybrid body.
+
+        The array is zero in the equations of displacements; without a pressure, the result is 0.
+        `K` is the tangent (n, n).
+        """
         if not is_hybrid(self._body.u.function_space):
             return 0.0
         (x, image), owned = K.createVecs(), self._field.owned_unknowns
@@ -230,7 +266,7 @@ class FiniteEquilibrium:
         return COORDINATE_ROUND_OFF * np.abs(volumes.array_r)
 
     def _update_forces(self) -> None:
-        """Evaluate the residual F(u), its reduction and its largest force at the current u."""
+        """Evaluate the residual of the current iterate, reduce it, and store its largest force."""
         self._forces = self._body.assemble_residual()
         self._max_force = self._field.extract(self._forces).norm(PETSc.NormType.INFINITY)
         self._residual = self._reduction.left.createVecRight()
@@ -238,7 +274,10 @@ class FiniteEquilibrium:
 
 
 class SlidingEquilibrium(FiniteEquilibrium):
-    """A `FiniteEquilibrium` of bodies that slide on each other, whose H follows the mortars.
+    """Equilibrium at large strains of bodies that slide on each other.
+
+    The force operator, which distributes contact forces to the nodes of both bodies, is evaluated
+    from mortar integrals at each iterate.
 
     Args:
         body, system, reduction, guard, start: arguments of `FiniteEquilibrium`.

@@ -1,8 +1,10 @@
-"""The equations of one increment: equilibrium, kinematics and law, solved and evaluated.
+"""The equations of one increment: equilibrium, kinematics and contact law.
 
-The module guarantees that the violation of an iterate covers all conditions of the law, all free
-equations and all force balances. It assumes arguments that the functions called by users have
-checked. The tangent of a linear equilibrium is constant, and the contact system keeps its factors.
+The module solves the linear systems of Newton's method and evaluates the residuals. It guarantees
+that the violation of an iterate covers all conditions of the law, all equations that supports do
+not eliminate, and all force balances of surfaces. It assumes that arguments have been checked in
+the functions called by users. The tangent of a linear equilibrium is constant, and the contact
+system keeps its factors.
 """
 
 from collections.abc import Callable
@@ -34,21 +36,24 @@ from pw_elements.contact.nodes import (
 from pw_elements.contact.system import Accuracy, ContactSystem
 from pw_elements.solvers import SingularSystem
 
-# Round-off in K a, relative to |K| |a|
+# Round-off in the product of stiffness K and displacements a, relative to |K| |a|
 DISPLACEMENT_ROUND_OFF = 1e-13
-# Relative change of friction by which a singular tangent is made regular, and largest relative
-# change of a solution that is continuous across the singularity
+# Relative change of the friction coefficient that makes a singular tangent regular; and largest
+# relative difference between solutions with less and more friction that counts as continuous
 _FRICTION_PERTURBATION = 1e-6
 _MAX_SOLUTION_CHANGE = 1e-3
 
 
 class Equilibrium(Protocol):
-    """Equilibrium of a body with its contact forces, linearised as K a = f + H r.
+    """Equilibrium of a body with its contact forces r, linearised as K a = f + H r.
+
+    Here K is the tangent, a are the displacements and f is the load. H is the force operator, which
+    distributes the contact forces to the equations of equilibrium.
 
     Attributes:
-        offset: a_0, (n,), prescribed displacements at the end of the increment.
-        needs_final_solution: whether the last linear system has to be solved to the final accuracy;
-            false if forces are evaluated from the displacements.
+        offset: prescribed displacements (n,) at the end of the increment, zero elsewhere.
+        needs_final_solution: whether the last linear system has to be solved to the final accuracy.
+            This is not necessary if forces are evaluated from the displacements.
     """
 
     @property
@@ -58,37 +63,46 @@ class Equilibrium(Protocol):
     def needs_final_solution(self) -> bool: ...
 
     def linearise(self, torque_map: TorqueMap) -> PETSc.Vec:
-        """Pass the tangent and the torque map to the contact system; return the reduced load f."""
+        """Linearise at the current iterate and return the load (n_r,), reduced by the supports.
+
+        A new tangent is passed to the contact system together with the torque map.
+        """
 
     def line_search_to(self, reduced: PETSc.Vec) -> float:
-        """Update towards a linear solution (n_r,); return the accepted step length, at most 1."""
+        """Move the iterate towards a linear solution; return the accepted step length, at most 1.
+
+        `reduced` is the linear solution (n_r,), reduced by the supports.
+        """
 
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """Return the reduced residual (n_r,), which contact forces alone have to balance."""
+        """Return the reduced residual (n_r,), which has to be balanced by contact forces alone.
+
+        `reduced` are the displacements (n_r,), reduced by the supports.
+        """
 
     def displacements(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """Return all unknowns (n,) for reduced displacements (n_r,)."""
+        """Return all unknowns (n,) for displacements (n_r,) that are reduced by the supports."""
 
     def violation(self, unbalanced: Array, contact_allowance: float, unknowns: PETSc.Vec) -> float:
         """Return the largest ratio of an unbalanced force to its tolerance on this process.
 
         Args:
-            unbalanced: magnitudes of unbalanced forces in the equations of this process.
-            contact_allowance: tolerance due to contact forces, a force.
+            unbalanced: magnitudes (n_r,) of the unbalanced forces in the equations of this process.
+            contact_allowance: part of the tolerance that follows from the contact forces, a force.
             unknowns: all unknowns (n,).
         """
 
 
 @dataclass(frozen=True)
 class LinearEquilibrium:
-    """Equilibrium K a = f + H r of a body at small strains, reduced by its supports.
+    """Equilibrium of a body at small strains, reduced by its supports.
 
     Args:
-        stiffness: reduced K, (n_r, n_r), the constant tangent.
-        load: reduced f, (n_r,).
-        right: R, (n, n_r), of the reduction a = R a_r + a_0.
-        offset: a_0, (n,), prescribed displacements.
-        max_row_sum: largest sum of magnitudes in a row of K.
+        stiffness: reduced stiffness (n_r, n_r), the constant tangent.
+        load: reduced load (n_r,).
+        right: matrix (n, n_r) that expands reduced displacements to all unknowns.
+        offset: prescribed displacements (n,), which are added to the expanded displacements.
+        max_row_sum: largest sum of magnitudes in a row of the full stiffness.
     """
 
     stiffness: PETSc.Mat
@@ -103,7 +117,14 @@ class LinearEquilibrium:
     def from_stiffness(
         cls, system: ContactSystem, K: PETSc.Mat, load: PETSc.Vec, load_factor: float = 1.0
     ) -> "LinearEquilibrium":
-        """Reduce K (n, n) and f (n,) by the supports; `load_factor` scales their displacements."""
+        """Return the equilibrium under a load, reduced by the supports.
+
+        Args:
+            system: contact system, which contains the reduction by the supports.
+            K: stiffness (n, n).
+            load: load vector (n,).
+            load_factor: factor of the prescribed displacements.
+        """
         reduction = system.reduction
         if load_factor != 1:
             reduction = replace(reduction, offset=load_factor * reduction.offset)
@@ -138,25 +159,26 @@ class LinearEquilibrium:
 
 @dataclass(frozen=True)
 class NewtonState:
-    """An iterate: the solution of one linear system, and the conditions evaluated there.
+    """Iterate of Newton's method: the solution of one linear system with all its residuals.
 
     Args:
-        reduced: displacements reduced by the supports, (n_r,).
-        unknowns: all unknowns, (n,).
-        q: motions of the surfaces, (pairs, k).
-        displacement: displacements of the points, (m, dim).
-        force: forces of the surfaces on the points, (m, dim).
-        unbalanced: magnitudes of unbalanced forces in the equations of this process.
-        nodes: gaps, slips and forces in the frames of the nodes.
-        kinematics: kinematics by which the nodes were evaluated.
-        displacement_size: (m, dim), sum of the magnitudes of the displacements of a point and of
-            the nodes that it faces.
-        allowance: tolerance of the conditions, a force.
-        round_off: part of the allowance that is due to round-off.
-        violation: largest ratio of a violated condition to its tolerance.
-        is_solution: whether all conditions hold and the linear system was solved to final accuracy.
-        is_exact: whether a repeated solution of the linear system would be no more accurate.
-        is_final: whether the linear system was solved to final accuracy.
+        reduced: displacements (n_r,), reduced by the supports.
+        unknowns: all unknowns (n,).
+        q: motions (pairs, k) of the surfaces.
+        displacement: displacements (m, dim) of the contact points.
+        force: forces (m, dim) of the surfaces on the contact points.
+        unbalanced: magnitudes (n_r,) of the unbalanced forces in the equations of this process.
+        nodes: gaps, slips and forces in the frames of the contact nodes.
+        kinematics: kinematics from which gaps and slips were evaluated.
+        displacement_size: sum (m, dim) of the magnitudes of the displacements of a point and of the
+            opposite nodes.
+        allowance: tolerance of all conditions, a force.
+        round_off: part of the allowance that accounts for round-off.
+        violation: largest ratio of a residual to its tolerance.
+        is_solution: whether all conditions hold and the linear system was solved to the final
+            accuracy.
+        is_exact: whether solving the linear system again would not improve the accuracy.
+        is_final: whether the linear system was solved to the final accuracy.
     """
 
     reduced: PETSc.Vec
@@ -180,15 +202,15 @@ class Increment:
     """The equations of one increment.
 
     Args:
-        system: linear systems of the contact nodes.
+        system: contact system, which solves the linear equations.
         equilibrium: equilibrium of the body at the end of the increment.
         kinematics: kinematics of the contact points since the start of the increment.
-        start: state at the start of the increment, the reference of slip.
-        prescribed: motions of the surfaces (pairs, k), NaN where they are free.
-        totals: (free,), prescribed forces and torques of the free motions.
+        start: state at the start of the increment, from which slip is measured.
+        prescribed: prescribed motions (pairs, k) of the surfaces, NaN where a motion is free.
+        totals: prescribed forces and torques (free,) of the free motions.
 
     Attributes:
-        nearest: the state with the least violation so far.
+        best_state: iterate with the smallest violation so far, None before the first one.
     """
 
     def __init__(
@@ -210,13 +232,16 @@ class Increment:
 
     @cached_property
     def support_friction(self) -> SupportFriction:
-        """Support friction of nodes that supports hold along a rough surface."""
+        """Friction at nodes that a support holds along a rough surface."""
         return SupportFriction(self.system, self.start, self.prescribed, self._support_displacement)
 
     def add_support_friction(
         self, active: ActiveSet, kinematics: LinearisedKinematics
     ) -> ActiveSet:
-        """Return the active set with the support friction at the start of the increment."""
+        """Return the active set, including the support friction at the start of the increment.
+
+        Support friction acts at nodes that a support holds along a rough surface.
+        """
         if not self.interface.holds_friction:
             return active
         return self.support_friction.initialise_active_set(active, kinematics)
@@ -224,7 +249,7 @@ class Increment:
     def solve(
         self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: Accuracy
     ) -> NewtonState:
-        """Solve the linear system of an active set and evaluate all conditions at its solution.
+        """Solve the linear system of an active set; return the iterate with its residuals.
 
         Raises:
             SingularSystem: if the tangent is singular.
@@ -277,16 +302,16 @@ class Increment:
         is_exact: bool = True,
         is_final: bool = True,
     ) -> NewtonState:
-        """Evaluate all conditions at reduced displacements and surface motions.
+        """Evaluate all conditions for given displacements and surface motions.
 
         Args:
-            reduced: displacements reduced by the supports, (n_r,).
-            q: motions of the surfaces, (pairs, k).
+            reduced: displacements (n_r,), reduced by the supports.
+            q: motions (pairs, k) of the surfaces.
             kinematics: kinematics of the linear system that was solved.
-            support_friction: (m, dim - 1), support friction of the previous iteration; the default
-                is that at the start of the increment.
-            is_exact: whether a repeated linear solution would be no more accurate.
-            is_final: whether the linear system was solved to final accuracy.
+            support_friction: support friction (m, dim - 1) of the previous iteration. By default
+                it is the support friction at the start of the increment.
+            is_exact: whether solving the linear system again would not improve the accuracy.
+            is_final: whether the linear system was solved to the final accuracy.
         """
         interface, system = self.interface, self.system
         unknowns = self.equilibrium.displacements(reduced)
@@ -327,10 +352,11 @@ class Increment:
         return replace(state, violation=violation, is_solution=violation <= 1 and is_final)
 
     def relinearise(self, state: NewtonState) -> NewtonState:
-        """Return a solution evaluated by kinematics linearised there; other states are unchanged.
+        """Return a solution, evaluated again with kinematics that are linearised at it.
 
-        The state is also unchanged if kinematics linearised there violate a condition, but the
-        surfaces have moved by no more than the tolerance: derivatives of surfaces have noise.
+        A state that is not a solution is returned unchanged. A solution is returned unchanged if
+        the new kinematics violate a condition although the surfaces have moved by no more than the
+        tolerance: the violation is then attributed to noise in the derivatives of the surfaces.
         """
         if not state.is_solution:
             return state
@@ -360,10 +386,10 @@ class Increment:
     def residuals(
         self, state: NewtonState, reference_force: float, reference_length: Array | float
     ) -> dict[str, Array]:
-        """Return the fields of `Residuals` at the nodes and equations of this process.
+        """Return the relative residuals at the nodes and equations of this process.
 
-        Forces are divided by the reference force, lengths by the reference length, a number or
-        (m,).
+        The keys are the fields of `Residuals`. Forces are divided by `reference_force`. Lengths are
+        divided by `reference_length`, which is a number or one length (m,) per contact node.
         """
         return state.nodes.residuals(reference_force, reference_length) | {
             "equilibrium": np.asarray(state.unbalanced / reference_force, dtype=float),
@@ -373,16 +399,24 @@ class Increment:
         }
 
     def max_over_ranks(self, *arrays: Array) -> list[float]:
-        """Return the largest value of each array on all processes, at least 0; collective."""
+        """Return the largest value of each array on all processes, or 0 if it is negative.
+
+        The call is collective.
+        """
         maxima = [np.max(values, initial=0.0) for values in arrays]
         return [float(value) for value in np.max(self.system.comm.allgather(maxima), axis=0)]
 
     def violation(self, state: NewtonState, allowed: float, coordinate_round_off: float) -> float:
         """Return the largest ratio of a residual to its tolerance on all processes; collective.
 
-        All residuals are forces; lengths are multiplied by c of the law. The round-off of
-        coordinates, a force, increases the tolerances of gaps and balances, and of friction as
-        `ContactNodes.friction_round_off` states.
+        All residuals are forces: lengths are multiplied by the stiffness of the contact law.
+
+        Args:
+            state: iterate.
+            allowed: tolerance of the residuals, a force.
+            coordinate_round_off: force that corresponds to the round-off of coordinates. It is
+                added to the tolerances of gaps and force balances. For friction, the additional
+                tolerance follows from `ContactNodes.friction_round_off`.
         """
         nodes = state.nodes
         if self.interface.cone.has_user_law:
@@ -401,7 +435,7 @@ class Increment:
         return float(self.system.comm.allreduce(worst, MPI.MAX))
 
     def _is_near_linearisation(self, state: NewtonState) -> bool:
-        """Return whether q differs from that of the linearisation by less than the tolerance."""
+        """Return whether the surfaces have moved by less than the tolerance since linearisation."""
         change = np.abs(state.q - state.kinematics.q0).max()
         max_displacement = self.max_over_ranks(np.abs(state.displacement))[0]
         return bool(change <= FORCE_TOLERANCE * max_displacement)
@@ -409,9 +443,9 @@ class Increment:
     def _largest_force_and_round_offs(
         self, force: Array, displacement_size: Array, torque_map: TorqueMap
     ) -> list[float]:
-        """Return the largest contact force, and the round-off of displacements and coordinates.
+        """Return the largest contact force, and the round-off of displacements and of coordinates.
 
-        The two round-offs are forces.
+        Both round-offs are expressed as forces.
         """
         position, scale = self.interface.position, self.system.law_scale[:, None]
         arms = torque_map.V[:, :, position.shape[1] :].sum(axis=2)
@@ -421,7 +455,7 @@ class Increment:
 
 
 class LinearIncrement(Increment):
-    """An `Increment` at small strains, which diagnoses singular tangents.
+    """Equations of an increment at small strains, with a diagnosis of singular tangents.
 
     All rigid motions are held, so that only friction can make the tangent singular.
     """
@@ -429,7 +463,7 @@ class LinearIncrement(Increment):
     def solve(
         self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: Accuracy
     ) -> NewtonState:
-        """Solve the linear system of an active set and evaluate all conditions at its solution.
+        """Solve the linear system of an active set; return the iterate with its residuals.
 
         Raises:
             NotUnique: if the tangent is singular at a solution.
@@ -450,11 +484,16 @@ class LinearIncrement(Increment):
         error: SingularSystem,
         solve: Callable[[ActiveSet], NewtonState],
     ) -> NotUnique | NotFound:
-        """Return the error for a singular tangent.
+        """Return the error to raise for a singular tangent.
 
-        With slightly less and slightly more friction the tangent is regular. If the equations of
-        the active set have solutions, the two perturbed solutions are close to each other;
-        otherwise they diverge in opposite directions.
+        With slightly less or slightly more friction, the tangent is regular. If the equations of
+        the active set have solutions, the two perturbed solutions are close to each other.
+        Otherwise they diverge in opposite directions.
+
+        Args:
+            active: active set with the singular tangent.
+            error: error of the linear solver.
+            solve: function that solves the linear system of an active set.
         """
         counts, neighbours = describe_status_counts(active, self.system.comm), []
         for factor in (1 - _FRICTION_PERTURBATION, 1 + _FRICTION_PERTURBATION):

@@ -1,7 +1,7 @@
-"""Newton's method for one increment, in the steps of the theory page ("One increment").
+"""Newton's method for one increment, as described in docs/theory.md ("One increment").
 
-The module guarantees that a returned state satisfies all linearised conditions to their tolerances.
-It assumes an `Increment` whose state at the start is a converged solution.
+The module guarantees that a returned state satisfies all linearised conditions within their
+tolerances. It assumes that the state at the start of the increment is a converged solution.
 """
 
 from collections.abc import Callable
@@ -11,8 +11,8 @@ from pw_elements.contact.iteration.increment import Increment, NewtonState
 from pw_elements.contact.iteration.updates import ActiveSetUpdate
 from pw_elements.contact.nodes import ActiveSet, LinearisedKinematics
 
-# Called with the iteration number, the active set and the violation; its exceptions end the
-# iteration
+# Function that is called with the iteration number, the active set and the violation. An exception
+# that it raises ends the iteration
 IterationCallback: TypeAlias = Callable[[int, ActiveSet, float], None]
 
 
@@ -33,7 +33,7 @@ def solve_increment(
         kinematics: kinematics linearised at the initial iterate.
         update: rule that chooses the next active set.
         max_iterations: largest number of linear systems that are solved.
-        after_iteration: called after each linear solution.
+        after_iteration: function that is called after each linear solution.
 
     Raises:
         NotUnique: if the tangent is singular at a solution.

@@ -1,7 +1,7 @@
-"""Contact states, assembled from the last iterate on all processes.
+"""Construction of contact states from the last iterate on all processes.
 
-The module guarantees states with the same pairs and scalars on all processes. It assumes an iterate
-that `Increment.evaluate` returned.
+The module guarantees that the pair states and scalars of a contact state are the same on all
+processes. It assumes an iterate that was returned by `Increment.evaluate`.
 """
 
 from petsc4py import PETSc
@@ -35,12 +35,12 @@ def make_contact_state(
         increment: equations of the increment.
         state: iterate.
         before: contact state at the start of the increment.
-        sizes: scale, reference force and reference length of `compute_reference_sizes`.
+        sizes: scale, reference force and reference length, from `compute_reference_sizes`.
         iterations: number of linear systems solved.
-        report: report of their solver.
+        report: report of the linear solver.
         smallness: check of the small-strain assumption; None at large strains.
         converged: whether the iterate is a solution.
-        slides: whether the body may slide without a limit.
+        slides: whether the body may slide by any distance at the same forces.
     """
     system = increment.system
     signs = frozenset(system.tangent.solver.determinant_signs)
@@ -133,11 +133,11 @@ def make_pair_states(
 
     Args:
         interface: contact points of all pairs.
-        q: motions of the surfaces, (pairs, k).
-        force: forces of the surfaces on the points of this process, (m, dim).
-        force_operator: H, (n, m dim).
-        points: further attributes of `PairState` at the points of this process, (m, ...). The
-            default is zero, and open for the status.
+        q: motions (pairs, k) of the surfaces.
+        force: forces (m, dim) of the surfaces on the points of this process.
+        force_operator: matrix (n, m dim) that distributes contact forces to the equations.
+        points: other attributes of `PairState` at the points of this process, arrays (m, ...). An
+            omitted attribute is zero, except the status, which is open.
     """
     no_vector, dim = np.zeros_like(force), force.shape[1]
     values = {"position": interface.position, "node": interface.node}
@@ -168,7 +168,10 @@ def compute_reference_sizes(
 ) -> tuple[ResidualScale, float, float]:
     """Return the scale of the load history, and the reference force and length of residuals.
 
-    `before` is the scale at the start of the increment.
+    Args:
+        increment: equations of the increment.
+        state: iterate at the end of the increment.
+        before: scale at the start of the increment.
     """
     pair, V = increment.interface.pair, state.kinematics.torque_map.V
     shifts = np.einsum("nak,nk->na", V, state.q[pair])

@@ -1,11 +1,11 @@
 """Support friction: friction at a node along a direction that a support holds.
 
 No equation determines this force, because the support carries any value. The force nevertheless
-acts on the surface and counts in the friction limit. The theory page states the rules ("The law,
+acts on the surface and counts in the friction limit. The rules are in docs/theory.md ("The law,
 linearised").
 
-The module guarantees that nodes without supports keep their forces. It assumes that each tangent of
-a node is either parallel or perpendicular to the components that supports hold.
+The module guarantees that the forces of nodes without supports do not change. It assumes that each
+tangent of a node is either parallel or perpendicular to the supported components.
 """
 
 from dataclasses import replace
@@ -26,31 +26,32 @@ from pw_elements.contact.nodes import (
 )
 from pw_elements.contact.system import ContactSystem
 
-# Stiffness of support friction against a surface that is free to slide, relative to c of the node:
-# if all tangents are held, and if another tangent is free
+# Stiffness of support friction against a surface that is free to slide, divided by the stiffness of
+# the node's contact law: if supports hold all tangents, and if another tangent is free
 _STIFFNESS_FACTOR, _STIFFNESS_FACTOR_BESIDE_FREE_TANGENT = 1e3, 3.0
-# Round-off in the slip, relative to a node's coordinates and displacement
+# Round-off in the slip, relative to the sum of a node's coordinates and displacement
 _SLIP_ROUND_OFF = 1e-13
-# Largest derivative of a slip by a free motion of the surface that counts as zero
+# Largest derivative of a slip with respect to a free motion of the surface that counts as zero
 _MIN_COUPLING = 1e-9
-# Largest number of fixed-point iterations for support friction along a support that is not parallel
-# to the surface, and their tolerance, relative to the friction limit
+# Support friction along a support that is not parallel to the surface: largest number of
+# fixed-point iterations, and their tolerance relative to the friction limit
 _MAX_FRICTION_ITERATIONS, _FRICTION_TOLERANCE = 60, 1e-13
 
 
 class SupportFriction:
-    """Support friction in one increment.
+    """Support friction in one increment: friction at nodes that a support holds along a surface.
 
     A prescribed slip between support and surface determines the friction. If the prescribed slip is
     zero, friction keeps its value at the start of the increment, reduced to its limit. If the
-    surface is free to slide, friction is that of the previous iteration minus a stiffness times the
-    slip (method of multipliers), so that the slip of sticking nodes converges to zero.
+    surface is free to slide, the new friction is the friction of the previous iteration minus a
+    stiffness times the slip (method of multipliers). The slip of sticking nodes then converges to
+    zero.
 
     Args:
-        system: linear systems of the contact nodes.
+        system: contact system, which solves the linear equations.
         start: state at the start of the increment.
-        prescribed: motions of the surfaces (pairs, k), NaN where they are free.
-        support_displacement: (m, dim), prescribed displacements of the points.
+        prescribed: prescribed motions (pairs, k) of the surfaces, NaN where a motion is free.
+        support_displacement: prescribed displacements (m, dim) of the contact points.
     """
 
     def __init__(
@@ -72,7 +73,11 @@ class SupportFriction:
     def initialise_active_set(
         self, active: ActiveSet, kinematics: LinearisedKinematics
     ) -> ActiveSet:
-        """Return the active set with the start's support friction where its own is zero."""
+        """Return the active set with initial values of support friction.
+
+        Where the support friction of the active set is zero, it is replaced by the support friction
+        at the start of the increment.
+        """
         friction = active.support_friction
         friction = np.where(friction == 0, self.friction_at_start(kinematics), friction)
         return replace(active, support_friction=friction)
@@ -80,9 +85,18 @@ class SupportFriction:
     def subtract_from_totals(
         self, totals: Array, active: ActiveSet, kinematics: LinearisedKinematics
     ) -> tuple[Array, Array]:
-        """Return totals (free,) minus the support friction, and its stiffness (free,).
+        """Return the prescribed totals minus the support friction, and its stiffness.
 
-        `totals` are the prescribed forces and torques of the free motions.
+        Support friction depends linearly on the free motions of the surfaces.
+
+        Args:
+            totals: prescribed forces and torques (free,) of the free motions.
+            active: active set.
+            kinematics: linearised kinematics.
+
+        Returns:
+            The totals minus the constant part of the support friction, and the stiffness (free,) of
+            the support friction against each free motion.
         """
         interface, system = self._interface, self._system
         dim, factor = interface.position.shape[1], _stiffness_factor(kinematics)
@@ -94,7 +108,8 @@ class SupportFriction:
         coupled = self._coupled_tangents(kinematics).any(axis=1, keepdims=True)
         iterated = closed & kinematics.held_tangents & coupled
         sticks = (active.status == STICK)[:, None]
-        # stiffness l / |v| of slip that changes its direction, in terms of M: c M / (1 - M)
+        # A slip that changes its direction has the stiffness l / |v|, with friction limit l and
+        # slip v; this equals c M / (1 - M) with the stiffness c of the law and friction ratio M
         slip_stiffness = system.law_scale * active.friction_ratio
         slip_stiffness = slip_stiffness / np.maximum(1 - active.friction_ratio, 1 / factor)
         slip_stiffness = slip_stiffness + active.friction_per_slip
@@ -116,13 +131,13 @@ class SupportFriction:
         force: Array,
         friction: Array,
     ) -> tuple[ContactNodes, Array]:
-        """Return the nodes and forces (m, dim) with support friction added.
+        """Return the nodes and their forces (m, dim) in global components, with support friction.
 
         Args:
-            nodes: contact nodes with the forces of their own equations.
+            nodes: contact nodes with forces from the equations that supports do not eliminate.
             kinematics: kinematics of the nodes.
-            force: (m, dim), forces of the nodes' own equations in global components.
-            friction: (m, dim - 1), support friction of the previous iteration.
+            force: the same forces (m, dim) in global components.
+            friction: support friction (m, dim - 1) of the previous iteration.
         """
         interface, scale = self._interface, self._system.law_scale
         coupled_tangents = self._coupled_tangents(kinematics)
@@ -154,7 +169,10 @@ class SupportFriction:
         )
 
     def _coupled_tangents(self, kinematics: LinearisedKinematics) -> Mask:
-        """Return a mask (m, dim - 1) of held tangents along which the surface is free to move."""
+        """Return where a support holds a tangent along which the surface is free to move.
+
+        The result is a mask (m, dim - 1).
+        """
         depends = np.abs(kinematics.motion_by_q[:, 1:]) > _MIN_COUPLING
         depends = depends & self._free_motions[:, None]
         return np.asarray(depends.any(axis=2) & kinematics.held_tangents)
@@ -174,21 +192,21 @@ def _add_support_friction(
     stiffness: Array,
     components: Mask,
 ) -> tuple[ContactNodes, Array]:
-    """Add the friction that the law gives along held tangents to the forces of the nodes.
+    """Add friction along the tangents that supports hold to the forces of the nodes.
 
-    A support that is not parallel to the surface then also carries a part of the normal force, on
-    which the friction limit depends. Both are determined by fixed-point iteration.
+    If a support is not parallel to the surface, it carries a part of the normal force, on which the
+    friction limit depends. Friction and normal force are determined by fixed-point iteration.
 
     Args:
-        nodes: contact nodes with the forces of their own equations.
+        nodes: contact nodes with forces from the equations that supports do not eliminate.
         kinematics: kinematics of the nodes.
-        force: (m, dim), the same forces in global components.
-        friction: (m, dim - 1), support friction of the previous iteration.
-        stiffness: (m,), stiffness of the friction against slip.
-        components: (m, dim), whether supports hold a global component.
+        force: the same forces (m, dim) in global components.
+        friction: support friction (m, dim - 1) of the previous iteration.
+        stiffness: stiffness (m,) of the friction against slip.
+        components: whether supports hold each global component (m, dim).
 
     Returns:
-        The nodes with all forces, and these forces in global components (m, dim).
+        The nodes with all forces, and the same forces (m, dim) in global components.
     """
     is_held, equation_force = kinematics.held_tangents, nodes.force
     tangents = np.where(is_held[:, :, None], kinematics.frame[:, 1:], 0.0)
@@ -196,7 +214,10 @@ def _add_support_friction(
     held_force = np.einsum("nta,na->nt", tangents, force)
 
     def compute_support_forces(tangential: Array) -> tuple[Array, Array]:
-        """Return support forces (m, dim) for tangential forces, and all normal forces (m,)."""
+        """Return forces (m, dim) along supports, and normal forces (m,) that include them.
+
+        `tangential` are the tangential forces (m, dim - 1).
+        """
         missing = np.where(is_held, tangential - held_force, 0.0)
         support_force = np.einsum("nat,nt->na", to_components, missing)
         normal_part = np.einsum("na,na->n", kinematics.frame[:, 0], support_force)

@@ -1,7 +1,8 @@
-"""Loads and motions of surfaces at the end of an increment, or of a substep of one.
+"""Loads and motions of surfaces at the end of an increment or of a substep.
 
-The module guarantees that targets of substeps lie on the straight path between the ends of their
-increment. It assumes motions and forces that the functions called by users have checked.
+The module guarantees that the targets of substeps lie on the straight path from the start of the
+increment to its end. It assumes that motions and forces have been checked in the functions called
+by users.
 """
 
 from collections.abc import Sequence
@@ -26,10 +27,10 @@ class IncrementTarget:
     """Loads and motions at the end of an increment or of a substep.
 
     Args:
-        load: f (n,), the total load; None if a residual includes it.
-        q: motions of the surfaces (pairs, k), NaN where they are free; the angle is last if
-            surfaces may rotate.
-        forces: (pairs, k), total forces and torques of the surfaces, used where q is free.
+        load: total load vector (n,), or None if the residual includes the loads.
+        q: motions (pairs, k) of the surfaces, NaN where a motion is free. If surfaces may rotate,
+            the last component is the angle.
+        forces: total forces and torques (pairs, k) of the surfaces, used where the motion is free.
         load_factor: fraction of the prescribed displacements and of the interference.
     """
 
@@ -46,7 +47,14 @@ class IncrementTarget:
         interface: Interface,
         with_angles: bool = False,
     ) -> "IncrementTarget":
-        """Build from the user's motions; None means zero translation."""
+        """Return the target for the user's loads and motions.
+
+        Args:
+            load: total load vector (n,), or None if the residual includes the loads.
+            motions: motion of each pair's surface; None for a surface that does not move.
+            interface: contact points of all pairs.
+            with_angles: whether motions of surfaces include a rotation angle.
+        """
         n_motions = interface.position.shape[1] + with_angles
         q, forces = np.zeros((2, interface.pairs, n_motions))
         for k, motion in enumerate(motions):
@@ -61,14 +69,14 @@ class IncrementTarget:
     def from_state(
         cls, state: ContactState, load: PETSc.Vec | None = None, with_angles: bool = False
     ) -> "IncrementTarget":
-        """Return the target that a state already satisfies, with no free motion."""
+        """Return the target that a state satisfies already, in which all motions are prescribed."""
         q = state.placements if with_angles else state.translations
         forces = np.array([[*pair.force, pair.torque] for pair in state.pairs])
         load_factor = 1.0 if state.increment else 0.0
         return cls(load, q, forces[:, : q.shape[1]], load_factor)
 
     def with_free_motions(self, free_motions: FreeMotions) -> "IncrementTarget":
-        """Return a copy with free motions (NaN), which follow from the forces."""
+        """Return a copy in which the given motions are free (NaN) and follow from the forces."""
         q = self.q.copy()
         for index in free_motions:
             q[index] = np.nan
@@ -76,29 +84,30 @@ class IncrementTarget:
 
     @cached_property
     def free_motions(self) -> FreeMotions:
-        """Pair and component of each free motion."""
+        """Number of the pair and of the component of each free motion."""
         return tuple(
             (int(pair), int(component)) for pair, component in np.argwhere(np.isnan(self.q))
         )
 
     @property
     def unloaded_free_surfaces(self) -> Mask:
-        """Mask (pairs,) of free surfaces without a force, which only touch the body."""
+        """Mask (pairs,) of surfaces that are free to move and have no prescribed force."""
         is_free = np.isnan(self.q)
         return is_free.any(axis=1) & ~(is_free & (self.forces != 0)).any(axis=1)
 
     @property
     def totals(self) -> Array:
-        """Forces and torques (free,) on the free motions."""
+        """Prescribed forces and torques (free,) of the free motions."""
         return np.array([self.forces[index] for index in self.free_motions])
 
 
 def make_balanced_target(
     state: ContactState, K: PETSc.Mat, interface: Interface
 ) -> IncrementTarget:
-    """Return the target that a state satisfies, with the load f = K a - H r.
+    """Return the target that a state satisfies, with a load vector that includes reactions.
 
-    The load includes reactions of supports, which do no work.
+    The load is stiffness K (n, n) times displacements minus the contact forces, so that it includes
+    the reactions of supports, which do no work.
     """
     points = interface.force.createVecRight()
     (force,) = interface.extract_local_values(state.pairs, "force_vector")

@@ -1,7 +1,8 @@
-"""Choice of active sets: by the law, without cycling, and without making the tangent singular.
+"""Choice of the active sets of an increment.
 
-The module also chooses the first active set of an increment. It guarantees decisions that are the
-same on all processes, and that an iteration that cycles ends. It assumes collective calls.
+The next active set follows from the contact law, but the iteration must not cycle and the tangent
+must not become singular. The module guarantees that decisions are the same on all processes, and
+that a cycling iteration ends. It assumes that its functions are called on all processes.
 """
 
 from collections import deque
@@ -36,28 +37,33 @@ from pw_elements.contact.nodes import (
 )
 from pw_elements.contact.system import Accuracy
 
-# Function that returns the names of the rigid motions which an active set in frames (m, dim, dim)
-# leaves free
+# Function that returns the names of the rigid motions that remain free for an active set in its
+# frames (m, dim, dim)
 FreeMotionFinder = Callable[[ActiveSet, Array], list[str]]
 
-# Decimal places to which directions and slopes of active sets are compared
+# Number of decimal places in comparisons of the directions and slopes of active sets
 _COMPARED_DECIMALS = 10
-# Number of returns to visited active sets from which on the iteration counts as cycling; largest
-# relative change of displacements at which the equations of a set count as solved; and largest
-# number of iterations for which a set is kept
+# Smallest number of returns to visited active sets at which the iteration counts as cycling;
+# largest relative change of displacements at which the equations of a set count as solved; and
+# largest number of iterations for which a set is kept
 _MIN_RETURNS_OF_CYCLE = 4
 _MAX_CHANGE_OF_SOLVED_SET = 1e-6
 _MAX_ITERATIONS_PER_SET = 6
-# Number of recent active sets among which a cycle is sought
+# Number of recent active sets that are searched for a cycle
 _N_RECENT_SETS = 8
-# Fraction of the largest violation from which on a node counts as violating the law most
+# Fraction of the largest violation above which the violation of a node counts as the largest
 _WORST_NODE_FRACTION = 1 - 1e-6
-# Largest gap, relative to the extent of the contact nodes, that counts as closed in a first set
+# Largest gap that counts as closed in the first active set, relative to the extent of the contact
+# nodes
 _MAX_RELATIVE_TOUCHING_GAP = 1e-9
 
 
 class CycleGuard:
-    """Record of visited active sets, which limits cycling nodes to one change per iteration."""
+    """Record of visited active sets, which detects cycles and ends them.
+
+    Of the nodes that have taken part in a cycle, only one changes its status in each iteration.
+    These nodes are called limited.
+    """
 
     def __init__(self, comm: MPI.Comm) -> None:
         self._comm = comm
@@ -65,7 +71,9 @@ class CycleGuard:
         self._limited: Mask | None = None
 
     def record_and_detect_cycle(self, active: ActiveSet) -> bool:
-        """Record a set; return True if it was visited before, and limit the nodes of its cycle.
+        """Record an active set; return whether it was visited before.
+
+        If it was, the nodes that change in the cycle are limited to one change per iteration.
 
         Raises:
             NotFound: if all nodes of the cycle are limited already.
@@ -96,7 +104,10 @@ class CycleGuard:
         return True
 
     def propose_active_set(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
-        """Return the next active set, in which only the worst of the limited nodes changes."""
+        """Return the next active set; of the limited nodes, only one changes.
+
+        It is the node that violates the law most.
+        """
         proposed = nodes.next_active_set(active)
         if self._limited is None:
             return proposed
@@ -108,10 +119,11 @@ class CycleGuard:
 
 
 class ActiveSetHistory:
-    """Record of active sets whose equations are nonlinear, for the detection of cycles.
+    """Record of active sets at large strains, for the detection of cycles.
 
-    If the active set changes in each iteration, Newton's method may cycle through a few sets
-    although one of them has a solution, because it leaves a set before its equations are solved.
+    At large strains the equations of an active set are nonlinear. If the active set changes in each
+    iteration, Newton's method may cycle through a few sets although one of them has a solution,
+    because it leaves each set before the equations are solved.
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
@@ -121,11 +133,12 @@ class ActiveSetHistory:
         self._recent: deque[tuple[bytes, ActiveSet]] = deque(maxlen=_N_RECENT_SETS)
 
     def record_and_decide_to_keep(self, active: ActiveSet, change: float) -> bool:
-        """Record the active set of an iteration; return whether to keep it in the next one.
+        """Record the active set of an iteration; return whether the next iteration keeps it.
 
         Args:
             active: active set of the iteration.
-            change: change of the displacements in the iteration, relative to the largest one.
+            change: largest change of a displacement in the iteration, divided by the largest
+                displacement.
         """
         key = _digest_arrays(self._comm, active.status, np.round(active.direction))
         if key != self._last_key:
@@ -142,7 +155,7 @@ class ActiveSetHistory:
         return self._n_returns >= _MIN_RETURNS_OF_CYCLE
 
     def make_error(self, message: str, interface: Interface) -> NotFound:
-        """Return the error; after cycling, its message names the nodes that change their status."""
+        """Return the error; if the iteration cycles, the message gives the cycling nodes."""
         if not self._is_cycle:
             return NotFound(message)
         changing = np.zeros(len(interface.pair), dtype=bool)
@@ -160,12 +173,15 @@ class ActiveSetHistory:
 
 
 class ActiveSetUpdate:
-    """Rule for the next active set: by the law, without cycling and without a singular tangent.
+    """Rule that chooses the next active set from the contact law.
+
+    The rule prevents cycles and singular tangents.
 
     Args:
-        free_motions: function that names the rigid motions which a set leaves free.
+        free_motions: function that returns the names of the rigid motions that remain free for an
+            active set.
         interface: contact points of all pairs.
-        accuracy: accuracy of linear solutions before the last one.
+        accuracy: accuracy of all linear solutions except the last one.
     """
 
     def __init__(
@@ -187,7 +203,7 @@ class ActiveSetUpdate:
 
         Args:
             active: active set of the iteration, in the frames of the kinematics.
-            kinematics: kinematics of the linear system.
+            kinematics: kinematics of the linear system that was solved.
             state: solution of the linear system.
 
         Raises:
@@ -195,18 +211,21 @@ class ActiveSetUpdate:
             LastContactLost: if the next active set leaves a rigid motion free.
         """
         if state.violation <= 1:
-            return active, "tightened"  # the linear system was not solved to final accuracy
+            return active, "tightened"  # the linear system was not solved to the final accuracy
         active = self._rotate_to_state_frames(active, kinematics, state)
         return self._propose_next_set(active, state)
 
     def make_error(self, max_iterations: int) -> NotFound:
-        """Return the error for an iteration without a solution after `max_iterations`."""
+        """Return the error for an iteration that has found no solution in `max_iterations`."""
         return NotFound(_format_not_found_message(max_iterations))
 
     def _rotate_to_state_frames(
         self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonState
     ) -> ActiveSet:
-        """Return the set in the frames of a state; new kinematics clear the visited sets."""
+        """Return the active set in the frames of a state.
+
+        If the state has new kinematics, the record of visited sets is cleared.
+        """
         if state.kinematics is kinematics:
             return active
         self._cycles = CycleGuard(self._comm)
@@ -228,10 +247,16 @@ class ActiveSetUpdate:
     def _prevent_release(
         self, proposed: ActiveSet, active: ActiveSet, nodes: ContactNodes
     ) -> ActiveSet:
-        """Return the proposed set without releases that would make the tangent singular.
+        """Return the proposed set, without changes of status that make the tangent singular.
 
-        Of the nodes that would be released, those with the smallest violation of the law keep their
-        status for one more iteration, as many as are needed.
+        A node is released if it opens or starts to slip. If the proposed set leaves a rigid motion
+        free, the releases with the smallest violations of the law are put off by one iteration, as
+        many as necessary.
+
+        Args:
+            proposed: active set that follows from the law.
+            active: active set of the iteration.
+            nodes: contact nodes with their gaps, slips and forces.
 
         Raises:
             LastContactLost: if a rigid motion is free although only the node with the largest
@@ -239,7 +264,7 @@ class ActiveSetUpdate:
         """
         releases = (proposed.status != active.status) & (active.status != OPEN)
         releases &= proposed.status != STICK
-        # in space a slipping node holds the body perpendicular to its slip
+        # in three dimensions, a slipping node holds the body perpendicular to its slip
         is_spatial = proposed.direction.shape[1] > 1
         if not is_spatial and not self._comm.allreduce(int(np.any(releases)), MPI.MAX):
             return proposed
@@ -263,11 +288,13 @@ class ActiveSetUpdate:
 
 
 class DeformedSetUpdate(ActiveSetUpdate):
-    """Rule for the next active set at large strains, where each iteration linearises again.
+    """Rule that chooses the next active set at large strains.
+
+    Each iteration has new linearised kinematics.
 
     Args:
         interface: contact points of all pairs.
-        keep_cycling_sets: whether a recurring set is kept until its equations are solved.
+        keep_cycling_sets: whether an active set of a cycle is kept until its equations are solved.
     """
 
     def __init__(self, interface: Interface, keep_cycling_sets: bool) -> None:
@@ -281,7 +308,7 @@ class DeformedSetUpdate(ActiveSetUpdate):
         self._displacement = increment.start.displacement
 
     def make_error(self, max_iterations: int) -> NotFound:
-        """Return the error; after cycling, its message names the nodes that change their status."""
+        """Return the error; if the iteration cycles, the message gives the cycling nodes."""
         return self._history.make_error(_format_not_found_message(max_iterations), self._interface)
 
     def _propose_next_set(
@@ -300,7 +327,7 @@ class DeformedSetUpdate(ActiveSetUpdate):
 
 
 def _report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
-    """Return no names: free rigid motions are not sought at large strains."""
+    """Return an empty list, because free rigid motions are not determined at large strains."""
     return []
 
 
@@ -312,7 +339,10 @@ def _format_not_found_message(max_iterations: int) -> str:
 
 
 def _digest_arrays(comm: MPI.Comm, *arrays: npt.NDArray) -> bytes:
-    """Return a hash of arrays on all processes, in which -0.0 equals 0.0; collective."""
+    """Return a hash of the arrays of all processes; collective.
+
+    The values -0.0 and 0.0 give the same hash.
+    """
     digest = blake2b(digest_size=16)
     for values in arrays:
         digest.update((values + np.zeros(1, values.dtype)).tobytes())
@@ -328,12 +358,20 @@ def choose_first_set(
 ) -> ActiveSet:
     """Return the first active set of an increment.
 
-    It is the final set of the state `before`, or the set of touching nodes if that state is
-    undeformed. In `unloaded` pairs (pairs,), whose surfaces are free, it is the set of touching
-    nodes in any case. If this set does not hold the body, all nodes that face a surface stick.
+    It is the final set of the previous state or, if the previous state is undeformed, the set of
+    touching nodes. If this set does not hold the body, all nodes that face a surface stick.
+
+    Args:
+        interface: contact points of all pairs.
+        kinematics: kinematics linearised at the initial iterate.
+        before: contact state at the start of the increment.
+        free_motions: function that returns the names of the rigid motions that remain free for an
+            active set.
+        unloaded: mask (pairs,) of surfaces that are free to move and have no prescribed force. In
+            these pairs the touching nodes are closed, whatever the previous state.
 
     Raises:
-        FreeBody: if the body is not held even then.
+        FreeBody: if the body is not held even if all nodes that face a surface stick.
     """
     touching = _find_touching_set(interface, kinematics)
     candidates = [touching]
@@ -359,7 +397,10 @@ def choose_first_set(
 
 
 def _find_touching_set(interface: Interface, kinematics: LinearisedKinematics) -> ActiveSet:
-    """Return the set in which touching nodes, and at least the nearest of each pair, are closed."""
+    """Return the active set in which touching nodes are closed.
+
+    In each pair, at least the node nearest to the surface is closed.
+    """
     gap, tolerance = kinematics.gap, _MAX_RELATIVE_TOUCHING_GAP * interface.extent
     closed = gap <= tolerance
     for k in range(interface.pairs):
@@ -372,7 +413,7 @@ def _find_touching_set(interface: Interface, kinematics: LinearisedKinematics) -
 def resume_active_set(
     interface: Interface, kinematics: LinearisedKinematics, before: ContactState
 ) -> ActiveSet:
-    """Return the active set of a state's last iterate, in the frames of the kinematics."""
+    """Return the active set at the end of a state, in the frames of the given kinematics."""
     status, friction_ratio, force_normal, *vectors = interface.extract_local_values(
         before.pairs, "status", "friction_ratio", "force_normal", "direction", "force_tangential"
     )

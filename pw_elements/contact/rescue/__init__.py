@@ -1,4 +1,4 @@
-"""Fallbacks after the iteration has failed, and refusals of increments without a solution."""
+"""Other methods of solution after a failed iteration, and proofs that there is no solution."""
 
 from pw_elements.contact.rescue.passing import (
     find_passed_nodes,

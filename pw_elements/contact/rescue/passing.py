@@ -1,11 +1,12 @@
 """Refuse increments that drive two bodies, or a rigid surface and a body, through each other.
 
-The motions of supports and of prescribed rigid surfaces are known before an increment is solved.
-Where one of them is led through the other, there is no state to look for. Where two bodies have
-passed each other in one step, the state that satisfies all conditions is not a solution.
+The motions of supports and of prescribed rigid surfaces are known before an increment is solved. If
+a surface is moved through supports, or supports of two bodies through each other, no state exists.
+If two bodies have passed through each other in one step, their state is not a solution even if it
+satisfies all contact conditions.
 
-The module guarantees that errors are raised on all processes. It assumes prescribed displacements
-and placements at samples that are closer to each other than the bodies are thick.
+The module guarantees that errors are raised on all processes. It assumes that prescribed
+displacements and placements are sampled so densely that no body is passed between two samples.
 """
 
 from collections.abc import Mapping
@@ -24,15 +25,17 @@ from pw_elements.contact.model import SurfacePassed
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.contact.rescue.placing import SupportedPieces
 
-# Depths at which a support is through a rigid surface, and a slave node through the master, and the
-# tangential offset up to which supports of two bodies still meet; over the extent of the side
+# Relative to the extent of the contact side: smallest depth of a support that has passed through a
+# rigid surface, smallest depth of a slave node that has passed through the master, and largest
+# tangential offset at which supports of two bodies can meet
 _MAX_SUPPORT_DEPTH, _MAX_SLAVE_DEPTH, _MAX_MEETING_OFFSET = 0.1, 0.25, 0.5
-# Distance of a support from a rigid surface or another support that leaves no room for the body,
-# over the same extent
+# Largest distance of a support from a rigid surface or another support that leaves no room for the
+# body, relative to the same extent
 _MIN_ROOM = 1e-9
-# Relative positions between a support and a contact node that are tested for lying in the body
+# Points between a support and a contact node that are tested for lying inside the body, as
+# fractions of the distance
 _SAMPLES_BETWEEN = np.linspace(0.1, 0.9, 9)
-# Supports that are tested on each process
+# Largest number of supports that are tested on each process
 _MAX_TESTED_SUPPORTS = 100
 
 
@@ -45,24 +48,24 @@ def refuse_tools_through_supports(
     placements: Array,
     support_paths: Array,
 ) -> None:
-    """Raise SurfacePassed if a rigid surface is led through fully supported nodes, or up to them.
+    """Raise SurfacePassed if a rigid surface is moved through fully supported nodes, or up to them.
 
-    A surface that is led up to a support leaves no room for the body between both. The body is
-    between both where the straight line from the support to a contact node in front of it lies in
-    the body.
+    A surface that is moved up to a support leaves no room for the body between surface and support.
+    The body is considered to be between them if the straight line from the support to a contact
+    node in front of the support lies inside the body.
 
     Args:
-        interface: the contact nodes.
-        surface_motion: rigid motion of their surfaces.
-        positions: (n, dim), undeformed positions of the nodes of this process.
-        is_supported: (n, dim), components that supports prescribe.
-        piece: (n,), number of the connected piece of each node.
-        placements: (samples, pairs, dim + 1), translations and angles of the surfaces; NaN where
-            they are free.
-        support_paths: (samples, n, dim), prescribed displacements.
+        interface: contact nodes of all pairs.
+        surface_motion: rigid motion of the rigid surfaces.
+        positions: undeformed positions (n, dim) of the nodes of this process.
+        is_supported: mask (n, dim) of displacement components that supports prescribe.
+        piece: number (n,) of the connected piece of the body to which each node belongs.
+        placements: translations and angles (samples, pairs, dim + 1) of the surfaces, NaN where a
+            motion is free.
+        support_paths: prescribed displacements (samples, n, dim).
 
     Raises:
-        SurfacePassed: with the positions of the supports.
+        SurfacePassed: if a surface reaches or passes supports; the message gives their positions.
     """
     is_fixed = is_supported.all(axis=1)
     for k, surface in enumerate(interface.surfaces):
@@ -78,7 +81,7 @@ def refuse_tools_through_supports(
         )
         n_supports, substitute = int(is_fixed.sum()), interface.first_nodes[k]
         with collective_errors(interface.comm), np.errstate(all="ignore"):
-            # a user's surface may communicate: all processes ask it
+            # the user's surface may communicate, so all processes have to call it
             answers = [surface.gap(x if n_supports else substitute) for x in in_surface_frame]
             gaps: Array = np.array([np.asarray(gap, dtype=float)[:n_supports] for gap in answers])
         gaps = np.where(np.isnan(gaps), np.inf, gaps)
@@ -119,25 +122,30 @@ def _find_supports_behind_nodes(
     supports_in_surface_frame: Array,
     sample: Indices,
 ) -> Array:
-    """Return undeformed positions (k, dim), of all processes, of supports behind contact nodes.
+    """Return the undeformed positions of supports that have a part of the body in front of them.
+
+    The part of the body lies between the support and a contact node.
 
     Args:
-        interface: the contact nodes.
-        surface_motion: rigid motion of their surfaces.
+        interface: contact nodes of all pairs.
+        surface_motion: rigid motion of the rigid surfaces.
         pair: number of the pair whose surface has reached the supports.
-        pieces: rigid motion of the body's pieces with their supports.
-        placements: (samples, dim + 1), translations and angle of the surface.
-        supports: (s, dim), undeformed positions, of this process.
-        supports_in_surface_frame: (s, dim), their positions in the frame of the surface at the
-            sample where it reaches them.
-        sample: (s,), number of that sample.
+        pieces: rigid motion of the pieces of the body with their supports.
+        placements: translations and angle (samples, dim + 1) of the surface.
+        supports: undeformed positions (s, dim) of the supports on this process.
+        supports_in_surface_frame: positions (s, dim) of the supports in the frame of the surface
+            when the surface reaches them.
+        sample: number (s,) of the sample at which the surface reaches each support.
+
+    Returns:
+        Positions (k, dim) of the supports of all processes.
     """
     comm, in_pair = interface.comm, interface.pair == pair
     x = interface.gather_values(interface.position[in_pair])
     piece_of_node = interface.gather_values(pieces.number[interface.own_nodes[in_pair]])
     spacing = float(cKDTree(x).query(x, 2)[0][:, 1].max()) if len(x) > 1 else 0.0
     with collective_errors(comm), np.errstate(all="ignore"):
-        # a user's surface may communicate: all processes ask it
+        # the user's surface may communicate, so all processes have to call it
         answer = interface.surfaces[pair].normal(
             supports_in_surface_frame
             if len(supports_in_surface_frame)
@@ -164,7 +172,10 @@ def _find_supports_behind_nodes(
 
 
 def _lie_inside(mesh: Mesh, x: Array) -> Mask:
-    """Return which points (k, dim), the same on all processes, lie in the undeformed body."""
+    """Return which points lie inside the undeformed body; collective.
+
+    All processes have to pass the same points `x` (k, dim).
+    """
     points = np.zeros((len(x), 3))
     points[:, : x.shape[1]] = x
     tree = geometry.bb_tree(mesh, mesh.topology.dim)
@@ -184,14 +195,15 @@ def refuse_supports_through_each_other(
     """Raise SurfacePassed if supports of two bodies in contact meet or pass each other.
 
     Args:
-        interface: the contact nodes.
-        references: state of both sides of each pair of bodies at the start.
-        positions: (n, dim), undeformed positions of the nodes of this process.
-        is_supported: (n, dim), components that supports prescribe.
-        support_paths: (samples, n, dim), prescribed displacements, the first ones at the start.
+        interface: contact nodes of all pairs.
+        references: state of both sides of each pair of bodies at the start of the increment.
+        positions: undeformed positions (n, dim) of the nodes of this process.
+        is_supported: mask (n, dim) of displacement components that supports prescribe.
+        support_paths: prescribed displacements (samples, n, dim), the first sample at the start.
 
     Raises:
-        SurfacePassed: if they end less than a round-off apart along the normal, or beyond.
+        SurfacePassed: if the normal distance between the supports of both bodies becomes zero or
+            negative, to within round-off.
     """
     comm, is_fixed = interface.comm, is_supported.all(axis=1)
     for k, reference in references.items():
@@ -232,10 +244,16 @@ def refuse_supports_through_each_other(
 
 
 def find_passed_nodes(interface: Interface, pair: int, start: Array, end: Array) -> Array:
-    """Return undeformed positions (p, dim) of slave nodes that pass through the master.
+    """Return the undeformed positions (p, dim) of slave nodes that pass through the master.
 
-    They do so on the straight path between the positions (n, dim) of both sides, at the start and
-    the end, deeper than part of the extent of the smaller side.
+    The nodes move on straight paths. A node counts if it gets deeper into the master than a
+    fraction of the extent of the smaller side.
+
+    Args:
+        interface: contact nodes of all pairs.
+        pair: number of the pair.
+        start: positions (n, dim) of the nodes of both sides at the start.
+        end: positions (n, dim) of the nodes of both sides at the end.
     """
     mortar = interface.mortars[pair]
     depth = mortar.measure_penetration(start, end)
@@ -244,7 +262,10 @@ def find_passed_nodes(interface: Interface, pair: int, start: Array, end: Array)
 
 
 def _smallest_extent(interface: Interface, pair: int) -> float:
-    """Return the largest extent along an axis of a pair's nodes; of two bodies, the smaller one."""
+    """Return the largest extent of a pair's contact nodes along an axis.
+
+    For two bodies, it is the extent of the smaller side.
+    """
     sides = [interface.gather_in_order(pair, interface.position)]
     if pair in interface.mortars:
         mortar = interface.mortars[pair]
@@ -258,13 +279,13 @@ def sample_placements(
     """Return placements of surfaces and values of a path at equally spaced samples.
 
     Args:
-        q_start: (pairs, dim + 1), placements at the start.
-        q_end: (pairs, dim + 1), placements at the end.
-        path: (k, ...), values at equally spaced points.
+        q_start: translations and angles (pairs, dim + 1) of the surfaces at the start.
+        q_end: translations and angles (pairs, dim + 1) of the surfaces at the end.
+        path: values (k, ...) at equally spaced points of the path.
         samples: number of intervals.
 
     Returns:
-        (samples + 1, pairs, dim + 1) and (samples + 1, ...).
+        Placements (samples + 1, pairs, dim + 1), and values (samples + 1, ...) of the path.
     """
     load_factors: Array = np.linspace(0, 1, samples + 1, dtype=float)
     placements = np.array([(1 - factor) * q_start + factor * q_end for factor in load_factors])
@@ -272,7 +293,12 @@ def sample_placements(
 
 
 def _interpolate(path: Array, ratios: Array) -> Array:
-    """Return values of a path (samples + 1, ...) at ratios (k,) of its length, linearly."""
+    """Return values (k, ...) that are linearly interpolated along a path.
+
+    Args:
+        path: values (samples + 1, ...) at equally spaced points.
+        ratios: fractions (k,) of the path at which values are returned.
+    """
     position = ratios * (len(path) - 1)
     lower = np.minimum(position.astype(int), len(path) - 2)
     weight = (position - lower).reshape(-1, *[1] * (path.ndim - 1))

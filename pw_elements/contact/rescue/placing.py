@@ -1,10 +1,11 @@
-"""Rigid motion of bodies with their supports, and motions that end all contact.
+"""Rigid motion of bodies with their supports, and detection of motions that end all contact.
 
-Where supports carry all pieces of a body along, and all contact nodes are clear of their opposite
-sides at the end of a motion, the body has no contact there, whatever its friction before.
+If supports carry all pieces of a body along, and at the end of a motion all contact nodes are clear
+of their opposite sides, the body has no contact in this position. The friction before does not
+matter.
 
-The module guarantees the same answers on all processes. It assumes that elastic deformation at the
-start bounds the distance of the nodes from their rigidly moved positions.
+The module guarantees the same results on all processes. It assumes that no node is farther from its
+rigidly moved position than the largest elastic displacement at the start.
 """
 
 from dataclasses import dataclass, replace
@@ -21,27 +22,28 @@ from pw_elements.contact.interface import COORDINATE_ROUND_OFF, MIN_OUTWARD_COSI
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.spaces import gather_from_owners
 
-# Largest distance of supports from their best-fitting rigid motion, over the piece's extent
+# Largest distance of supports from their best-fitting rigid motion, relative to the piece's extent
 _MAX_MISFIT = 1e-9
-# Least spread of supports, over the largest one, that determines a rotation
+# Smallest spread of supports that determines a rotation, relative to their largest spread
 _MIN_RELATIVE_SPREAD = 1e-6
-# Largest depth on the way, over the depth at the start, of sides that separate
+# Largest penetration depth during a motion that separates two sides, divided by the depth at the
+# start
 _MAX_DEPTH_GROWTH = 1.25
-# Largest step between samples, over the extent of the contact nodes, that misses no contact
+# Largest step between samples that misses no contact, relative to the extent of the contact nodes
 _MAX_SAMPLE_STEP = 0.1
 
 
 @dataclass(frozen=True)
 class SupportedPieces:
-    """Connected pieces of a body that move rigidly with their supports, at samples of a path.
+    """Rigid motions of the connected pieces of a body with their supports, at samples of a path.
 
     Args:
-        number: (nodes,), number of the piece of each node of this process.
-        pivot: (pieces, dim), mean undeformed position of a piece's supports.
-        pivot_path: (samples, pieces, dim), positions of the pivots.
-        rotation: (samples, pieces, dim, dim), rotation matrices.
-        is_rigid: (pieces,), whether the supports determine a rigid motion and follow it at all
-            samples.
+        number: number (nodes,) of the piece to which each node of this process belongs.
+        pivot: mean undeformed position (pieces, dim) of the supports of each piece.
+        pivot_path: positions (samples, pieces, dim) of the pivots.
+        rotation: rotation matrices (samples, pieces, dim, dim).
+        is_rigid: whether the supports of each piece (pieces,) determine a rigid motion and follow
+            it at all samples.
     """
 
     number: Indices
@@ -59,13 +61,13 @@ class SupportedPieces:
         support_paths: Array,
         comm: MPI.Comm,
     ) -> "SupportedPieces":
-        """Fit rigid motions to the nodes that are supported in all components.
+        """Return the rigid motions that fit best to the nodes supported in all components.
 
         Args:
-            positions: (n, dim), undeformed positions of the nodes of this process.
-            is_supported: (n, dim), components that supports prescribe.
-            piece: (n,), number of the piece of each node.
-            support_paths: (samples, n, dim), prescribed displacements.
+            positions: undeformed positions (n, dim) of the nodes of this process.
+            is_supported: mask (n, dim) of displacement components that supports prescribe.
+            piece: number (n,) of the piece to which each node belongs.
+            support_paths: prescribed displacements (samples, n, dim).
             comm: communicator of the mesh.
         """
         dim = positions.shape[1]
@@ -83,7 +85,7 @@ class SupportedPieces:
         pivot = sum_by_piece(x) / n_nodes
         arm = x - pivot[piece_of_x]
         spread = np.linalg.svd(sum_by_piece(arm[:, :, None] * arm[:, None]), compute_uv=False)
-        # two different supports determine a rotation in the plane, three in space
+        # two supports determine a rotation in two dimensions, three supports in three dimensions
         is_rigid = (spread[:, 0] > 0) & (
             spread[:, dim - 2] > _MIN_RELATIVE_SPREAD**2 * spread[:, 0]
         )
@@ -110,7 +112,12 @@ class SupportedPieces:
         return replace(pieces, is_rigid=is_rigid & (max_misfit <= _MAX_MISFIT * extent))
 
     def move(self, x: Array, piece: Indices) -> Array:
-        """Return positions (samples, k, dim) of points x (k, dim) of the given pieces (k,)."""
+        """Return the positions (samples, k, dim) of points that move rigidly with their pieces.
+
+        Args:
+            x: undeformed positions (k, dim) of the points.
+            piece: number (k,) of the piece to which each point belongs.
+        """
         arm = x - self.pivot[piece]
         return np.asarray(
             self.pivot_path[:, piece] + np.einsum("skab,kb->ska", self.rotation[:, piece], arm)
@@ -119,14 +126,17 @@ class SupportedPieces:
 
 @dataclass(frozen=True)
 class _RigidSeparation:
-    """Distances between the two sides of a pair along a path, bodies moving rigidly with supports.
+    """Distances between the two sides of a pair along a path.
+
+    The bodies move rigidly with their supports.
 
     Args:
-        depth: (samples,), largest depth of a node in the opposite side; zero outside of it.
-        clearance: least distance of both sides at the end; infinite if no node faces anything.
+        depth: largest depth (samples,) of a node in the opposite side, zero if all are outside.
+        clearance: smallest distance between both sides at the end, infinite if no node faces the
+            opposite side.
         deformation: largest distance of a node at the start from its rigidly moved position.
-        max_step: longest step of a node between samples, relative to the opposite side.
-        extent: of the nodes, or of the smaller side of two bodies.
+        max_step: longest motion of a node between samples, relative to the opposite side.
+        extent: extent of the contact nodes; for two bodies, of the smaller side.
         is_outside: whether no node is behind the opposite side at any sample.
     """
 
@@ -147,17 +157,19 @@ def ends_all_contact(
 ) -> bool:
     """Return whether a motion separates all pairs by more than the elastic deformation.
 
-    It does if the undeformed bodies, moved rigidly with their supports, overlap their opposite
-    sides at the start, get no deeper into them on the way, nor behind them, and end farther away
-    from them than any node is displaced by deformation at the start.
+    The undeformed bodies are moved rigidly with their supports. The motion separates all pairs
+    under three conditions. At the start, the bodies overlap their opposite sides. During the
+    motion, they neither get deeper into the opposite sides nor behind them. At the end, their
+    distance from the opposite sides exceeds the largest displacement of a node due to deformation
+    at the start.
 
     Args:
-        interface: the contact nodes (m).
-        surface_motion: rigid motion of their surfaces.
-        pieces: rigid motion of the bodies' pieces, at the samples.
-        placements: (samples, pairs, dim + 1), translations and angles of the opposite sides; NaN
-            where they are free.
-        unknowns: (n,), of the state at the start.
+        interface: contact nodes of all pairs.
+        surface_motion: rigid motion of the rigid surfaces.
+        pieces: rigid motion of the pieces of the bodies at the samples.
+        placements: translations and angles (samples, pairs, dim + 1) of the opposite sides, NaN
+            where a motion is free.
+        unknowns: all unknowns (n,) of the state at the start.
     """
     if np.isnan(placements).any() or not pieces.is_rigid.all():
         return False
@@ -194,7 +206,16 @@ def _measure_tool_separation(
     placements: Array,
     unknowns: PETSc.Vec,
 ) -> _RigidSeparation:
-    """Measure a pair's nodes against its rigid surface at placements (samples, dim + 1)."""
+    """Return the distances between the contact nodes of a pair and its rigid surface.
+
+    Args:
+        interface: contact nodes of all pairs.
+        surface_motion: rigid motion of the rigid surfaces.
+        pieces: rigid motion of the pieces of the body at the samples.
+        pair: number of the pair.
+        placements: translations and angle (samples, dim + 1) of the surface.
+        unknowns: all unknowns (n,) of the state at the start.
+    """
     comm, in_pair, surface = interface.comm, interface.pair == pair, interface.surfaces[pair]
     x = interface.position[in_pair]
     piece = pieces.number[interface.own_nodes[in_pair]]
@@ -238,7 +259,15 @@ def _measure_body_separation(
     translations: Array,
     unknowns: PETSc.Vec,
 ) -> _RigidSeparation:
-    """Measure two bodies against each other under translations (samples, dim) of the master."""
+    """Return the distances between the two bodies of a pair.
+
+    Args:
+        interface: contact nodes of all pairs.
+        pieces: rigid motion of the pieces of the bodies at the samples.
+        pair: number of the pair.
+        translations: translations (samples, dim) of the master.
+        unknowns: all unknowns (n,) of the state at the start.
+    """
     mortar = interface.mortars[pair]
     slaves, x = mortar.n_slave_nodes, mortar.x
     owned = interface.field.space.dofmap.index_map.size_local

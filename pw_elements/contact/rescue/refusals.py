@@ -1,15 +1,18 @@
-"""Rescue an increment whose iteration has failed, or refuse it with the reason.
+"""Solve an increment whose iteration has failed by another method, or refuse it with the reason.
 
-Springs hold the contact nodes. Their ends follow the last solution with springs; they get softer
-after each solution, and stiffer after each failure.
+The other method holds the contact nodes by springs. Their ends follow the last solution with
+springs. The springs get softer after each solution, and stiffer after each failure.
 
-Statics alone may prove that no contact forces balance the loads, by a rigid motion in which the
-loads do work and v_n >= mu |v_t| at every node that a surface faces. A linear program looks for
-such a motion; the guide's page on theory has the argument ("Where the iteration fails").
+Statics alone may prove that no contact forces balance the loads. The proof is a rigid motion in
+which the loads do work and v_n >= mu |v_t| at every node that a surface faces. Here v_n and v_t are
+the normal and tangential velocities of the node, and mu is the slope of its friction limit. A
+linear program searches for the motion; docs/theory.md has the argument ("Where the iteration
+fails").
 
-The module guarantees that each proof is confirmed by plain arithmetic, and that errors are the same
+The module guarantees that each proof is checked by direct evaluation, and that errors are the same
 on all processes. It assumes an increment at small strains. Only contact nodes are gathered, and the
-program runs on one process: 3 seconds for 10 000 nodes in space, 0.2 in the plane.
+linear program runs on one process. It takes 3 seconds for 10 000 nodes in three dimensions, and 0.2
+seconds in two dimensions.
 """
 
 import logging
@@ -61,14 +64,14 @@ from pw_elements.contact.rescue.rigid import (
 from pw_elements.progress import log_on_root
 from pw_elements.solvers import NotConverged, SingularSystem, SolverReport, group_connected_nodes
 
-# Stiffness of the first and of the softest springs, over the diagonal stiffness of the nodes
+# Stiffness of the first and of the softest springs, relative to the diagonal stiffness of the nodes
 _FIRST_STIFFNESS, _MIN_STIFFNESS = 1e-2, 1e-13
-# Factors by which springs get softer after a solution, and stiffer after a failure
+# Factors by which the springs get softer after a solution, and stiffer after a failure
 _SOFTENING, _STIFFENING = 30.0, 5.0
-# After a failure the softening factor is raised to this power, but not below the least factor
+# After a failure the softening factor is raised to this power, and limited by the smallest factor
 _SOFTENING_EXPONENT, _MIN_SOFTENING = 0.7, 2.0
 _MAX_FAILURES = 20
-# Largest number of iterations with springs, and without springs from the state found with them
+# Largest number of iterations with springs, and without springs from the solution with springs
 _MAX_SPRING_ITERATIONS, _MAX_CONFIRMING_ITERATIONS = 25, 12
 _LOOSE_BODY_MESSAGE = (
     "the loads are balanced without any contact force, and the body is loose: it is in equilibrium "
@@ -76,17 +79,18 @@ _LOOSE_BODY_MESSAGE = (
     "its position unique"
 )
 
-# Work of the loads, over the sum of its parts' magnitudes, below which it counts as zero
+# Largest work of the loads that counts as zero, divided by the sum of the magnitudes of its parts
 _ZERO_WORK = 1e-9
-# Contact forces over loads up to which a violated cone could take up the work of a proof
+# Largest ratio of contact forces to loads that is considered where a motion violates the condition
+# of a friction cone by round-off
 _MAX_FORCE_RATIO = 1e3
-# Violation of a cone, over the largest velocity, that calls for a cut
+# Smallest violation of a friction cone that requires a cut in the linear program
 _MAX_CONE_VIOLATION = 1e-10
 _MAX_CUTS = 40
-# Price of motion in the linear program, so that only what the loads push moves
+# Cost of motion in the linear program, which prevents motions in which the loads do no work
 _MOTION_PRICE = 1e-7
-# Steps along a free translation, over the extent of the contact nodes, at which normals are
-# evaluated, and the change of a normal that shows a curved surface
+# Distances along a free translation at which normals are evaluated, relative to the extent of the
+# contact nodes; and largest change of a normal that counts as zero
 _NORMAL_PROBE_STEPS = (1e-4, 1e-2, 1.0)
 _MAX_NORMAL_CHANGE = 1e-9
 _HIGHS_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
@@ -96,23 +100,24 @@ _ENCLOSED_BODY_MESSAGE = (
     "pressure is not determined; leave a part of its surface free, or use nu below 1/2"
 )
 
-# Make an increment with springs: of a stiffness relative to the diagonal stiffness of the nodes,
-# with ends at unknowns (n,) and translations (pairs, dim) of the surfaces
+# Function that returns an increment with springs. Its arguments are the stiffness of the springs,
+# relative to the diagonal stiffness of the nodes, and the unknowns (n,) and translations
+# (pairs, dim) of the surfaces at which the springs are unstressed
 SpringIncrementMaker = Callable[[float, PETSc.Vec, Array], LinearIncrement]
 
 
 @dataclass(frozen=True)
 class NodeVelocities:
-    """Velocities in k rigid motions of the contact nodes (m) that a surface faces, or may face.
+    """Velocities of contact nodes in k rigid motions.
 
-    The nodes are those of all processes.
+    The m nodes of all processes face a surface, or may face it after a free translation.
 
     Args:
-        pair: (m,), number of the contact pair.
-        friction_slope: (m,), slope of the friction limit at zero normal force, mu.
-        has_turning_normal: (m,), whether the normal changes with a free translation.
-        normal: (m, k), normal velocity v_n.
-        tangential: (m, dim, k), tangential velocity v_t.
+        pair: number (m,) of the contact pair of each node.
+        friction_slope: slope (m,) of the friction limit at zero normal force.
+        has_turning_normal: whether the normal of each node (m,) changes with a free translation.
+        normal: normal velocity (m, k).
+        tangential: tangential velocity (m, dim, k) in global components.
     """
 
     pair: Indices
@@ -122,52 +127,63 @@ class NodeVelocities:
     tangential: Array
 
     def group_motions(self) -> list[Indices]:
-        """Return groups of motions that move common nodes, directly or through other motions."""
+        """Return the groups of motions that are coupled because they move the same nodes."""
         is_moved = self._is_moved().astype(float)
         return group_connected_nodes(is_moved.T @ is_moved > 0)
 
     def restrict(self, motions: Indices) -> "NodeVelocities":
-        """Return the nodes that some of the motions move, with their velocities in these."""
+        """Return the nodes moved by any of the given motions, with velocities in these motions."""
         moved_nodes = self.select(np.any(self._is_moved()[:, motions], axis=1))
         normal, tangential = moved_nodes.normal[:, motions], moved_nodes.tangential[..., motions]
         return replace(moved_nodes, normal=normal, tangential=tangential)
 
     def cone_rows(self, direction: Array) -> Array:
-        """Return rows (m, k) of v_n - mu v_t·d for unit vectors d (m, dim).
+        """Return normalised rows (m, k) of the linear functions v_n - mu v_t·d of a motion.
 
-        They are divided by the length of (1, mu).
+        Here v_n and v_t are the normal and tangential velocities, and mu is the slope of the
+        friction limit. Each row is divided by the length of the vector (1, mu).
+
+        Args:
+            direction: unit vector d (m, dim) at each node.
         """
         sliding = np.einsum("ma,mak->mk", direction, self.tangential)
         mu = self.friction_slope[:, None]
         return np.asarray((self.normal - mu * sliding) / np.sqrt(1 + mu**2))
 
     def cone_margin(self, motion: Array) -> Array:
-        """Return v_n - mu |v_t| over the length of (1, mu), (m,), in a motion (k,)."""
+        """Return the normalised margin v_n - mu |v_t| of each node (m,) in a motion (k,).
+
+        Here v_n and v_t are the normal and tangential velocities, and mu is the slope of the
+        friction limit. The margin is divided by the length of the vector (1, mu). If it is not
+        negative, no admissible contact force resists the motion.
+        """
         sliding = np.linalg.norm(self.tangential @ motion, axis=1)
         margin = self.normal @ motion - self.friction_slope * sliding
         return np.asarray(margin / np.sqrt(1 + self.friction_slope**2))
 
     def select(self, mask: Mask) -> "NodeVelocities":
-        """Return the nodes of a mask (m,)."""
+        """Return a copy with the nodes at which a mask (m,) is True."""
         return NodeVelocities(*(values[mask] for values in vars(self).values()))
 
     def _is_moved(self) -> Mask:
-        """Return which nodes each motion moves, (m, k)."""
+        """Return a mask (m, k) of the nodes that each motion moves."""
         return (self.normal != 0) | np.any(self.tangential != 0, axis=1)
 
 
 def find_proof(nodes: NodeVelocities, power: Array, size: Array) -> tuple[Array, Array] | None:
-    """Return a motion in which loads do work that no contact force takes up, if one is proved.
+    """Return a motion which proves that there is no equilibrium, or None if none is found.
+
+    In this motion loads do work that no contact force can balance.
 
     Args:
         nodes: velocities of the contact nodes.
-        power: (k,), work of the loads in each motion.
-        size: (k,), sum of the magnitudes of its parts.
+        power: work (k,) of the loads in each motion.
+        size: sum (k,) of the magnitudes of the parts of the work in each motion.
 
     Returns:
-        The motion (k,), and the least forces (k,) that would have to be added for a balance.
+        The motion (k,), and the smallest forces (k,) that would have to be added for equilibrium.
     """
-    # the price hides work next to the limit of friction, and makes HiGHS give up at times
+    # the cost of motion hides work near the friction limit, and HiGHS sometimes fails with it
     for price in (_MOTION_PRICE, 0.0):
         motion, missing = find_escape_motion(nodes, power, price)
         if proves_imbalance(nodes, power, size, motion):
@@ -176,10 +192,13 @@ def find_proof(nodes: NodeVelocities, power: Array, size: Array) -> tuple[Array,
 
 
 def proves_imbalance(nodes: NodeVelocities, power: Array, size: Array, motion: Array) -> bool:
-    """Return whether, by plain arithmetic, no contact forces take up the loads' work in a motion.
+    """Return whether a motion (k,) proves that no contact forces balance the loads.
 
-    Where the motion (k,) violates a cone, large enough forces along it would take up the work: the
-    work has to exceed that of forces `_MAX_FORCE_RATIO` times as large as the loads.
+    The result is evaluated directly, without the linear program. If the motion violates the
+    condition of a friction cone by round-off, large contact forces could balance the work of the
+    loads. The work therefore has to exceed the work of contact forces that are `_MAX_FORCE_RATIO`
+    times as large as the loads. `power` and `size` (k,) are the work of the loads in each motion
+    and the sum of the magnitudes of its parts.
     """
     violation = float(np.max(-nodes.cone_margin(motion), initial=0.0))
     min_work = max(_ZERO_WORK, _MAX_FORCE_RATIO * violation) * float(size @ np.abs(motion))
@@ -189,21 +208,21 @@ def proves_imbalance(nodes: NodeVelocities, power: Array, size: Array, motion: A
 def find_escape_motion(
     nodes: NodeVelocities, power: Array, price: float = _MOTION_PRICE
 ) -> tuple[Array, Array]:
-    """Return the motion in which loads do most work and no contact force takes any up.
+    """Return the motion in which the loads do most work and no contact force resists.
 
-    A linear program with cuts of the friction cones finds it.
+    It is found by a linear program, in which the friction cones are approximated by cuts.
 
     Args:
         nodes: velocities of the contact nodes.
-        power: (k,), work of the loads in each motion.
-        price: of motion, over the largest power.
+        power: work (k,) of the loads in each motion.
+        price: cost of motion, divided by the largest power.
 
     Returns:
-        The motion (k,), whose components are one at most, and the least forces (k,) that would have
-        to be added for a balance. Zeros if the program fails.
+        The motion (k,), with components of at most one, and the smallest forces (k,) that would
+        have to be added for equilibrium. Both are zero if the linear program fails.
     """
     k, scale = len(power), np.abs(power).max() or 1.0
-    costs = np.concatenate([-power, power]) / scale + price  # of both directions of each motion
+    costs = np.concatenate([-power, power]) / scale + price  # both directions of each motion
     axes = np.eye(nodes.tangential.shape[1])
     rows = [nodes.cone_rows(np.tile(d, (len(nodes.pair), 1))) for d in (*axes, *-axes)]
     for _ in range(_MAX_CUTS):
@@ -232,12 +251,12 @@ def find_escape_motion(
 def gather_node_velocities(
     increment: Increment, kinematics: LinearisedKinematics, works: Array
 ) -> NodeVelocities:
-    """Return velocities of the contact nodes of all processes, in an order independent of them.
+    """Return velocities of the contact nodes, the same on any number of processes; collective.
 
     Args:
-        increment: the equations of the increment.
-        kinematics: with the frames of the contact nodes.
-        works: (m, dim, k), motions of this process' nodes in which contact forces do work.
+        increment: equations of the increment.
+        kinematics: linearised kinematics, with the frames of the contact nodes.
+        works: velocities (m, dim, k) of this process' nodes with which contact forces do work.
     """
     interface, is_free = increment.interface, np.isnan(increment.prescribed)
     is_faced = np.isfinite(kinematics.gap) | np.any(is_free, axis=1)[interface.pair]
@@ -260,7 +279,7 @@ def gather_node_velocities(
 
 
 def _find_turning_normals(increment: Increment, kinematics: LinearisedKinematics) -> Mask:
-    """Return the nodes (m,) whose normals turn with a free translation of their surface."""
+    """Return a mask (m,) of nodes at which a free translation of the surface turns the normal."""
     interface, is_free = increment.interface, np.isnan(increment.prescribed)
     normals = interface.evaluate_normals(kinematics.q0)
     is_turning = np.zeros(len(interface.pair), dtype=bool)
@@ -272,7 +291,7 @@ def _find_turning_normals(increment: Increment, kinematics: LinearisedKinematics
             translations[is_free[:, axis], axis] += step
             try:
                 change = np.abs(interface.evaluate_normals(translations) - normals).max(axis=1)
-            except Exception:  # a user's surface may not know its normals so far away
+            except Exception:  # the user's surface may have no normals so far away
                 change = np.where(is_free[interface.pair, axis], np.inf, 0.0)
             is_turning |= ~(change <= _MAX_NORMAL_CHANGE)
     return is_turning
@@ -281,16 +300,13 @@ def _find_turning_normals(increment: Increment, kinematics: LinearisedKinematics
 def prove_no_equilibrium(
     increment: Increment, load: PETSc.Vec, kinematics: LinearisedKinematics, rigid: RigidMotions
 ) -> NoEquilibrium | None:
-    """Return the refusal of an increment if statics prove that there is no equilibrium.
+    """Return an error if statics prove that no contact forces balance the loads, otherwise None.
 
     Args:
-        increment: the equations of the increment.
-        load: reduced load vector.
-        kinematics: with the frames of the contact nodes.
-        rigid: rigid motions of the body and its surfaces.
-
-    Returns:
-        The same error on all processes, or None without a proof.
+        increment: equations of the increment.
+        load: load vector, reduced by the supports.
+        kinematics: linearised kinematics, with the frames of the contact nodes.
+        rigid: rigid motions of the body and of free surfaces.
     """
     basis, works = rigid.find_virtual_motions()
     work, size = rigid.measure_work(load, increment.totals)
@@ -310,7 +326,7 @@ def refuse_loose_body(
     before: ContactState,
     measure_cost: Callable[[], tuple[int, SolverReport]],
 ) -> None:
-    """Raise NotUnique if a solution leaves a body loose, clear of all contact forces."""
+    """Raise NotUnique if a body is loose, without any contact force, in the solution `end`."""
     if not (motions := rigid.describe_loose_motions(end.nodes, end.allowance)):
         return
     failure = NotUnique(f"{_LOOSE_BODY_MESSAGE}. Nothing stops a {', '.join(motions)}")
@@ -321,7 +337,7 @@ def refuse_loose_body(
 def _make_unsolved_state(
     increment: Increment, state: NewtonState, before: ContactState, cost: tuple[int, SolverReport]
 ) -> ContactState:
-    """Return the contact state of a Newton state that is no solution, at a cost so far."""
+    """Return the contact state of an iterate that is not a solution, with the cost so far."""
     iterations, report = cost
     return make_contact_state(
         increment,
@@ -345,22 +361,24 @@ def rescue_increment(
 ) -> NewtonState:
     """Return the solution of an increment whose iteration has failed, or raise the reason.
 
-    The remedy is tried unless statics prove that there is no equilibrium, the solver has not
+    The remedy is tried unless statics prove that there is no equilibrium, the linear solver has not
     converged, or the solution is known not to be unique.
 
     Args:
-        failure: of the iteration.
-        increment: the equations of the increment.
-        prove: looks for a proof that there is no equilibrium.
-        remedy: another method of solution, None without any; it returns None where it fails, too.
-        before: state at the start of the increment.
-        measure_cost: returns iterations and solver report of the increment so far.
+        failure: error of the iteration.
+        increment: equations of the increment.
+        prove: function that returns an error if it proves that there is no equilibrium.
+        remedy: function that solves the increment by another method and returns None if it fails;
+            None if no other method is available.
+        before: contact state at the start of the increment.
+        measure_cost: function that returns the number of iterations and the solver report of the
+            increment so far.
 
     Raises:
-        NoEquilibrium: if it is proved.
-        NotConverged: if the solver has not converged.
+        NoEquilibrium: if it is proved that there is no equilibrium.
+        NotConverged: if the linear solver has not converged.
         NotUnique: if a solution has a singular tangent.
-        NotFound: otherwise; with the state that came nearest to a solution.
+        NotFound: in all other cases; its state is the closest approximation to a solution.
     """
     if proof := prove():
         raise proof from None
@@ -399,14 +417,14 @@ def rescue_increment(
 def _combine_proofs(
     nodes: NodeVelocities, basis: Basis, work: Array, size: Array, modes: RigidModes
 ) -> NoEquilibrium | None:
-    """Return one refusal with the proofs of all groups of motions, None if none has a proof.
+    """Return one error with the proofs for all groups of motions, or None if there is no proof.
 
     Args:
         nodes: velocities of the contact nodes in the motions of the basis.
-        basis: of the rigid motions.
-        work: (modes,), of the loads in each mode.
-        size: (modes,), sum of the magnitudes of its parts.
-        modes: of rigid motion.
+        basis: basis of the rigid motions.
+        work: work (modes,) of the loads in each mode of rigid motion.
+        size: sum (modes,) of the magnitudes of the parts of the work in each mode.
+        modes: modes of rigid motion.
     """
     motion, missing, words = np.zeros(len(work)), np.zeros(len(work)), []
     for group in nodes.group_motions():
@@ -439,7 +457,7 @@ def _combine_proofs(
 
 
 def _describe_contacts(nodes: NodeVelocities, motion: Array) -> str:
-    """Return in words on which pairs the body slides, and from which it lifts, in a motion (k,)."""
+    """Return a text with the pairs on which the body slides or lifts off in a motion (k,)."""
     sliding, margin = nodes.tangential @ motion, nodes.cone_margin(motion)
     speed = np.linalg.norm(sliding, axis=1)
     negligible = NEGLIGIBLE_PART * max(speed.max(initial=0.0), margin.max(initial=0.0))
@@ -457,7 +475,7 @@ def _describe_contacts(nodes: NodeVelocities, motion: Array) -> str:
 
 
 def _describe_missing_force(centre: Array, missing: MissingForce) -> str:
-    """Return the forces and moments in words; with the centres (pieces, dim) of several pieces."""
+    """Return a text with the missing forces and moments about the centres (pieces, dim)."""
     words = []
     for k in range(len(centre)):
         location = format_points(centre[k : k + 1])
@@ -488,19 +506,20 @@ def solve_with_springs(
     max_iterations: int,
     remaining_systems: Callable[[], float],
 ) -> NewtonState | None:
-    """Solve an increment with springs at the contact nodes that get softer and softer.
+    """Solve an increment with springs at the contact nodes, which are softened in stages.
 
     Args:
-        increment: without springs.
-        with_springs: makes the increment with springs of a given stiffness and given ends.
-        kinematics: of the body.
-        start: active set, kinematics and all unknowns (n,) at the start.
-        make_update: makes the update of active sets of the increment without springs.
-        max_iterations: largest number of linear systems in one iteration.
-        remaining_systems: returns how many linear systems may still be solved in all.
+        increment: equations of the increment without springs.
+        with_springs: function that returns the increment with springs of a given stiffness.
+        kinematics: kinematics of the contact points.
+        start: active set, linearised kinematics and all unknowns (n,) of the initial iterate.
+        make_update: function that returns the rule for the next active set without springs.
+        max_iterations: largest number of linear systems solved in one iteration.
+        remaining_systems: function that returns the number of linear systems that may still be
+            solved.
 
     Returns:
-        The solution without springs, or None if there is none.
+        The solution without springs, or None if no solution is found.
 
     Raises:
         NotUnique: if the tangent is singular at a solution.
@@ -566,15 +585,15 @@ def solve_with_springs(
                         is_loose = force <= state.round_off
                         message = _LOOSE_BODY_MESSAGE if is_loose else f"at a solution, {failed}"
                         raise NotUnique(message) from failed
-                    return state  # the iteration has left it by round-off alone
+                    return state  # the iteration has left this solution because of round-off
         previous, stiffness = active, stiffness / softening
     return None
 
 
 def _no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
-    """Return no motions: springs hold all of them."""
+    """Return an empty list, because springs hold all rigid motions."""
     return []
 
 
 def _ignore_iteration(iteration: int, active: ActiveSet, violation: float) -> None:
-    """Report nothing of an iteration."""
+    """Do nothing after an iteration."""

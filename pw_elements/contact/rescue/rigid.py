@@ -1,9 +1,9 @@
-"""Rigid motions under supports: which ones are free, and the work of loads and contact in them.
+"""Free rigid motions of a supported body, and the work of loads and contact forces in them.
 
 A rigid motion is a vector of mode amplitudes. Modes are translations and rotations of the connected
 pieces of a body, and free translations of rigid surfaces. Messages describe motions in words.
 
-The module guarantees the same motions and words on all processes. It assumes a body at small
+The module guarantees the same motions and descriptions on all processes. It assumes a body at small
 strains: rotations are linearised about the undeformed positions.
 """
 
@@ -36,41 +36,50 @@ from pw_elements.contact.system import ContactSystem, extract_local_rows, make_b
 from pw_elements.solvers import RigidComponents, destroy_objects, null_space, qr_triangle
 
 _AXES = "xyz"
-# Part of a motion, over its largest one, that counts as zero in words and proofs
+# Largest component of a motion that counts as zero in descriptions and proofs, relative to the
+# largest component of the motion
 NEGLIGIBLE_PART = 1e-6
-# Part of a motion, over its largest one, that is round-off of the basis
+# Largest component of a basis motion that is due to round-off, relative to the largest component
 _BASIS_ROUND_OFF = 1e-12
-# Ratio of amplitudes up to which a mode of a preferred kind is taken as the pivot of a motion
+# Largest ratio of amplitudes at which a mode of a preferred kind, instead of the mode with the
+# largest amplitude, becomes the pivot of a motion
 _PIVOT_PREFERENCE = 1e3
 
-# Stiffness of a motion, over that of an arbitrary one, that is zero to round-off, for proofs
+# Largest stiffness of a motion that counts as zero in proofs, relative to an arbitrary motion
 _ZERO_STIFFNESS = 1e-11
-# Stiffness of a motion, over that of an arbitrary one, below which it counts as free
+# Stiffness below which a motion counts as free, relative to the stiffness of an arbitrary motion
 _FREE_STIFFNESS = 1e-8
 
 
 @dataclass(frozen=True)
 class Basis:
-    """Independent rigid motions (k, modes), each with a pivot (k,): a mode that no other has."""
+    """Linearly independent rigid motions.
+
+    Args:
+        motions: amplitudes (k, modes) of the modes in each motion.
+        pivot: number (k,) of a mode of each motion that is zero in all other motions.
+    """
 
     motions: Array
     pivot: Indices
 
 
 class RigidModes:
-    """Modes of rigid motion: of each connected piece, and free translations of surfaces.
+    """Modes of rigid motion of the connected pieces of a body and of free surfaces.
 
-    A motion (modes,) has the amplitudes of one piece after another, as in `RigidComponents`, and
-    then the translations of the surfaces.
+    A motion (modes,) contains the amplitudes of one piece after another, as in `RigidComponents`,
+    followed by the free translations of the surfaces.
 
     Attributes:
-        centre: (pieces, dim), mean position of a piece's nodes.
-        length: (pieces,), radius of gyration, over which rotations are measured.
-        free: pair and axis of each free translation of a surface.
-        modes_per_piece: number of translations and rotations.
+        centre: mean position (pieces, dim) of the nodes of each piece.
+        length: radius of gyration (pieces,) of each piece. The amplitude of a rotation is the angle
+            times this length.
+        free: number of the pair and of the axis of each free translation of a surface.
+        modes_per_piece: number of translations and rotations of one piece.
         n_piece_modes: number of modes of all pieces.
         n_modes: number of all modes.
-        mover: (modes,), number of the piece that a mode moves; a further one per surface mode.
+        mover: number (modes,) of the piece that each mode moves. The translation of a surface has a
+            number of its own.
     """
 
     def __init__(self, pieces: RigidComponents, free: FreeMotions, n_pairs: int) -> None:
@@ -84,19 +93,20 @@ class RigidModes:
         self.mover: Indices = np.concatenate([piece, n_pieces + np.arange(len(free))])
 
     def split(self, motion: Array) -> tuple[Array, Array, Array]:
-        """Return translations and rotations of pieces, and translations of surfaces.
+        """Split a motion into motions of pieces and of surfaces.
 
         Args:
-            motion: (modes,).
+            motion: amplitudes (modes,).
 
         Returns:
-            (pieces, dim); (pieces, 1 or 3), angles times the length, in space vectors along the
-            axis; (pairs, dim).
+            Translations (pieces, dim) of the pieces; rotations (pieces, 1 or 3) of the pieces,
+            angles times the radius of gyration, which are vectors along the axis of rotation in
+            three dimensions; and translations (pairs, dim) of the surfaces.
         """
         dim = self.centre.shape[1]
         pieces = motion[: self.n_piece_modes].reshape(len(self.centre), -1)
         rotations = pieces[:, dim:]
-        if dim == 3:  # planes xy, xz, yz
+        if dim == 3:  # modes are rotations in the planes xy, xz and yz
             rotations = rotations[:, ::-1] * [1.0, -1.0, 1.0]
         surfaces = np.zeros((self._n_pairs, dim))
         for pair_and_axis, value in zip(self.free, motion[self.n_piece_modes :], strict=True):
@@ -104,11 +114,11 @@ class RigidModes:
         return pieces[:, :dim], rotations, surfaces
 
     def make_simplest_basis(self, motions: Array) -> Basis:
-        """Return the basis of the space of motions (k, modes) that takes the fewest words.
+        """Return the basis of a space of motions (k, modes) with the simplest description.
 
-        Each of its motions has a mode that none of the others has, a rotation if possible. So a
-        rotation is not combined with translations that are free in any case, and translations are
-        along axes.
+        Each motion of the basis has a mode, a rotation if possible, that is zero in all other
+        motions. A rotation is therefore not combined with translations that are free themselves,
+        and translations are along axes.
         """
         is_rotation = np.arange(self.n_piece_modes) % self.modes_per_piece >= self.centre.shape[1]
         rank = np.concatenate([np.where(is_rotation, 0, 1), np.full(len(self.free), 2)])
@@ -118,7 +128,7 @@ class RigidModes:
         return Basis(np.where(np.abs(rows) <= _BASIS_ROUND_OFF, 0.0, rows), pivot)
 
     def describe(self, motion: Array) -> str:
-        """Return in words how each piece and surface moves in a motion (modes,)."""
+        """Return a text that tells how each piece and surface moves in a motion (modes,)."""
         translation, rotation, surface = self.split(motion)
         negligible, words = NEGLIGIBLE_PART * np.abs(motion).max(), []
         locations = [
@@ -137,7 +147,7 @@ class RigidModes:
         return " with ".join(words)
 
     def _describe_rotation(self, k: int, translation: Array, rotation: Array) -> str:
-        """Return pole or axis of the rotation of piece k in words."""
+        """Return a text with the pole or axis of the rotation of piece `k`."""
         dim = len(translation)
         v, w = np.pad(translation, (0, 3 - dim)), np.pad(rotation, (3 - len(rotation), 0))
         pole = self.centre[k] + self.length[k] * np.cross(w, v)[:dim] / (w @ w)
@@ -150,7 +160,10 @@ class RigidModes:
 
 
 def format_direction(vector: Array) -> str:
-    """Return the name of the axis along a vector (dim,) with its sign, or else its unit vector."""
+    """Return a text for the direction of a vector (dim,), such as "-x".
+
+    If the vector is not along an axis, the text contains its unit vector.
+    """
     vector = vector / np.linalg.norm(vector)
     main = int(np.argmax(np.abs(vector)))
     if np.linalg.norm(np.delete(vector, main)) <= NEGLIGIBLE_PART:
@@ -162,12 +175,12 @@ class RigidMotions:
     """Rigid motions of the pieces of a supported body and of surfaces that are free to move.
 
     Args:
-        system: linear systems of the contact nodes.
-        K: stiffness (n, n), all rows and columns free.
+        system: contact system, which contains the supports and the contact points.
+        K: stiffness (n, n) without supports.
         space: trial space of the displacements.
 
     Attributes:
-        modes: of these motions.
+        modes: modes of rigid motion.
     """
 
     def __init__(self, system: ContactSystem, K: PETSc.Mat, space: fem.FunctionSpace) -> None:
@@ -175,17 +188,20 @@ class RigidMotions:
         pieces = RigidComponents.from_space(space)
         self.modes = RigidModes(pieces, system.free_motions, system.interface.pairs)
         self._displacement_rows = system.interface.field.owned_unknowns.ravel()
-        # R of a QR factorisation: the motions that it takes to zero are free under the supports
+        # triangle of a QR factorisation: motions in its null space are free under the supports
         self._support_rows = qr_triangle(
             self._assemble_resistance(pieces, transposed=False), system.comm
         )
-        # (m dim, modes), relative motions of the contact nodes
+        # relative motions (m dim, modes) of the contact nodes
         self._relative_motions = self._assemble_relative_motions(pieces, for_work=False)
-        if isinstance(self._support_rows, np.ndarray):  # of few modes
+        if isinstance(self._support_rows, np.ndarray):  # if there are few modes
             self._relative_motions = self._relative_motions.toarray()
 
     def describe_free_motions(self, active: ActiveSet, frame: Array) -> list[str]:
-        """Describe the motions that an active set in its frames (m, dim, dim) leaves free."""
+        """Return a text for each rigid motion that remains free for an active set.
+
+        `frame` (m, dim, dim) are the frames of the contact nodes.
+        """
         free = self._find_free_motions(active, frame)
         if not len(free):
             return []
@@ -194,7 +210,11 @@ class RigidMotions:
         ]
 
     def is_friction_exhausted(self, nodes: ContactNodes, allowance: float) -> bool:
-        """Return whether friction is used up, to within a force: a body may slide on for ever."""
+        """Return whether a body may slide on because friction has reached its limit.
+
+        Friction that is below its limit by no more than the force `allowance` counts as friction at
+        the limit.
+        """
         comm, shear, active = self._system.comm, nodes.force[:, 1:], nodes.active_set
         size, limit = np.linalg.norm(shear, axis=1), nodes.friction_limits[0]
         is_at_limit = nodes.cone.has_friction & (active.status != OPEN) & (size > allowance)
@@ -218,16 +238,17 @@ class RigidMotions:
         slip = np.einsum("nab,na,nbk->nk", nodes.frame[:, 1:], direction, motions)
         slip = slip[is_at_limit & (active.status == STICK)]
         extremes = comm.allgather([slip.max(initial=0.0), -slip.min(initial=0.0)])
-        # a single motion, or its reverse, has to oppose all friction of nodes that do not slip yet
+        # one motion, or its reverse, has to oppose friction at all nodes that stick at the limit
         return len(free) > 1 or (
             len(free) == 1 and np.max(extremes, axis=0).min() <= _FREE_STIFFNESS
         )
 
     def describe_loose_motions(self, nodes: ContactNodes, allowance: float) -> list[str]:
-        """Describe a motion of pieces without contact force that no surface stops, if any.
+        """Return a text for a motion of loose pieces that no surface stops.
 
-        Forces up to the allowance count as zero. Nodes that touch a surface without a force stop a
-        motion into this surface, and no other one.
+        A loose piece has no contact forces; forces up to `allowance` count as zero. A node that
+        touches a surface without force stops only motions into this surface. The list is empty if
+        all motions are stopped.
         """
         comm, (m, dim, _) = self._system.comm, nodes.frame.shape
         is_pressed = nodes.force[:, 0] > allowance
@@ -256,11 +277,11 @@ class RigidMotions:
         return [] if motion is None else [self.modes.describe(motion @ free)]
 
     def find_virtual_motions(self) -> tuple[Basis, Array]:
-        """Return the motions in which loads and contact forces alone do work, at any strains.
+        """Return the motions in which only loads and contact forces do work, whatever the strains.
 
         Returns:
-            A basis of k motions, each of a single piece or surface; and the motions (m, dim, k) of
-            the contact nodes, relative to their surfaces, in which contact forces do work.
+            A basis of k motions, each of a single piece or surface, and the velocities (m, dim, k)
+            of the contact nodes relative to their surfaces with which contact forces do work.
         """
         pieces, mover = RigidComponents.from_space(self._space), self.modes.mover
         resistance = qr_triangle(
@@ -275,11 +296,11 @@ class RigidMotions:
         return basis, works.reshape(*self._system.interface.position.shape, works.shape[1])
 
     def measure_work(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
-        """Return work of forces in each mode (modes,), and the sum of its parts' magnitudes.
+        """Return the work (modes,) of loads in each mode, and the sum of magnitudes of its parts.
 
         Args:
-            load: reduced load vector.
-            totals: (free,), forces on the free surfaces.
+            load: load vector, reduced by the supports.
+            totals: prescribed forces (free,) on the free surfaces.
         """
         column = self._reduced_columns()
         forces, is_kept = np.zeros(len(column)), column >= 0
@@ -292,7 +313,10 @@ class RigidMotions:
         return work_and_size[0], work_and_size[1]
 
     def _find_free_motions(self, active: ActiveSet, frame: Array) -> Array:
-        """Return the motions (k, modes) that an active set in frames (m, dim, dim) leaves free."""
+        """Return the rigid motions (k, modes) that remain free for an active set.
+
+        `frame` (m, dim, dim) are the frames of the contact nodes.
+        """
         m, dim = frame.shape[:2]
         constraints, motions = (
             assemble_node_equations(active, np.ones(m))[1] @ frame,
@@ -308,18 +332,26 @@ class RigidMotions:
         return null_space(all_rows, _FREE_STIFFNESS)
 
     def _reduced_columns(self) -> Indices:
-        """Return the reduced unknown of each displacement; -1 if prescribed, -2 if combined."""
+        """Return the number of the reduced unknown of each displacement.
+
+        It is -1 for a prescribed displacement, and -2 for a combination of several unknowns.
+        """
         return find_reduced_columns(self._system.reduction.right)[self._displacement_rows]
 
     def _assemble_resistance(self, pieces: RigidComponents, transposed: bool) -> sp.csr_array:
-        """Return displacements at supports in each mode, and the forces that it causes elsewhere.
+        """Return the displacements or forces that each mode causes.
 
-        There are forces in axisymmetry, for example, where a translation along the axis alone is
-        free of strain. The transposed stiffness gives the modes in which no state of strain does
-        work; where it is unsymmetric, they may be fewer.
+        A row contains displacements if a support prescribes the displacement, otherwise forces. A
+        mode of rigid motion may cause forces: in axisymmetry, for example, only the translation
+        along the axis is free of strain.
+
+        Args:
+            pieces: connected pieces of the body with their rigid-body modes.
+            transposed: whether to use the transposed stiffness. It gives the motions in which no
+                state of strain does work, which may be fewer if the stiffness is unsymmetric.
 
         Returns:
-            (owned displacements, modes); a free motion is taken to zero.
+            Matrix (owned displacements, modes), in whose null space the free motions are.
         """
         is_free = self._reduced_columns() != -1
         return pieces.resistance(
@@ -327,10 +359,12 @@ class RigidMotions:
         )
 
     def _assemble_relative_motions(self, pieces: RigidComponents, for_work: bool) -> sp.csr_array:
-        """Return the relative motions (m dim, modes) of the contact nodes in each mode.
+        """Return the motions (m dim, modes) of the contact nodes relative to their surfaces.
 
-        With `for_work` they are those in which forces at the contact nodes do work, H^T in place of
-        G.
+        Args:
+            pieces: connected pieces of the body with their rigid-body modes.
+            for_work: whether to return the motions with which contact forces do work. They follow
+                from the transposed force operator, all others from the motion operator.
         """
         system, modes = self._system, self.modes
         interface, comm, field = system.interface, system.comm, system.interface.field
@@ -354,10 +388,10 @@ class RigidMotions:
 
 
 def find_unstopped_motion(opening: Array) -> Array | None:
-    """Return a combination z (k,) of motions that closes no gap, or None if each closes one.
+    """Return a combination (k,) of motions that closes no gap, or None if there is none.
 
     Args:
-        opening: (m, k), opening of each gap in each motion; opening @ z >= 0 is required.
+        opening: rate (m, k) at which each gap opens in each motion.
     """
     k = opening.shape[1]
     for direction in (*np.eye(k), *-np.eye(k)):

@@ -19,12 +19,12 @@ from pw_elements.contact.nodes import OPEN
 from pw_elements.progress import log_on_root
 from pw_elements.solvers import SingularSystem
 
-# Largest ratio of the path to its chord for prescribed displacements in one substep, that of a
-# quarter circle
+# Largest ratio of path length to chord for prescribed displacements in one substep; it is the ratio
+# for a quarter circle
 _MAX_PATH_RATIO = np.pi / np.sqrt(8)
-# Shortest path that counts as curved, relative to the longest one of any node
+# Shortest path that may count as curved, relative to the longest path of any node
 _MIN_PATH_FRACTION = 1e-3
-# Bound of round-off in the binary logarithm of a number of substeps
+# Bound of the round-off in the binary logarithm of a number of substeps
 _LOG_ROUND_OFF = 1e-9
 
 
@@ -34,17 +34,19 @@ def solve_in_substeps(
     substep_sizes: tuple[float, float, float],
     may_continue: Callable[[], bool] = lambda: True,
 ) -> tuple[list[tuple[float, ContactState]], tuple[float, Exception] | None]:
-    """Solve an increment in substeps: halved after a failure, larger after a success.
+    """Solve an increment in substeps, which are halved after a failure and grow after a success.
 
     Args:
-        step: solves from a state to a part of the increment's loads and motions, between 0 and 1.
-        state: at the start of the increment.
-        substep_sizes: of the first and largest substep, of the smallest one, and growth factor.
-        may_continue: returns whether another substep may be tried.
+        step: function that solves for the state at a load factor, starting from a given state. The
+            load factor, between 0 and 1, is the fraction of the increment's loads and motions.
+        state: state at the start of the increment.
+        substep_sizes: size of the first substep, which is the largest; size of the smallest
+            substep; and factor by which substeps grow.
+        may_continue: function that returns whether another substep may be tried.
 
     Returns:
-        End (load factor, state) of each substep; and load factor and error of the last failure, or
-        None.
+        Load factor and state at the end of each substep; and load factor and error of the last
+        failure, or None if the last substep has succeeded.
     """
     max_size, min_size, growth = substep_sizes
     size = max_size
@@ -65,7 +67,7 @@ def solve_in_substeps(
 
 
 def combine_substeps(substeps: Sequence[tuple[float, ContactState]]) -> ContactState:
-    """Return the state of the last substep, with the sum of the slips of all substeps."""
+    """Return the state of the last substep, with slips summed over all substeps."""
     end, pairs = substeps[-1][1], []
     for k, pair in enumerate(end.pairs):
         is_closed = (pair.status != OPEN)[:, None]
@@ -79,17 +81,21 @@ def combine_substeps(substeps: Sequence[tuple[float, ContactState]]) -> ContactS
 
 
 def round_up_to_power_of_two(number: float) -> int:
-    """Return the least power of two that is at least 1 and at least `number` up to round-off."""
+    """Return the smallest power of two that is at least 1 and not below `number`.
+
+    Round-off in `number` is ignored.
+    """
     return 2 ** max(0, int(np.ceil(np.log2(max(number, 1.0)) - _LOG_ROUND_OFF)))
 
 
 def count_straight_segments(path: Array, comm: MPI.Comm) -> int:
-    """Return the number of equal segments, a power of two, in which a path is nearly straight.
+    """Return the number of equal segments in which the paths of all nodes are nearly straight.
 
-    In each segment the path of a node is at most `_MAX_PATH_RATIO` times as long as its chord.
+    In each segment, the path of a node is at most `_MAX_PATH_RATIO` times as long as its chord. The
+    number of segments is a power of two.
 
     Args:
-        path: displacements (samples + 1, nodes, dim).
+        path: displacements (samples + 1, nodes, dim) of the nodes of this process.
         comm: communicator of the mesh.
     """
     step_lengths = np.linalg.norm(np.diff(path, axis=0), axis=2)

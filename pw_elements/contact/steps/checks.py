@@ -1,8 +1,8 @@
-"""Checks of the user's arguments, made once at each public method.
+"""Checks of the user's arguments, made once in each public method.
 
-The module guarantees that the increments of a problem get arguments of valid types, sizes and
-values only, so that the iteration does not check them again. It assumes that the checks are called
-on all processes.
+The module guarantees that increments are solved only with arguments of valid types, sizes and
+values, so that the iteration need not check them. It assumes that the checks are called on all
+processes.
 """
 
 import logging
@@ -31,9 +31,10 @@ from pw_elements.progress import log_on_root
 from pw_elements.solvers import Solver
 from pw_elements.spaces import is_hybrid
 
-# Names of remedies, or names with the largest cost of each relative to the first attempt
+# Names of remedies, or a mapping from the name of each remedy to its largest cost, relative to the
+# cost of the first attempt
 Remedies: TypeAlias = Collection[Remedy] | Mapping[Remedy, float]
-# Translation (dim,) of a surface at a time
+# Function that returns the translation (dim,) of a surface at a given time
 PathInTime: TypeAlias = Callable[[float], Sequence[float]]
 
 # Largest difference between positions of identical nodes, relative to the largest coordinate
@@ -49,7 +50,11 @@ def check_contact_arguments(
     solver: Solver,
     callback: Callback | None = None,
 ) -> tuple[ContactPair, ...]:
-    """Return the pairs as a tuple; raise an error for arguments that do not fit together."""
+    """Check arguments of a contact problem and return its pairs as a tuple.
+
+    Raises:
+        TypeError, ValueError: for arguments that do not fit together.
+    """
     arguments.check_space(space)
     arguments.check_integer("max_iterations", max_iterations, 1)
     with collective_errors(space.mesh.comm):  # only some processes may have a callback
@@ -66,10 +71,13 @@ def list_paths(
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
 ) -> list[PathInTime | None]:
-    """Return the path of each pair's surface in explicit dynamics, None for resting surfaces.
+    """Return the path of each pair's surface in explicit dynamics.
+
+    The path of a surface that does not move is None.
 
     Raises:
-        ValueError: for two bodies, a hybrid space, or a wrong number of paths.
+        ValueError: for contact of two bodies, a hybrid space, or a number of paths other than the
+            number of pairs.
         TypeError: for a path that is not a function.
     """
     if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
@@ -86,7 +94,7 @@ def list_paths(
 
 
 def list_remedy_cost_ratios(remedies: Remedies) -> dict[Remedy, float]:
-    """Return the largest cost of each remedy relative to the first attempt."""
+    """Return the largest cost of each remedy, relative to the cost of the first attempt."""
     has_names = isinstance(remedies, Collection) and not isinstance(remedies, str)
     if not has_names or any(remedy not in REMEDIES for remedy in remedies):
         raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}")
@@ -99,7 +107,10 @@ def list_remedy_cost_ratios(remedies: Remedies) -> dict[Remedy, float]:
 
 
 def check_large_strain_surfaces(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
-    """Raise a ValueError for pairs that large strains do not support; it names an alternative."""
+    """Raise a ValueError if large strains do not support the surface of a pair.
+
+    The message suggests an alternative.
+    """
     for k, pair in enumerate(pairs):
         surface, fault = pair.surface, ""
         if getattr(surface, "gradient", True) is None:
@@ -127,12 +138,12 @@ def check_large_strain_surfaces(pairs: Sequence[ContactPair], space: fem.Functio
 
 
 def check_state_of_problem(state: ContactState, undeformed: ContactState, label: str) -> None:
-    """Raise an error for a state of other contact nodes than a problem's, or with NaN.
+    """Raise an error if a state has contact nodes other than those of the problem, or contains NaN.
 
     Args:
-        state: of the user.
-        undeformed: state of the problem.
-        label: of the state, for messages.
+        state: state that the user has passed.
+        undeformed: undeformed state of the problem.
+        label: name of the state, used in error messages.
     """
     list_of_type([state], ContactState, label)
     has_same_nodes = len(state.pairs) == len(undeformed.pairs) and all(
@@ -150,7 +161,13 @@ def check_state_of_problem(state: ContactState, undeformed: ContactState, label:
 
 
 def list_of_type(values: Any, expected_type: type, label: str) -> list:  # noqa: ANN401
-    """Return one or several values as a list; raise TypeError for values of another type."""
+    """Return one or several values as a list.
+
+    `label` is the name of the values, used in error messages.
+
+    Raises:
+        TypeError: for values that are not of the expected type.
+    """
     items = arguments.as_list(values)
     for item in items:
         arguments.check_type(label, item, expected_type, f"it has to be a {expected_type.__name__}")
@@ -158,10 +175,13 @@ def list_of_type(values: Any, expected_type: type, label: str) -> list:  # noqa:
 
 
 def list_per_pair(label: str, values: Any, n_pairs: int) -> list:  # noqa: ANN401
-    """Return a list with one value per pair, None for each if there are no values.
+    """Return a list with one value per pair.
+
+    If there are no values, the list contains None for each pair. `label` is the name of the values,
+    used in error messages.
 
     Raises:
-        ValueError: for another number of values.
+        ValueError: if the number of values differs from the number of pairs.
     """
     items = arguments.as_list(values)
     if len(items or [None] * n_pairs) != n_pairs:
@@ -170,13 +190,23 @@ def list_per_pair(label: str, values: Any, n_pairs: int) -> list:  # noqa: ANN40
 
 
 def check_function(name: str, function: object, remedy: str) -> None:
-    """Raise a TypeError with a remedy for anything but a function or None."""
+    """Raise a TypeError if an argument is neither a function nor None.
+
+    Args:
+        name: name of the argument, used in the error message.
+        function: value of the argument.
+        remedy: advice to the user, added to the error message.
+    """
     if not (function is None or arguments.is_user_function(function)):
         raise TypeError(f"{name} is {arguments.describe(function)}: {remedy}")
 
 
 def check_motions(motions: Sequence[Motion | None], pairs: Sequence[ContactPair], dim: int) -> None:
-    """Raise an error for motions of another type or dimension, or rotations without a pivot."""
+    """Raise an error for invalid motions.
+
+    A motion is invalid if it has the wrong type or dimension, or if it is a rotation of a surface
+    without a pivot.
+    """
     for k, (motion, pair) in enumerate(zip(motions, pairs, strict=True)):
         if motion is None:
             continue
@@ -190,16 +220,19 @@ def check_motions(motions: Sequence[Motion | None], pairs: Sequence[ContactPair]
 def check_load_history(
     loads: PETSc.Vec | Sequence[PETSc.Vec], K: PETSc.Mat, pairs: Sequence[ContactPair], dim: int
 ) -> tuple[list[PETSc.Vec], list[list[Motion | None]]]:
-    """Return the load of each increment, and the motion of each pair in each increment.
+    """Return the load of each increment, and the motions of all surfaces in each increment.
+
+    The motion of a pair without `motions` is None in all increments.
 
     Args:
-        loads: total load vector (n,) at the end of each increment, or a single one.
+        loads: total load vector (n,) at the end of each increment, or a single load vector.
         K: stiffness (n, n).
-        pairs: contact pairs; one without motions rests in all increments (None).
+        pairs: contact pairs with the motions of their surfaces.
         dim: dimension of the mesh.
 
     Raises:
-        TypeError, ValueError: if loads or motions are invalid, or not one per increment.
+        TypeError, ValueError: if loads or motions are invalid, or if their number differs from the
+            number of increments.
     """
     load_list = list_of_type(
         [loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load"

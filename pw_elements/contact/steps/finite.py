@@ -1,14 +1,14 @@
-"""Increments at large strains and large sliding, for any residual.
+"""Solution of increments at large strains and large sliding, for any residual.
 
-An increment that fails is halved; the substeps grow again after successes. In the initial iterate
-closed nodes stick and move with their surface.
+An increment that fails is halved, and the substeps grow again after successes. In the initial
+iterate, closed nodes stick and move with their surface.
 
-Slip is computed from the two ends of a substep, which must therefore not contain whole turns. An
-increment in which a rigid surface rotates by more than an eighth of a turn, or supports move along
-a strongly curved path, starts with several substeps.
+Slip is computed from the positions at both ends of a substep, so that a substep must not contain
+whole turns. If a rigid surface rotates by more than an eighth of a turn, or if supports move along
+a strongly curved path, the increment starts with several substeps.
 
 The module guarantees that states are never changed, and that each returned state has been
-verified. It assumes arguments that `steps.checks` has checked.
+verified. It assumes arguments that have been checked by `steps.checks`.
 """
 
 import logging
@@ -107,36 +107,36 @@ from pw_elements.spaces import is_hybrid
 
 LoadFunction: TypeAlias = Callable[[float], None]
 
-# Smallest substep, as a fraction of the initial one
+# Smallest substep, as a fraction of the first substep
 _MIN_SUBSTEP = 1 / 64
-# Largest rotation of a rigid surface in one substep. At twice this angle, a node that slides round
-# the surface would count as one that has jumped
+# Largest rotation of a rigid surface in one substep. At twice this angle, a node that slides around
+# the surface would be mistaken for a node that has jumped to another place
 MAX_SUBSTEP_ROTATION = np.pi / 4
-# Samples of this path per increment, at first and at most
+# Initial and largest number of samples of the support path per increment
 _PATH_SAMPLES, _MAX_PATH_SAMPLES = 16, 256
-# Fewest samples of the paths of supports and surfaces that must not pass each other, and number of
-# samples of paths that separate them
+# Smallest number of samples in the check that supports and surfaces do not pass each other, and
+# number of samples in the check that a motion separates them
 _MIN_PASSING_SAMPLES, _SEPARATION_SAMPLES = 64, 128
-# Largest number of linear systems for a state without contact
+# Largest number of linear systems solved for a state without contact
 _MAX_CLEAR_ITERATIONS = 10
 
 
 class LargeStrainStepping:
-    """Solver of the increments of a `ContactProblem` of a residual.
+    """Solver of the increments of a `ContactProblem` that is defined by a residual.
 
     Args:
         problem: residual and unknown function.
         conditions: Dirichlet conditions, whose values may change.
-        reduction: by the conditions.
+        reduction: reduction by the conditions.
         pairs: contact pairs.
         max_iterations: largest number of linear systems solved in one attempt.
-        callback: of the user.
-        solver: of the linear systems.
-        history: functions that belong to a state.
-        update: sets these functions after each substep.
+        callback: function of the user that is called after each iteration and each increment.
+        solver: solver of the linear systems.
+        history: functions in the residual that belong to the state, such as plastic strains.
+        update: function that sets the history functions after each substep.
 
     Attributes:
-        space: of the displacements alone.
+        space: space of the displacements alone.
         coefficients: constants and functions of the residual.
     """
 
@@ -185,7 +185,7 @@ class LargeStrainStepping:
     def step(
         self, state: ContactState, load: LoadFunction | None, motions: Sequence[Motion | None]
     ) -> ContactState:
-        """Return the state at the end of one increment; raises errors of `ContactProblem.step`."""
+        """Return the state at the end of one increment; errors are those of the public `step`."""
         start_time, interface = perf_counter(), self.interface
         start = IncrementTarget.from_state(state, with_angles=True)
         end = IncrementTarget.from_motions(None, motions, interface, with_angles=True)
@@ -198,7 +198,7 @@ class LargeStrainStepping:
             reporter = ProgressReporter(interface.comm, state.increment, self._callback)
             system = self._system_for(end.free_motions)
             cost_before = system.n_solves, system.report
-            # the tangent of later states has been checked at the end of their increments
+            # for later states, the tangent has been checked at the end of the increment before
             if self._ratio_monitor is not None and not state.increment:
                 self._restore_state(state)
                 self._ratio_monitor.is_beyond_limit()
@@ -243,7 +243,7 @@ class LargeStrainStepping:
             if not substeps:
                 substeps, failure = solve_in_substeps(solve_substep, state, sizes)
             if failure is not None and isinstance(failure[1], Cycling):
-                # retry from the start: a state after a snap-through may need large substeps
+                # repeat from the start: a state after a snap-through may require large substeps
                 solve_with_kept_sets = partial(solve_substep, keep_cycling_sets=True)
                 retried_substeps, retry_failure = solve_in_substeps(
                     solve_with_kept_sets, state, sizes
@@ -274,7 +274,7 @@ class LargeStrainStepping:
     def _count_initial_substeps(
         self, start: IncrementTarget, end: IncrementTarget, support_path: Array
     ) -> int:
-        """Return the number of substeps, a power of two, whose slip follows from their ends."""
+        """Return the number of substeps, a power of two, that is sufficient to compute slip."""
         angles = np.nan_to_num(end.q - start.q)[:, -1]
         rotations = float(np.abs(angles).max(initial=0.0)) / MAX_SUBSTEP_ROTATION
         n_straight = count_straight_segments(support_path, self.interface.comm)
@@ -283,7 +283,7 @@ class LargeStrainStepping:
     def _trace_support_path(self, state: ContactState, load: LoadFunction | None) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim) along the increment.
 
-        Samples are equally spaced, and enough to count straight segments.
+        The samples are equally spaced. There are enough samples to find nearly straight segments.
         """
         if load is None:
             return self._sample_support_path(state, None, 1)
@@ -300,7 +300,14 @@ class LargeStrainStepping:
     def _refuse_passing_surfaces(
         self, state: ContactState, start: IncrementTarget, end: IncrementTarget, support_path: Array
     ) -> None:
-        """Raise SurfacePassed if supports and surfaces are moved through each other."""
+        """Raise SurfacePassed if supports and surfaces, or supports of two bodies, pass each other.
+
+        Args:
+            state: state at the start of the increment.
+            start: motions at the start of the increment.
+            end: motions at the end of the increment.
+            support_path: prescribed displacements (samples + 1, nodes, dim).
+        """
         interface, q = self.interface, state.placements
         node_data = self._node_positions, self._is_supported, self._node_component
         surface_path, support_path = sample_placements(
@@ -323,10 +330,10 @@ class LargeStrainStepping:
         end: IncrementTarget,
         support_path: Array,
     ) -> PETSc.Vec | None:
-        """Return unknowns (n,) of a body that its supports move rigidly to an end without contact.
+        """Return unknowns (n,) of a body that has moved rigidly with its supports out of contact.
 
-        Returns None if nodes are in contact at the start, the motion does not end all possible
-        contact, or the problem has a history.
+        The result is None if no node is in contact at the start, if the motion may not end all
+        contact, or if the problem has history functions.
         """
         interface, comm = self.interface, self.interface.comm
         is_closed = interface.extract_local_values(state.pairs, "status")[0] != OPEN
@@ -336,7 +343,7 @@ class LargeStrainStepping:
         positions = self._node_positions
         node_data = positions, self._is_supported, self._node_component
         support_path = support_path[[0, -1]]
-        for n_samples in (1, _SEPARATION_SAMPLES):  # the ends alone exclude most cases cheaply
+        for n_samples in (1, _SEPARATION_SAMPLES):  # the two ends exclude most cases cheaply
             if n_samples > 1:
                 support_path = self._sample_support_path(state, load, n_samples)
             surface_path, _ = sample_placements(start.q, end.q, support_path, n_samples)
@@ -356,7 +363,7 @@ class LargeStrainStepping:
     def _sample_support_path(
         self, state: ContactState, load: LoadFunction | None, n_samples: int
     ) -> Array:
-        """Return prescribed displacements (samples + 1, nodes, dim), zero at free components."""
+        """Return prescribed displacements (samples + 1, nodes, dim), zero for free components."""
         field, dim = self.interface.field, self.interface.position.shape[1]
         free, _ = evaluate_conditions(self._whole_space, self._conditions)
         start_unknowns = state.unknowns.copy()
@@ -370,26 +377,26 @@ class LargeStrainStepping:
         )
 
     def _supported_axes(self) -> Mask:
-        """Return the mask (dim,) of axes along which supports hold any node."""
+        """Return a mask (dim,) of the axes along which supports hold at least one node."""
         is_supported: Mask = np.any(self._is_supported, axis=0)
         self.interface.comm.Allreduce(MPI.IN_PLACE, is_supported, MPI.LOR)
         return is_supported
 
     @property
     def _is_supported(self) -> Mask:
-        """Mask of components (owned nodes, dim) that supports prescribe."""
+        """Mask (owned nodes, dim) of displacement components that supports prescribe."""
         free, _ = evaluate_conditions(self._whole_space, self._conditions)
         return np.asarray(~free[self.interface.field.owned_unknowns])
 
     @property
     def _node_positions(self) -> Array:
-        """Undeformed positions (owned nodes, dim)."""
+        """Undeformed positions (owned nodes, dim) of the nodes of this process."""
         owned, dim = self.interface.field.owned_unknowns.shape
         return np.asarray(self.space.tabulate_dof_coordinates()[:owned, :dim])
 
     @cached_property
     def _node_component(self) -> Indices:
-        """Number (owned nodes,) of each node's connected component of the mesh."""
+        """Number (owned nodes,) of the connected component of the mesh that contains each node."""
         dofmap = self.space.dofmap
         number, _ = connected_components(self.interface.comm, dofmap.index_map, dofmap.list)
         return number[: len(self._node_positions)]
@@ -408,17 +415,17 @@ class LargeStrainStepping:
         keep_cycling_sets: bool,
         start_unknowns: PETSc.Vec | None = None,
     ) -> ContactState:
-        """Return the state at a target, solved for in one step.
+        """Solve from a state to a target in one step and return the state at the target.
 
         Args:
-            state: at the start.
-            target: at the end.
-            system: for the free motions of the target.
-            reporter: of the increment.
-            keep_cycling_sets: whether equations are solved to convergence before a cycling active
-                set changes.
-            start_unknowns: initial iterate (n,) of a state without contact; by default the
-                iteration starts from the state.
+            state: state at the start.
+            target: loads and motions at the end.
+            system: contact system for the free motions of the target.
+            reporter: reporter of progress.
+            keep_cycling_sets: whether an active set of a cycle is kept until its equations are
+                solved.
+            start_unknowns: initial iterate (n,), if no node is in contact at the end. By default
+                the iteration starts from the state.
         """
         interface = self.interface
         unknowns = state.unknowns if start_unknowns is None else start_unknowns
@@ -469,9 +476,10 @@ class LargeStrainStepping:
         *,
         starts_clear: bool,
     ) -> None:
-        """Raise NotFound for a solution in which nodes or surfaces have jumped.
+        """Raise NotFound if nodes or surfaces have jumped to another place in a solution.
 
-        With `starts_clear` nodes may jump, but none may be in contact.
+        If the initial iterate was without contact (`starts_clear`), nodes may have jumped, but no
+        node may be in contact.
         """
         interface, is_pressed = self.interface, end.nodes.trial_pressure > 0
         kinematics.check_surface_derivatives(end.kinematics, is_pressed)
@@ -502,7 +510,14 @@ class LargeStrainStepping:
     def _check_stability(
         self, system: ContactSystem, n_signs: int, state: ContactState
     ) -> Sequence[int]:
-        """Return the determinant signs of the tangents of this substep, if the solver has them.
+        """Return the signs of the determinants of this substep's tangents.
+
+        The result is empty if the solver computes no determinants.
+
+        Args:
+            system: contact system.
+            n_signs: number of signs that the solver has recorded before this substep.
+            state: state at the start of the substep.
 
         Raises:
             NotFound: if the determinant of the last tangent has changed its sign.
@@ -510,7 +525,7 @@ class LargeStrainStepping:
         solver_signs = system.tangent.solver.determinant_signs[n_signs:]
         signs = solver_signs or system.tangent.determinant_signs()
         if self._ratio_monitor is not None and self._ratio_monitor.is_beyond_limit():
-            signs = ()  # signs change without instability in nearly incompressible bodies
+            signs = ()  # in nearly incompressible bodies, stable states may have either sign
         is_comparable = bool(solver_signs) and state.free_motions == system.free_motions
         accepted_signs = state.determinant_signs if is_comparable else frozenset[int]()
         if signs and signs[-1] not in (accepted_signs or signs[:1]):
@@ -526,7 +541,7 @@ class LargeStrainStepping:
         target: IncrementTarget,
         sizes: tuple[ResidualScale, float, float],
     ) -> ContactState:
-        """Return the state with residuals from the form, the surfaces and the law alone."""
+        """Return the solution with residuals from the form, the surfaces and the law alone."""
         _, force, length = sizes
         self._residual_system.set_unknowns(solution.unknowns)
         unbalanced = self._residual_system.assemble_residual()
@@ -556,7 +571,7 @@ class LargeStrainStepping:
         system: ContactSystem,
         unknowns: PETSc.Vec,
     ) -> tuple[Increment, DeformedKinematics]:
-        """Return equations from a state to a target with initial unknowns (n,), and kinematics."""
+        """Return equations and kinematics of a step; `unknowns` (n,) are its initial iterate."""
         interface = self.interface
         start = make_increment_start(state, interface, state.placements)
         reduction = replace(self._reduction, offset=self.prescribed_displacements())
@@ -577,14 +592,15 @@ class LargeStrainStepping:
         """Return data that identify the residual.
 
         Returns:
-            (n,) of this process, -1 for prescribed unknowns and 0 for all others; and the residual.
+            Array (n,) of this process, -1 for prescribed unknowns and 0 for all others; and the
+            residual with its unknowns and coefficients.
         """
         free, _ = evaluate_conditions(self._whole_space, self._conditions)
         return np.where(free, 0, -1), ResidualProbe(self._residual_system, self.coefficients)
 
     @property
     def stiffness(self) -> PETSc.Mat:
-        """The last tangent (n, n)."""
+        """Tangent (n, n) of the last linearisation."""
         return self._residual_system.tangent
 
     def prescribed_displacements(self) -> PETSc.Vec:
@@ -593,7 +609,7 @@ class LargeStrainStepping:
     def depends_on(self, constant: fem.Constant) -> bool:
         """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
         values = [getattr(condition.g, "value", None) for condition in self._condition_list]
-        # DOLFINx stores C++ objects of constants, which share the array of values
+        # DOLFINx stores constants as C++ objects, which share the array of values
         is_prescribed = any(v is not None and np.shares_memory(v, constant.value) for v in values)
         return is_prescribed or any(constant is c for c in self._constants)
 
@@ -603,9 +619,10 @@ class LargeStrainStepping:
         return [self._conditions] if is_single else self._conditions
 
     def linearise(self, part: HistoryPart) -> LinearisedEnd:
-        """Return the linearised equations at the end of a substep.
+        """Return the equations linearised at the end of a substep.
 
-        The function u, constants and conditions keep their values of this end.
+        The unknown function, constants and conditions are set to their values at the end of the
+        substep.
         """
         self._apply_load(part.load, part.load_factor)
         free_motions = part.part_end.free_motions
@@ -629,7 +646,7 @@ class LargeStrainStepping:
         )
 
     def _system_for(self, free_motions: FreeMotions) -> ContactSystem:
-        """Return the contact system for these free motions; the last one is cached."""
+        """Return the contact system for given free motions; the last system is cached."""
         if self._system is None or self._system.free_motions != free_motions:
             self.release()
             zero_vectors = np.zeros_like(self.interface.position)

@@ -1,7 +1,7 @@
 """Contact problems: public classes and functions that check arguments and solve increments.
 
-The module guarantees that the arguments of each increment have been checked once, that states are
-never changed, and that errors of one process are raised on all of them.
+The module guarantees that the arguments of each increment are checked once, that states are never
+changed, and that an error on one process is raised on all processes.
 """
 
 from collections.abc import Callable, Sequence
@@ -74,41 +74,45 @@ from pw_elements.solvers import (
 
 
 class ContactProblem:
-    """A body with supports and contact pairs; `step` solves for its next state.
+    """A body with supports and contact pairs.
+
+    The method `step` solves one increment and returns the next state:
 
         problem = ContactProblem(K, supports, [floor, punch], U)
         pressed = problem.step(problem.undeformed, load, [None, Motion((0, -0.1))])
         pushed = problem.step(pressed, load, [None, Motion((0.02, -0.1))])
         problem.save(pushed, "pushed.npz")
 
-    States are never changed: you can continue from any of them, any number of times.
+    States are never changed, so that you can continue from any state, any number of times.
 
     Args:
-        K: stiffness (n, n) without supports; it may be unsymmetric.
-        reduction: supports (or condensation); it must not eliminate contact nodes, of which only
-            tangential displacements may be prescribed.
-        pairs: contact pairs; a node belongs to at most one of them. Their `motions` are ignored
-            here; only `solve_contact` uses them.
+        K: stiffness (n, n) without supports. It may be unsymmetric.
+        reduction: supports (or condensation). It must not eliminate contact nodes, but supports may
+            prescribe their tangential displacements.
+        pairs: contact pairs. A node must not belong to more than one pair. The `motions` of pairs
+            are ignored here; only `solve_contact` uses them.
         space: trial space of the displacements, or of the hybrid element.
-        solver: of the linear systems, as in `solve`.
+        solver: solver of the linear systems, as in `solve`.
         max_iterations: largest number of linear systems solved in one attempt at an increment.
-        callback: called with a `Progress` after each iteration and each increment, on each process
-            that has one; an exception that it raises ends the computation.
-        remedies: methods that are tried if the iteration fails: "springs" (not with `Iterative()`)
-            hold the contact points and are softened in stages; "cutback" solves the increment in
-            substeps, with friction along another path (see `ContactState.substates`). Each may
-            solve three times as many linear systems as the first attempt; {"springs": 3,
-            "cutback": 10} allows more.
+        callback: function that is called with a `Progress` after each iteration and each increment.
+            It may be given on some processes only. An exception that it raises ends the
+            computation.
+        remedies: methods that are tried if the iteration fails. "springs" hold the contact points
+            and are softened in stages; they are not available with `Iterative()`. "cutback" solves
+            the increment in substeps, so that friction follows another path (see
+            `ContactState.substates`). Each method may solve three times as many linear systems as
+            the first attempt. A dictionary sets other ratios, for example {"springs": 3,
+            "cutback": 10}.
 
     Raises:
-        TypeError, ValueError: for arguments that do not make a contact problem.
+        TypeError, ValueError: for arguments that do not define a contact problem.
         DegenerateMesh: for cells that are flat or inverted.
     """
 
     _has_residual = False
     _history_spaces: Sequence[
         fem.FunctionSpace
-    ] = ()  # spaces of the functions that belong to a state
+    ] = ()  # spaces of the history functions, which belong to a state
 
     @check_same_arguments
     def __init__(
@@ -161,7 +165,7 @@ class ContactProblem:
         history: Sequence[fem.Function] = (),
         update: Callable[[], None] | None = None,
     ) -> "ContactProblem":
-        """Return a problem with large strains and large sliding, for any residual.
+        """Return a contact problem with large strains and large sliding, for any residual.
 
             F = ufl.inner(stress(u), ufl.grad(ufl.TestFunction(spaces.test))) * dx
             roller = ContactPair(top, Sphere((0, 1.0), 1.0), friction=0.3)
@@ -169,31 +173,36 @@ class ContactProblem:
             pressed = problem.step(problem.undeformed, motions=Motion((0, -0.25)))
             pushed = problem.step(pressed, motions=Motion((0.3, -0.25)))
 
-        Gap, normal and slip are those of the deformed body. Gap and normal follow from the closest
-        point of a rigid surface, slip from the arc along which this point moves (exact on planes,
-        circles and spheres, second-order accurate on others). Nodal contact forces are entries of
-        the residual. An increment that fails is halved, and the substeps grow again after
-        successes (see `ContactState.substates`).
+        Gap, normal and slip are evaluated on the deformed body. Gap and normal follow from the
+        closest point of a rigid surface. Slip is the length of the arc along which the closest
+        point moves; it is exact on planes, circles and spheres, and second-order accurate on other
+        surfaces. Nodal contact forces are entries of the residual. An increment that fails is
+        halved, and the substeps grow again after successes (see `ContactState.substates`).
 
         Args:
-            residual: F, as in `PetrovGalerkinProblem`, without the contact forces.
-            u: unknown function in the trial space, which may be hybrid; steps set it.
-            conditions: Dirichlet conditions; constants and functions in them may change.
-            pairs: with rigid surfaces that have a method `closest` (`Plane`, `Sphere` or
-                `SignedDistance`), which may rotate about a `pivot`; or, in the plane and in
-                axisymmetry, with a `DeformableSurface` whose `revolved` is given. Facing facets
-                are determined in each iteration; slip along curved sides is second-order accurate.
-            solver: of the linear systems, as in `solve`, but by default `Direct()`. Two bodies and
-                surfaces that are free to rotate require `Direct()`. Unstable states are detected
-                by determinants with `Direct()`, by negative eigenvalues with `Iterative()`.
+            residual: residual without the contact forces, as in `PetrovGalerkinProblem`.
+            u: unknown function in the trial space, which may be hybrid. Each step changes its
+                values.
+            conditions: Dirichlet conditions. Constants and functions in them may change.
+            pairs: contact pairs. A rigid surface must have a method `closest` (`Plane`, `Sphere` or
+                `SignedDistance`), and it may rotate about a `pivot`. In plane and axisymmetric
+                problems, the surface may be a `DeformableSurface` whose `revolved` is given. Its
+                facing facets are then determined in each iteration, and slip along curved sides is
+                second-order accurate.
+            solver: solver of the linear systems, as in `solve`, by default `Direct()`. Two bodies
+                and surfaces that are free to rotate require `Direct()`. Unstable states are
+                detected by determinants with `Direct()`, and by negative eigenvalues with
+                `Iterative()`.
             max_iterations: largest number of linear systems solved in one attempt.
-            callback: as in `ContactProblem`.
-            history: functions in the residual that belong to the state, such as plastic strains. A
-                step starts from the values of its state, and files contain them.
-            update: sets these functions after each solved substep, when u is its solution.
+            callback: function that is called after each iteration and each increment, as in
+                `ContactProblem`.
+            history: functions in the residual that belong to the state, such as plastic strains.
+                Each step starts from the values in its initial state. Saved files contain them.
+            update: function that sets the history functions after each solved substep, when `u` is
+                the solution.
 
         Raises:
-            TypeError, ValueError: for arguments that do not make a contact problem.
+            TypeError, ValueError: for arguments that do not define a contact problem.
             DegenerateMesh: for cells that are flat or inverted.
         """
         return _ResidualProblem(
@@ -218,31 +227,33 @@ class ContactProblem:
         """Return the state at the end of one increment.
 
         Args:
-            state: at the start, of a problem with the same contact nodes; slip is measured from it.
-            load: total load vector (n,) at the end; by default zero. With a residual it is a
-                function of the fraction (0, 1] of the increment, which sets the constants and
-                functions of loads and conditions.
-            motions: of each pair's surface, from its initial position to the end of the increment;
-                None for a surface in its initial position, which is the default for all. A single
-                motion needs no list.
+            state: state at the start of the increment, from which slip is measured. It must have
+                the same contact nodes as this problem.
+            load: total load vector (n,) at the end, by default zero. For a problem with a residual,
+                it is a function of the fraction (0, 1] of the increment that sets the constants and
+                functions in loads and conditions.
+            motions: motion of each pair's surface, measured from its initial position to its
+                position at the end. None means the initial position, which is the default for all
+                surfaces. A single motion needs no list.
 
         Raises:
-            ValueError: for a load that is not finite, a number of motions other than that of the
-                pairs, motions of another dimension, a state of other contact nodes, arguments
+            ValueError: for a load that is not finite, a number of motions other than the number of
+                pairs, motions of the wrong dimension, a state with other contact nodes, arguments
                 that differ between processes, a surface that fails, or a prescribed normal
                 displacement of a node in contact.
-            FreeBody: if nothing would hold a rigid motion even if every contact node stuck.
-            NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
-            NotUnique: if the tangent is singular at a solution: the friction is too large, or the
-                body is loose.
-            NotFound: if no state has been found, though one may exist; the attribute `state` is the
-                closest approximation.
-            SurfacePassed: if a rigid surface passes through the body, or pushes it outwards. With a
-                residual: if a surface is moved through supports, or supports of two bodies through
-                each other; nothing is solved in this case.
-            NotConverged: if an iterative solver fails, perhaps because the tangent is singular;
-                "auto" then switches to a direct solver if there is enough memory. With a residual,
-                smaller substeps are tried instead, and finally NotFound is raised.
+            FreeBody: if a rigid motion would be free even if every contact node stuck.
+            NoEquilibrium: if it is proved that no contact forces balance the loads. This error is a
+                `FreeBody`.
+            NotUnique: if the tangent is singular at a solution, because friction is too large or
+                the body is loose.
+            NotFound: if no solution has been found, although one may exist. The attribute `state`
+                is the closest approximation.
+            SurfacePassed: if a rigid surface passes through the body, or pushes the body outwards.
+                With a residual, also if a surface is moved through supports, or supports of two
+                bodies through each other; in this case nothing is solved.
+            NotConverged: if an iterative solver fails, perhaps because the tangent is singular. The
+                solver "auto" first switches to a direct solver if there is enough memory. With a
+                residual, smaller substeps are tried, and finally `NotFound` is raised instead.
         """
         check_state_of_problem(state, self.undeformed, "the state")
         if not state.converged:
@@ -259,7 +270,7 @@ class ContactProblem:
         load: Any,  # noqa: ANN401
         motions: Sequence[Motion | None],
     ) -> ContactState:
-        """Check the load, and solve one increment."""
+        """Check the load and solve one increment."""
         load = self._K.createVecRight() if load is None else load
         check_load("the load", load, self._K)
         self._rebuild_if_stiffness_changed()
@@ -275,7 +286,7 @@ class ContactProblem:
         )
 
     def _rebuild_if_stiffness_changed(self) -> None:
-        """Rebuild systems and factors if K has changed since the last factorisation."""
+        """Rebuild the contact systems if the stiffness has changed since its factorisation."""
         if self._K.stateGet() != self._stiffness_state:
             self.release()
             self._small_strain_stepping, self._stiffness_state = (
@@ -292,7 +303,7 @@ class ContactProblem:
         loads: Sequence[LoadFunction | None] = (),
         weights: npt.ArrayLike | None = None,
     ) -> Array:
-        """Return derivatives of the results of a history of states with respect to parameters.
+        """Return derivatives of outputs of a history of states with respect to parameters.
 
             states = [problem.undeformed]
             for translation in path:
@@ -301,33 +312,38 @@ class ContactProblem:
             derivatives = problem.sensitivity(states, outputs, [shear_modulus, friction])
 
         The derivatives are exact for the discrete solution as long as no contact node changes its
-        status. They follow from the tangents at the ends of all increments and their `substates`:
-        in one forward pass for all parameters or, for weighted outputs, in one backward (adjoint)
-        pass.
+        status. They follow from the tangents at the ends of all increments and their `substates`.
+        One forward pass gives the derivatives with respect to all parameters. For weighted outputs,
+        one backward (adjoint) pass is made instead.
 
         Args:
-            states: the first one is fixed; each following state is the end of a step from its
-                predecessor.
-            outputs: of each state: a functional of u (a form); a vector (n,) of weights of all
-                unknowns; or a component of a pair's total force, ("force", pair, axis), or of its
-                translation, ("translation", pair, axis).
-            parameters: each a scalar `fem.Constant` of residual, conditions or functionals, the
-                same in all steps; ("friction", pair), Coulomb's coefficient; or a varying quantity
-                with its derivatives by the parameter in all states, including the first:
-                (constant, rates), ("motion", pair, rates (states, dim)) of translations or, if
-                these are free, of forces, (vector, rates (states,)) of nodal loads. Rates are
-                interpolated linearly between states.
-            loads: the `load` of each step, for a residual only; none by default.
-            weights: (states - 1, outputs), of each output of each state but the first.
+            states: states of the history. The first state is fixed, and each following state is the
+                end of a step from the state before.
+            outputs: quantities that are differentiated in each state. An output is a functional of
+                the unknown function (a form); a vector (n,) of weights of all unknowns; a component
+                of a pair's total force, ("force", pair, axis); or a component of the translation of
+                its surface, ("translation", pair, axis).
+            parameters: quantities with respect to which outputs are differentiated. A parameter
+                that is the same in all steps is a scalar `fem.Constant` in the residual, conditions
+                or functionals, or Coulomb's friction coefficient, ("friction", pair). For a
+                quantity that varies with a parameter, give its derivatives with respect to the
+                parameter (rates) in all states, including the first: (constant, rates (states,));
+                (vector, rates (states,)) for nodal loads; or ("motion", pair, rates (states, dim))
+                for the translation of a surface, or for its force where the translation is free.
+                Rates are interpolated linearly between states.
+            loads: function `load` of each step, only for a problem with a residual; by default
+                there are no loads.
+            weights: weight (states - 1, outputs) of each output in each state except the first.
 
         Returns:
-            Derivatives (states - 1, outputs, parameters); of the weighted sum (parameters,).
+            Derivatives (states - 1, outputs, parameters); with weights, derivatives (parameters,)
+            of the weighted sum of the outputs.
 
         Raises:
-            TypeError, ValueError: for invalid outputs or parameters, numbers that are not
-                real and finite, a constant that no form and no condition contains, loads of a
-                problem with a stiffness, a problem with `history`, two bodies at large sliding, an
-                iterative solver, states that are not ends of such steps, and contact nodes that are
+            TypeError, ValueError: for invalid outputs or parameters; numbers that are not real and
+                finite; a constant that no form and no condition contains; loads in a problem with a
+                stiffness; a problem with `history`; two bodies at large sliding; an iterative
+                solver; states that are not the ends of successive steps; and contact nodes that are
                 about to change their status.
         """
         if self._history_spaces:
@@ -374,7 +390,10 @@ class ContactProblem:
 
     @check_same_arguments
     def release(self) -> None:
-        """Free the memory of the solver on all processes; the next step sets it up again."""
+        """Free the memory of the solver on all processes.
+
+        The next step sets up the solver again.
+        """
         self._current_stepping.release()
 
     @property
@@ -390,13 +409,16 @@ class ContactProblem:
         return self._K
 
     def _check_constants(self, parameters: Sequence[Any], outputs: Sequence[Any]) -> None:
-        """Raise ValueError for constants on which no residual or functional depends.
+        """Raise ValueError for constants on which neither the residual nor a functional depends.
 
-        Problems with a stiffness have no record of constants, and nothing is checked.
+        In a problem with a stiffness, constants are not known and nothing is checked.
         """
 
     def _identify(self) -> Fingerprint:
-        """Return data that identify the problem on any number of processes; collective."""
+        """Return data that identify the problem; collective.
+
+        They do not depend on the number of processes.
+        """
         parts = self._identify_interface(find_reduced_columns(self._reduction.right))
         return Fingerprint(parts | fingerprint_stiffness(self._K, self._space), None)
 
@@ -404,22 +426,24 @@ class ContactProblem:
         """Return the identifying data that all problems have in common.
 
         Args:
-            column: (n,) of this process, -1 for unknowns that supports prescribe.
+            column: array (n,) of this process, -1 for unknowns that supports prescribe.
         """
         interface, states = self._current_stepping.interface, self.undeformed.pairs
         return fingerprint_problem(interface, self.pairs, states, column, self._space)
 
     @check_same_arguments
     def save(self, state: ContactState, path: str | Path) -> None:
-        """Write a state to a file, completely or not at all: a NumPy archive without pickles.
+        """Write a state to a file, a NumPy archive without pickles.
+
+        If writing fails, no incomplete file is left.
 
         Args:
-            state: of this problem; all but its `substates` is written.
-            path: of the file, which is replaced if it exists.
+            state: state of this problem. Its `substates` are not written.
+            path: path of the file, which is replaced if it exists.
 
         Raises:
-            TypeError: for anything but a state and a path.
-            ValueError: for a state of other contact nodes.
+            TypeError: if the arguments are not a state and a path.
+            ValueError: for a state with other contact nodes.
             OSError: if the file cannot be written.
         """
         check_state_of_problem(state, self.undeformed, "the state")
@@ -429,24 +453,25 @@ class ContactProblem:
     def load(
         self, path: str | Path, changed: Sequence[str | fem.Constant | fem.Function] = ()
     ) -> ContactState:
-        """Read a state that `save` wrote for the same problem, on any number of processes.
+        """Read a state that `save` has written for the same problem.
 
-        The problem is the same if mesh, supported unknowns and contact nodes are the same, and
-        surfaces, friction laws and stiffness or residual give the same numbers at fixed points.
-        Loads, prescribed values and motions may differ. Constants and functions of a residual must
-        have the same values, unless the load of a step has changed them.
+        The number of processes may differ. The problem is the same if mesh, supported unknowns and
+        contact nodes are the same, and if surfaces, friction laws and stiffness or residual give
+        the same numbers at fixed points. Loads, prescribed values and motions may differ. Constants
+        and functions in a residual must have the same values, unless the load of a step has changed
+        them.
 
         Args:
-            path: of the file.
-            changed: parts that differ on purpose: "supports", "surface", "friction", "pivot",
-                "interference", "stiffness", "residual", "constants" (all constants and functions of
-                a residual), or single constants and functions.
+            path: path of the file.
+            changed: parts of the problem that differ on purpose: "supports", "surface", "friction",
+                "pivot", "interference", "stiffness", "residual", "constants" (all constants and
+                functions in a residual), or single constants and functions.
 
         Raises:
-            TypeError: for anything but a path and a list of changed parts.
-            ValueError: if the file contains no state, a state that has been modified or has
-                invalid values, or a state of another problem: the message names the part that
-                differs, and by how much.
+            TypeError: if the arguments are not a path and a list of changed parts.
+            ValueError: if the file contains no state, a state that has been modified or has invalid
+                values, or a state of another problem. In the last case, the message names the part
+                that differs and the difference.
             OSError: if the file cannot be read.
         """
         check_changed_parts(changed)
@@ -464,7 +489,7 @@ class ContactProblem:
 
 
 class _ResidualProblem(ContactProblem):
-    """A `ContactProblem` of a residual, as `ContactProblem.of_residual` returns it."""
+    """Contact problem that is defined by a residual, returned by `ContactProblem.of_residual`."""
 
     _has_residual = True
 
@@ -533,7 +558,7 @@ class _ResidualProblem(ContactProblem):
         return self._large_strain_stepping.step(state, load, motions)
 
     def _rebuild_if_stiffness_changed(self) -> None:
-        """Do nothing: the tangent is assembled in each iteration."""
+        """Do nothing, because the tangent is assembled in each iteration."""
 
     @property
     def _current_stepping(self) -> SmallStrainStepping | LargeStrainStepping:
@@ -570,24 +595,27 @@ def solve_contact(
     """Solve contact at small displacements; return the state at the end of each increment.
 
     Args:
-        K: stiffness (n, n) without supports; it may be unsymmetric.
-        loads: total load vector (n,) at the end of each increment; a single one needs no list.
-        reduction: supports (or condensation); it must not eliminate contact nodes, of which only
-            tangential displacements may be prescribed.
-        pairs: contact pairs; a node belongs to at most one of them.
+        K: stiffness (n, n) without supports. It may be unsymmetric.
+        loads: total load vector (n,) at the end of each increment. A single vector needs no list.
+        reduction: supports (or condensation). It must not eliminate contact nodes, but supports may
+            prescribe their tangential displacements.
+        pairs: contact pairs. A node must not belong to more than one pair.
         space: trial space of the displacements, or of the hybrid element.
         max_iterations: largest number of linear systems solved in one attempt at an increment.
-        solver: of the linear systems, as in `solve`.
-        callback: called with a `Progress` after each iteration and each increment, on each process
-            that has one; an exception that it raises ends the computation.
-        remedies: as in `ContactProblem`.
+        solver: solver of the linear systems, as in `solve`.
+        callback: function that is called with a `Progress` after each iteration and each increment.
+            It may be given on some processes only. An exception that it raises ends the
+            computation.
+        remedies: methods that are tried if the iteration fails, as in `ContactProblem`.
 
     Raises:
-        TypeError, ValueError: for arguments that do not make a contact problem; loads that are not
-            finite, motions that are not one per increment, or no iterations.
+        TypeError, ValueError: for arguments that do not define a contact problem, loads that are
+            not finite, a number of motions other than the number of increments, or
+            `max_iterations` below 1.
         DegenerateMesh: for cells that are flat or inverted.
         FreeBody, NoEquilibrium, NotUnique, NotFound, SurfacePassed: as in `ContactProblem.step`.
-            They name the increment, counted from 0, and their `states` are the states before it.
+            The message gives the number of the increment, counted from 0. The attribute `states`
+            contains the states before this increment.
     """
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
     load_list, motions_by_increment = check_load_history(
@@ -605,7 +633,7 @@ def solve_contact(
             error.states = states[1:]
             raise
     solved_states = states[1:]
-    problem.release()  # for the memory of the next problem
+    problem.release()  # frees memory for the next problem
     del problem, states
     collect_garbage(K)
     return solved_states

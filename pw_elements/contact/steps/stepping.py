@@ -1,14 +1,15 @@
-"""Increments at small strains, as `ContactProblem.step` solves them.
+"""Solution of the increments of `ContactProblem.step` at small strains.
 
 Gap and normal are evaluated between the undeformed body and the surface in its current position
 (docs/theory.md, "Contact").
 
-An increment that fails is solved in substeps on the straight path from the state to its target.
-Slip and friction follow the substeps, so that the final state may differ from that of a single
-step; `ContactState.substates` contains the intermediate states.
+An increment that fails is solved in substeps, whose loads and motions are on the straight path from
+the start of the increment to its end. Slip and friction follow the substeps, so that the final
+state may differ from the state after a single step. `ContactState.substates` contains the
+intermediate states.
 
 The module guarantees that states are never changed, and that each returned state has been
-verified. It assumes arguments that `steps.checks` has checked.
+verified. It assumes arguments that have been checked by `steps.checks`.
 """
 
 import logging
@@ -96,16 +97,18 @@ from pw_elements.spaces import AssemblyRecord
 _MIN_SUBSTEP = 1 / 16
 
 # Remedies for an iteration that fails: springs at the contact points, and smaller increments. Each
-# may solve MAX_COST_RATIO times as many linear systems as the first attempt. The attempt counts as
-# at least _MIN_ATTEMPT_SOLVES systems for up to _SMALL_PROBLEM_DOFS unknowns, fewer for more
+# remedy may solve MAX_COST_RATIO times as many linear systems as the first attempt. The first
+# attempt counts as at least _MIN_ATTEMPT_SOLVES systems, fewer if there are more than
+# _SMALL_PROBLEM_DOFS unknowns
 Remedy: TypeAlias = Literal["springs", "cutback"]
 REMEDIES: tuple[Remedy, ...] = ("springs", "cutback")
 MAX_COST_RATIO = 3.0
 _MIN_ATTEMPT_SOLVES, _SMALL_PROBLEM_DOFS = 50, 2000
-# Iterations after which a proof of no equilibrium is attempted; most increments take fewer
+# Number of iterations after which a proof is attempted that there is no equilibrium. Most
+# increments take fewer iterations
 _ITERATIONS_BEFORE_PROOF = 12
 
-# Number of linear systems solved, and the report of their solver
+# Number of linear systems solved, and the report of the linear solver
 Cost: TypeAlias = tuple[int, SolverReport]
 
 
@@ -114,14 +117,14 @@ class SmallStrainStepping:
 
     Args:
         K: stiffness (n, n).
-        reduction: by the supports.
+        reduction: reduction by the supports.
         pairs: contact pairs.
-        space: trial space.
+        space: trial space of the displacements, or of the hybrid element.
         max_iterations: largest number of linear systems solved in one attempt.
-        callback: of the user.
-        remedies: methods that are tried if the iteration fails, and the largest cost of each
-            relative to the first attempt. Matrix-free solvers do not support "springs".
-        solver: of the linear systems.
+        callback: function of the user that is called after each iteration and each increment.
+        remedies: methods that are tried if the iteration fails, with the largest cost of each
+            method relative to the first attempt. Matrix-free solvers do not support "springs".
+        solver: solver of the linear systems.
     """
 
     def __init__(
@@ -143,9 +146,9 @@ class SmallStrainStepping:
             full_size_reduction(reduction) if uses_krylov else reduction, K
         )
         self._max_iterations, self._callback = max_iterations, callback
-        # springs need an assembled matrix
+        # springs require an assembled matrix
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not uses_krylov}
-        self._n_first_attempt_solves = 0  # linear systems of the increment's first attempt
+        self._n_first_attempt_solves = 0  # linear systems in the increment's first attempt
         self.interface = build_interface(pairs, space, self._reduction, AssemblyRecord.read(K))
         check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
@@ -157,7 +160,10 @@ class SmallStrainStepping:
     def step(
         self, state: ContactState, load: PETSc.Vec, motions: Sequence[Motion | None]
     ) -> ContactState:
-        """Return the state at the end of one increment; raises errors of `ContactProblem.step`."""
+        """Return the state at the end of one increment.
+
+        Arguments and errors are the same as those of `ContactProblem.step`.
+        """
         start_time = perf_counter()
         end = IncrementTarget.from_motions(load, motions, self.interface)
         comm = self.interface.comm
@@ -186,9 +192,17 @@ class SmallStrainStepping:
     def _solve_in_substeps(
         self, state: ContactState, end: IncrementTarget, reporter: ProgressReporter
     ) -> list[tuple[float, ContactState]]:
-        """Solve an increment in substeps; return the fraction and the state at each substep's end.
+        """Solve an increment in substeps.
 
-        The list ends early if a substep fails at the smallest size or the budget is exhausted.
+        Args:
+            state: state at the start of the increment.
+            end: loads and motions at the end of the increment.
+            reporter: reporter of progress.
+
+        Returns:
+            Fraction of the increment and state at the end of each substep. The list ends before the
+            end of the increment if the smallest substep fails or if too many linear systems have
+            been solved.
         """
         if "cutback" not in self._remedies:
             return []
@@ -214,7 +228,7 @@ class SmallStrainStepping:
         return substeps
 
     def _make_budget(self, remedy: Remedy, free_motions: FreeMotions) -> Callable[[], float]:
-        """Return a function that returns the number of linear systems a remedy may still solve."""
+        """Return a function that counts the linear systems which a remedy may still solve."""
         min_solves = (
             _MIN_ATTEMPT_SOLVES * min(1.0, _SMALL_PROBLEM_DOFS / self._K.getSize()[0]) ** 1.5
         )
@@ -232,15 +246,15 @@ class SmallStrainStepping:
         cost_before: Cost,
         remaining_solves: Callable[[], float] | None = None,
     ) -> ContactState:
-        """Return the state at a target, solved for in one step.
+        """Solve from a state to a target in one step and return the state at the target.
 
         Args:
-            state: at the start.
-            target: at the end.
-            reporter: of the increment.
+            state: state at the start.
+            target: loads and motions at the end.
+            reporter: reporter of progress.
             cost_before: cost at the start of the increment or substep.
-            remaining_solves: number of linear systems that the cutback may still solve; None for
-                the whole increment.
+            remaining_solves: function that returns the number of linear systems that substeps may
+                still solve; None if the step is the whole increment.
         """
         increment, kinematics = self._start_increment(state, target)
         linearised = self._linearise_start(increment, kinematics, state, target)
@@ -308,7 +322,11 @@ class SmallStrainStepping:
     def _iterate_with_accuracy_fallback(
         increment: LinearIncrement, iterate: Callable[[Accuracy], NewtonState]
     ) -> NewtonState:
-        """Iterate with rough linear solutions; if this fails, with accurate ones."""
+        """Return the solution of an increment, with accurate linear solutions only if necessary.
+
+        The iteration starts with rough linear solutions. If it fails, it is repeated with accurate
+        linear solutions.
+        """
         try:
             return iterate("rough")
         except ContactFailed as failure:
@@ -324,7 +342,15 @@ class SmallStrainStepping:
         target: IncrementTarget,
         cost_before: Cost,
     ) -> ContactState:
-        """Check the last iterate of an increment, and return its verified state."""
+        """Check the last iterate of an increment and return the verified state.
+
+        Args:
+            increment: equations of the increment.
+            end: last iterate.
+            state: state at the start of the increment.
+            target: loads and motions at the end of the increment.
+            cost_before: cost at the start of the increment.
+        """
         frame, gap = end.kinematics.frame, end.kinematics.gap
         self.interface.check_supports(frame[:, 0], gap)
         offset, is_pressed = increment.equilibrium.offset, end.nodes.trial_pressure > 0
@@ -355,7 +381,10 @@ class SmallStrainStepping:
         target: IncrementTarget,
         sizes: tuple[ResidualScale, float, float],
     ) -> ContactState:
-        """Return the state with residuals from K, the load, the surfaces and the law alone."""
+        """Return the solution with residuals that are evaluated independently of the iteration.
+
+        They follow from the stiffness, the load, the surfaces and the contact law alone.
+        """
         _, force, length = sizes
         unbalanced = self._K.createVecLeft()
         self._K.mult(solution.unknowns, unbalanced)
@@ -387,10 +416,10 @@ class SmallStrainStepping:
         """Return the increment with springs at the contact points and the free surfaces.
 
         Args:
-            target: at the end.
+            target: loads and motions at the end of the increment.
             start: state at the start of the increment.
-            stiffness_share: stiffness of the springs over c of the contact points.
-            unknowns: (n,), at which the springs of the points are unstressed.
+            stiffness_share: stiffness of the springs, divided by the stiffness of the contact law.
+            unknowns: unknowns (n,) at which the springs of the contact points are unstressed.
             q: translations (pairs, dim) at which the springs of the surfaces are unstressed.
         """
         interface, free_motions, field = self.interface, target.free_motions, self.interface.field
@@ -428,7 +457,7 @@ class SmallStrainStepping:
         )
 
     def linearise(self, part: HistoryPart) -> LinearisedEnd:
-        """Return the linearised equations at the end of a substep."""
+        """Return the equations linearised at the end of a substep."""
         state, interface = part.part_end, self.interface
         target = make_balanced_target(state, self._K, interface).with_free_motions(
             state.free_motions
@@ -447,7 +476,7 @@ class SmallStrainStepping:
     def _start_increment(
         self, state: ContactState, target: IncrementTarget
     ) -> tuple[LinearIncrement, UndeformedKinematics]:
-        """Return the equations from a state to a target, and their kinematics."""
+        """Return the equations of the step from a state to a target, and the kinematics."""
         start = make_increment_start(state, self.interface, state.translations)
         kinematics = UndeformedKinematics(self.interface, start, target.q, target.load_factor)
         increment = LinearIncrement(
@@ -467,7 +496,14 @@ class SmallStrainStepping:
         state: ContactState,
         target: IncrementTarget,
     ) -> LinearisedKinematics:
-        """Linearise the kinematics at the initial iterate, after checks of the motions up to it."""
+        """Check the motions up to the initial iterate, and return kinematics linearised there.
+
+        Args:
+            increment: equations of the increment.
+            kinematics: kinematics of the contact points.
+            state: state at the start of the increment.
+            target: loads and motions at the end of the increment.
+        """
         unloaded = target.unloaded_free_surfaces[:, None]
         q = np.where(unloaded, 0.0, increment.start.q)
         q = np.where(np.isnan(target.q), q, target.q)
@@ -486,7 +522,7 @@ class SmallStrainStepping:
         return ActiveSetUpdate(rigid.describe_free_motions, self.interface, accuracy)
 
     def _cost(self, free_motions: FreeMotions, cost_before: Cost = (0, NO_SOLVER_REPORT)) -> Cost:
-        """Return the cost since `cost_before`, with and without springs."""
+        """Return the total cost since `cost_before` of the systems with and without springs."""
         system, _ = self._system_for(free_motions)
         n_solves, report = system.n_solves, system.report
         if self._system_with_springs is not None:
@@ -501,7 +537,10 @@ class SmallStrainStepping:
             self._system = self._system_with_springs = None
 
     def _system_for(self, free_motions: FreeMotions) -> tuple[ContactSystem, RigidMotions]:
-        """Return the contact system and rigid motions for these free motions; cache the last."""
+        """Return the contact system and rigid motions for given free motions of the surfaces.
+
+        The result is cached for the next call with the same free motions.
+        """
         if self._system is None or self._system[0].free_motions != free_motions:
             self.release()
             system = self._make_system(self._K, free_motions)

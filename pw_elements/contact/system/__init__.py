@@ -1,4 +1,4 @@
-"""The linear system of an active set: assembled with factors, or matrix-free by Krylov methods."""
+"""The linear system of an active set, solved by factorisation or by a matrix-free Krylov method."""
 
 from pw_elements.contact.system.assembled import (
     AssembledTangent,

@@ -1,8 +1,8 @@
 """The linear system of an active set as an assembled matrix, solved by factorisation.
 
-If a few rows differ from those of the last factorisation, the solution is corrected without a new
-one. The module guarantees one sparsity pattern for all active sets, and assumes that each equation
-contains the force of one component of one contact point.
+If only a few rows have changed since the last factorisation, the solution is corrected and the
+factors are kept. The module guarantees the same sparsity pattern for all active sets. It assumes
+that each equation contains the force of at most one component of one contact point.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,23 +20,27 @@ from pw_elements.contact.nodes import LinearisedLaw
 from pw_elements.contact.system.solution import Accuracy, TangentSolution
 from pw_elements.solvers import LinearSolver
 
-# Row pointers, columns and values of this process' rows, as PETSc takes them
+# Row pointers, columns and values of this process' rows in PETSc's compressed row format
 CsrArrays: TypeAlias = tuple[npt.NDArray, npt.NDArray, Array]
-# Relative tolerance below which a matrix row counts as unchanged
+# Largest relative change of a matrix row that counts as unchanged
 _ROW_CHANGE_TOLERANCE = 1e-12
 
 
 class ContactRows:
-    """Rows E L K + C G - D of the contact points, whose entries are linear in E, C and D.
+    """Matrix rows of the contact points, in which the linearised law replaces equilibrium.
 
-    The sparsity pattern is fixed: each row of a point has all columns of its equations and motions.
+    The rows are E F + C G - D B. The matrices F, G and B give the forces of the points, the motions
+    of the points and the motions of the surfaces as functions of the unknowns. E, C and D are their
+    coefficients in the law. The sparsity pattern is fixed: the rows of a point contain all columns
+    on which its forces and motions depend.
 
     Args:
-        forces: L K, (m dim, n), force components of the points.
-        motion: G, (m p, n), with p motions per point.
-        borders: (m k, n), ones where one of the k motions of a surface is free and moves a point.
-        equations: (m, dim), local numbers of the points' rows in the matrix, -1 where there is
-            none.
+        forces: matrix F (m dim, n).
+        motion: motion operator G (m p, n), with p motions per point.
+        borders: matrix B (m k, n) with k rows per point, one for each motion of its surface. The
+            row of a free motion has an entry of one, all other rows are zero.
+        equations: local row numbers (m, dim) of the points in the matrix, -1 for components without
+            an equation.
     """
 
     def __init__(
@@ -59,7 +63,8 @@ class ContactRows:
         coefficient_column = coefficient_column + np.repeat(offsets, [p.nnz for p in operators])
         column = np.concatenate([p.col for p in operators])
         value = np.concatenate([p.data for p in operators])
-        # sorted (point, column) keys of the entries, and the entry of each operator value
+        # sorted (point, column) keys of the entries, and the number of the entry to which each
+        # value of the operators belongs
         entries, entry = np.unique(point * n + column, return_inverse=True)
         n_entries, first_entry = _group_sizes_and_starts(entries // n, m)
         flat = np.flatnonzero(equations.ravel() >= 0)
@@ -84,11 +89,14 @@ class ContactRows:
         self._entries_by_law = sp.csr_matrix((value[selected], (row, coefficient)), shape)
 
     def evaluate(self, coefficients: Array) -> Array:
-        """Return the values of all entries for E, C and D, side by side, (m, dim, ...)."""
+        """Return the values of all entries.
+
+        `coefficients` (m, dim, ...) are the matrices E, C and D of the law, side by side.
+        """
         return np.asarray(self._entries_by_law @ coefficients.ravel())
 
     def petsc_pattern(self, first_row: int) -> list[npt.NDArray]:
-        """Return pointers, columns and rows as PETSc takes them.
+        """Return row pointers, columns and row numbers in PETSc's compressed row format.
 
         `first_row` is the global number of this process' first row.
         """
@@ -97,19 +105,22 @@ class ContactRows:
 
 
 def _group_sizes_and_starts(labels: Indices, n_groups: int) -> tuple[Indices, Indices]:
-    """Return the size of each group 0 to `n_groups` - 1, and its start in the sorted labels."""
+    """Return the size of each group of equal labels, and its start in the sorted labels.
+
+    The labels are 0 to `n_groups` - 1.
+    """
     count = np.bincount(labels, minlength=n_groups)
     return count, np.cumsum(count) - count
 
 
 def _concatenate_ranges(starts: Indices, lengths: Indices) -> Indices:
-    """Return the concatenated ranges [start, start + length)."""
+    """Return the integers of all ranges [start, start + length) in one array."""
     shifts = starts - (np.cumsum(lengths) - lengths)
     return np.repeat(shifts, lengths) + np.arange(lengths.sum())
 
 
 def extract_local_rows(matrix: PETSc.Mat, n_extra_columns: int) -> sp.csr_matrix:
-    """Return this process' rows of a matrix with additional empty columns for free motions."""
+    """Return this process' rows of a matrix, with empty columns appended for free motions."""
     indptr, indices, data = matrix.getValuesCSR()
     rows = sp.csr_matrix(
         (data, indices, indptr), (len(indptr) - 1, matrix.getSize()[1] + n_extra_columns)
@@ -121,9 +132,14 @@ def extract_local_rows(matrix: PETSc.Mat, n_extra_columns: int) -> sp.csr_matrix
 def insert_contact_rows(
     rows: sp.csr_matrix, contact_rows: ContactRows, border: sp.csr_matrix
 ) -> CsrArrays:
-    """Return `rows` with the pattern of the contact rows inserted and the border appended.
+    """Return matrix rows with the pattern of the contact rows and the rows of the border.
 
     The inserted entries are zero until the law is known.
+
+    Args:
+        rows: rows of the stiffness on this process.
+        contact_rows: rows of the contact points, which replace rows of the stiffness.
+        border: rows that are appended, the force balances of free motions.
     """
     replaced = np.zeros(rows.shape[0], dtype=bool)
     replaced[contact_rows.rows] = True
@@ -143,7 +159,16 @@ def insert_contact_rows(
 def make_border_columns(
     free_motions: Sequence[tuple[int, int]], pair: LocalIndices, n_motions: int
 ) -> sp.csr_matrix:
-    """Return a matrix (m n_motions, free motions) with ones where a free motion moves a point."""
+    """Return a matrix of ones and zeros that maps free motions to motions at the points.
+
+    Args:
+        free_motions: number of the pair and of the component of each free motion.
+        pair: number (m,) of the pair of each point.
+        n_motions: number of motions of each surface.
+
+    Returns:
+        Matrix (m n_motions, free), with ones where a free motion moves a point.
+    """
     rows_by_motion = [
         np.flatnonzero(pair == number) * n_motions + axis for number, axis in free_motions
     ]
@@ -158,8 +183,8 @@ def gather_balance_rows(sums: sp.coo_matrix, springs: Array, comm: MPI.Comm) -> 
     """Return the force-balance rows of the free motions on the last process, no rows elsewhere.
 
     Args:
-        sums: (free, n), contributions of this process' contact points.
-        springs: (free,), stiffness of the spring of each free motion.
+        sums: contributions (free, n) of this process' contact points.
+        springs: stiffness (free,) of the spring of each free motion.
         comm: communicator of the matrix.
     """
     parts = comm.gather((sums.row, sums.col, sums.data), root=comm.size - 1)
@@ -167,7 +192,7 @@ def gather_balance_rows(sums: sp.coo_matrix, springs: Array, comm: MPI.Comm) -> 
         return sp.csr_matrix((0, sums.shape[1]))
     motion_number = np.arange(sums.shape[0])
     parts.append((motion_number, sums.shape[1] - len(motion_number) + motion_number, springs))
-    # explicit zeros stay, so that the pattern does not depend on values
+    # explicit zeros are kept, because the pattern must not depend on values
     row, column, data = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     balance = sp.csr_matrix((data, (row, column)), sums.shape)
     balance.sort_indices()
@@ -175,15 +200,16 @@ def gather_balance_rows(sums: sp.coo_matrix, springs: Array, comm: MPI.Comm) -> 
 
 
 def split_force_operator(force: PETSc.Mat, equation: Indices) -> tuple[Array, PETSc.Mat | None]:
-    """Split H into its entries at the points' own equations and all others.
+    """Split a force operator into the entries at the points' own equations and all other entries.
 
     Args:
-        force: H^T, (m dim, n).
-        equation: (m, dim), global number of each component's own equation, -1 without one.
+        force: transposed force operator (m dim, n), which distributes contact forces to equations.
+        equation: global number (m, dim) of the own equation of each force component, -1 for a
+            component without an equation.
 
     Returns:
-        Inverses (m, dim) of the entries at the own equations; -H^T (m dim, n) of the others, or
-        None if these are zero on all processes.
+        Inverses (m, dim) of the entries at the own equations; and a matrix (m dim, n) of the other
+        entries with opposite sign, or None if they are zero on all processes.
     """
     indptr, column, value = force.getValuesCSR()
     value = value.copy()
@@ -202,7 +228,15 @@ def split_force_operator(force: PETSc.Mat, equation: Indices) -> tuple[Array, PE
 
 
 def extract_point_diagonal(matrix: sp.csr_matrix, equation: Indices) -> Array:
-    """Return the entries (m, dim) of a matrix (m dim, n) at the points' own unknowns; 1 without."""
+    """Return the entries of a matrix (m dim, n) at the own equations of the contact points.
+
+    Args:
+        matrix: matrix with one row per component of each contact point.
+        equation: column (m, dim) of the own equation of each component, -1 for none.
+
+    Returns:
+        Entries (m, dim), which are 1 for components without an equation.
+    """
     point_equations = equation.ravel()
     rows = np.flatnonzero(point_equations >= 0)
     values = np.ones(len(point_equations))
@@ -211,16 +245,16 @@ def extract_point_diagonal(matrix: sp.csr_matrix, equation: Indices) -> Array:
 
 
 class AssembledTangent:
-    """A `ContactTangent` with an assembled matrix and its factors.
+    """Assembled matrix of the contact system with its factors.
 
     Args:
-        matrix: contact system, with the pattern of all active sets.
+        matrix: matrix of the contact system, with the pattern of all active sets.
         contact_rows: rows of the contact points.
         first_row: global number of this process' first row.
-        n_borders: number of rows of free motions on this process.
-        solver: of the linear systems.
-        has_enclosed_pressure: returns whether a constant pressure in an incompressible body acts
-            on the contact points alone.
+        n_borders: number of rows on this process that are force balances of free motions.
+        solver: solver of the linear systems.
+        has_enclosed_pressure: function that returns whether a constant pressure in an
+            incompressible body acts on the contact points alone.
     """
 
     solves_exactly = True
@@ -240,14 +274,15 @@ class AssembledTangent:
         self._solver, self.solver = solver, solver.prepare(matrix)
         self.has_enclosed_pressure = has_enclosed_pressure
         self._factorised: Array | None = None
-        self._springs: Array | None = None  # of free motions, added to those of the matrix
+        # stiffness of free motions that is added to the springs in the matrix
+        self._springs: Array | None = None
 
     def set_initial_iterate(self, unknowns: Callable[[], Array], free_motions: Array) -> None:
-        """Ignore the initial iterate, which direct solvers do not need."""
+        """Do nothing, because direct solvers do not need an initial iterate."""
 
     def set_springs(self, springs: Array) -> None:
         if self._springs is None and not springs.any():
-            return  # the matrix has no springs yet
+            return  # the matrix has no springs from support friction
         previous = np.zeros_like(springs) if self._springs is None else self._springs
         if np.array_equal(previous, springs):
             return
@@ -265,7 +300,7 @@ class AssembledTangent:
         return ()
 
     def release(self) -> None:
-        """Do nothing: the factors are freed with the last reference."""
+        """Do nothing, because the factors are freed with the last reference to them."""
 
     def update_stiffness(
         self, assemble_rows: Callable[[], tuple[ContactRows, CsrArrays]], pattern_changed: bool
@@ -299,7 +334,13 @@ class AssembledTangent:
         return TangentSolution(np.asarray(solution.array_r), is_exact=True, is_final=True)
 
     def solve_transposed(self, rhs: Array, balance_rhs: Array, law: LinearisedLaw) -> Array:
-        """Solve the transposed system and return the weights of this process' equations."""
+        """Return this process' part of the solution of the transposed system.
+
+        Args:
+            rhs: right-hand side (n,) of this process.
+            balance_rhs: right-hand side (free,) of the force balances of free motions.
+            law: linearised law.
+        """
         self.set_springs(np.zeros_like(balance_rhs))
         self._assemble_law(law)
         solver = self._solver.prepare(self.matrix.transpose(PETSc.Mat()))
@@ -308,7 +349,10 @@ class AssembledTangent:
         return weights
 
     def _assemble_law(self, law: LinearisedLaw) -> Array:
-        """Write the contact rows into the matrix; return E, C and D side by side, (m, dim, ...)."""
+        """Write the contact rows into the matrix; return the coefficients of the law.
+
+        The coefficients (m, dim, ...) are the law's matrices E, C and D, side by side.
+        """
         coefficients = np.concatenate([law.E, law.C, law.D], axis=2)
         pointers, columns, rows = self._row_pattern
         values = self._points.evaluate(coefficients)
@@ -322,8 +366,16 @@ class AssembledTangent:
         return combined_rhs
 
     def _solve_by_correction(self, rhs: PETSc.Vec, coefficients: Array) -> PETSc.Vec | None:
-        """Return the solution by the last factors with changed rows corrected; None if too many."""
-        if self._factorised is None:  # the same on all processes
+        """Return the solution by the last factors, corrected for the rows that have changed.
+
+        Args:
+            rhs: right-hand side of the whole system.
+            coefficients: coefficients (m, dim, ...) of the law.
+
+        Returns:
+            The solution, or None if too many rows have changed.
+        """
+        if self._factorised is None:  # equal on all processes
             return None
         scale = np.abs(self._factorised).max(axis=(0, 1), keepdims=True, initial=0.0)
         has_changed = np.abs(coefficients - self._factorised) > _ROW_CHANGE_TOLERANCE * scale

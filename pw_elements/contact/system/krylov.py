@@ -1,13 +1,13 @@
 """The linear system of one active set as a matrix-free operator, solved by a Krylov method.
 
-The operator is the `MatrixFreeOperator`. The preconditioner is multigrid for K with the directions
-held that the active set fixes; between two bodies it is the `SpringPreconditioner` (docs/theory.md,
-"Large systems"). The few free translations U are eliminated by the Schur complement of the
-preconditioner. In hybrid bodies only displacements are held: they are the first block of the
-`BlockTriangularPreconditioner`.
+The operator is the `MatrixFreeOperator`. The preconditioner is multigrid for the stiffness, in
+which directions that the active set fixes are held like supports. For two bodies the
+`SpringPreconditioner` replaces it (docs/theory.md, "Large systems"). The few free translations of
+surfaces are eliminated by the Schur complement of the preconditioner. In hybrid bodies only
+displacements, the first block of the `BlockTriangularPreconditioner`, are held.
 
-The module guarantees residuals relative to the contact forces, as tight as the requested accuracy
-demands or round-off permits. It assumes that surfaces do not rotate freely.
+The module guarantees that the residual divided by the contact forces is as small as the requested
+accuracy, or as small as round-off permits. It assumes that no surface is free to rotate.
 """
 
 from collections.abc import Callable
@@ -43,50 +43,53 @@ from pw_elements.solvers import (
     solve_with_ksp,
 )
 
-# Residual of an intermediate solution over the previous one: for a constant tangent, where a
-# smaller one would save no Newton step; and for a changing tangent, where a larger one may lead to
+# Residual of an intermediate solution divided by the previous residual. For a constant tangent, a
+# smaller ratio would save no Newton step. For a changing tangent, a larger ratio may lead to
 # another branch of solutions
 _FORCING_TERM = 0.1
 _FORCING_TERM_NONLINEAR = 0.02
-# Inverse of the smallest `SpringPreconditioner.law_to_force_factors` of equally stiff bodies. The
-# factors are smaller if one body is softer: forces then depend less on gaps, and the residual has
-# to be smaller
+# Inverse of the smallest value of `SpringPreconditioner.law_to_force_factors` for bodies of equal
+# stiffness. The values are smaller if one body is softer. Forces then depend less on gaps, and the
+# residual has to be smaller
 _SPRING_FORCING_FACTOR = 5.0
-# Final residual over the largest nodal contact force: the solver's tolerance, but at most
-# _MAX_FINAL_TOLERANCE, or _NONLINEAR_FINAL_TOLERANCE for a changing tangent (large strains).
-# Accuracy "tightened" multiplies it by _TIGHTENING_FACTOR
+# The final residual, divided by the largest nodal contact force, is limited to the solver's
+# tolerance and to _MAX_FINAL_TOLERANCE. For a changing tangent (large strains) the limit
+# _NONLINEAR_FINAL_TOLERANCE is added. The accuracy "tightened" multiplies the limit by
+# _TIGHTENING_FACTOR
 _MAX_FINAL_TOLERANCE = FORCE_TOLERANCE / 10
 _NONLINEAR_FINAL_TOLERANCE = 1e-13
 _TIGHTENING_FACTOR = 0.1
 # Relative residual at which eigenvalues are computed
 _EIGENVALUE_RESIDUAL = 1e-4
-# Smallest ratio of contact forces to the residual at which the forces are meaningful
+# Smallest ratio of contact forces to residual at which the contact forces are meaningful
 _MIN_FORCE_TO_RESIDUAL = 1e-3
-# Ratio of the true residual to its target above which round-off is limiting, and the reduction of
-# the residual in one solution below which the method has stalled
+# A solution whose residual is near round-off has stalled if the residual is not below _STALL_RATIO
+# times its target. Another solution has stalled if the residual is not below _MIN_REDUCTION times
+# the previous one
 _STALL_RATIO = 2.0
 _MIN_REDUCTION = 0.1
-# Largest cost of one solution with old levels over the operations of making new levels. The factor
-# covers the slower rate at which operations of the set-up are done
+# Largest excess cost of one solution with old multigrid levels, divided by the number of operations
+# to make new levels. The factor accounts for the lower speed of the operations in the set-up
 _LEVEL_COST_FACTOR = 3.0
-# Largest singular values of E (0: motion held, 1: free) of a direction without forces in its
-# equation, and of one that is held in the preconditioner
+# Bounds of the singular values of the law's force coefficients, which are 0 for a held direction
+# and 1 for a free direction. Below the first bound, the law contains no force in this direction.
+# Below the second bound, the direction is held in the preconditioner
 _ZERO_SINGULAR_VALUE = 1e-9
 _HELD_SINGULAR_VALUE = 0.5
 
 
 class KrylovTangent:
-    """A `ContactTangent` solved by a Krylov method with a matrix-free operator.
+    """Matrix-free operator of the contact system and its Krylov solver.
 
-    Unknowns are numbered as in K, with zeros at prescribed ones. The free translations come last,
-    on the last process.
+    Unknowns are numbered as in the stiffness, and prescribed unknowns are zero. The free
+    translations of surfaces come last, on the last process.
 
     Args:
         K: stiffness (n, n).
-        supports: of the unknowns.
+        supports: supports of the body.
         points: contact points.
-        matrix_free_solver: of the linear systems.
-        supported_stiffness: K with the supports; `release` destroys it.
+        matrix_free_solver: solver of the linear systems.
+        supported_stiffness: stiffness with the supports applied. `release` destroys it.
     """
 
     solves_exactly = False
@@ -147,7 +150,7 @@ class KrylovTangent:
             None if block_preconditioner else self._spring_preconditioner
         )
         self._ksp = krylov.create_flexible_ksp(self._operator, outer)
-        # no anchors are needed if supports hold all components
+        # no anchor nodes are needed if supports hold all connected components
         displacement_stiffness, displacement_supports = krylov.displacement_block
         has_free_motion = has_free_rigid_motion(displacement_stiffness, displacement_supports)
         self._anchor_nodes = (
@@ -158,9 +161,10 @@ class KrylovTangent:
         self._final_tolerance = self._tolerance = min(krylov.tolerance, _MAX_FINAL_TOLERANCE)
         self._stiffness_changed = False
         self._solution_size = self._previous_residual = 0.0
-        # floating-point operations of making levels, and those wasted since because levels are old
+        # floating-point operations to make multigrid levels, and operations wasted since then
+        # because the levels are old
         self._setup_operations = self._wasted_operations = 0.0
-        # operations of new levels, per decimal digit of the residual and per iteration
+        # operations with new levels, per decimal digit of the residual and per iteration
         self._operations_per_digit: float | None = None
         self._operations_per_iteration = 1.0
         self._max_iterations: int = self._ksp.getTolerances()[3]
@@ -177,9 +181,9 @@ class KrylovTangent:
         self._matrix_free_operator.springs = springs
 
     def update_stiffness(self, *_: object, **__: object) -> None:
-        """Make new multigrid levels if old ones have wasted as much as new ones cost.
+        """Make new multigrid levels if the old levels have wasted as much as new levels cost.
 
-        K is changed in place, so the arguments are ignored.
+        The stiffness is changed in place, so the arguments are ignored.
         """
         self._stiffness_changed = True
         if self._wasted_operations >= self._setup_operations:
@@ -187,11 +191,12 @@ class KrylovTangent:
             self._operations_per_digit = None
 
     def determinant_signs(self) -> tuple[int, ...]:
-        """Return the sign 1 of the preconditioner, and the sign of the last tangent relative to it.
+        """Return estimated signs of the determinants of preconditioner and preconditioned tangent.
 
-        Empty if eigenvalues are not available. The eigenvalues of the preconditioned tangent are
-        near one; one that has changed its sign is an outlier, which Arnoldi's method finds first,
-        from an arbitrary vector. The result is not a proof.
+        The sign of the preconditioner is taken as 1. Most eigenvalues of the preconditioned tangent
+        are near one. An eigenvalue that has changed its sign is an outlier, which Arnoldi's method
+        usually finds first; the start vector is arbitrary, so the result is not a proof. The result
+        is empty if the solver computes no eigenvalues.
         """
         if self._krylov.uses_external_method:
             return ()
@@ -200,7 +205,7 @@ class KrylovTangent:
         start_vector.setArray(np.cos(np.arange(first_row, end_row, dtype=float)))
         sign = -1
         for re_estimate in (False, True):
-            if re_estimate:  # a smoother with wrong eigenvalue bounds also changes signs
+            if re_estimate:  # a smoother with wrong eigenvalue bounds may be what changes a sign
                 self._multigrid.re_estimate_eigenvalues()
             self._ksp.setTolerances(
                 rtol=_EIGENVALUE_RESIDUAL, atol=0.0, max_it=self._max_iterations
@@ -235,7 +240,7 @@ class KrylovTangent:
         fixed_projectors = self._prepare_preconditioner(law)
         if self._spring_preconditioner is None:
             self._move_to_held_positions(combined_rhs, x, fixed_projectors)
-        # the initial iterate is needed again only if levels may be old
+        # the initial iterate may be needed again only if the levels may be old
         initial = x.copy() if self._stiffness_changed else x
         remaining_rhs = combined_rhs.duplicate()
         residual = self._update_residual(combined_rhs, remaining_rhs)
@@ -265,9 +270,17 @@ class KrylovTangent:
         return TangentSolution(np.array(x.array_r), is_exact=is_stalled, is_final=self._is_final)
 
     def _scale_law_to_forces(self, law: LinearisedLaw, rhs: Array) -> tuple[LinearisedLaw, float]:
-        """Return the law and the forcing term, scaled to spring forces between two bodies.
+        """Return the law between two bodies with rows that are scaled from lengths to forces.
 
-        The right-hand side (n,) of this process is scaled in place.
+        Lengths are multiplied by the stiffness of the springs in the `SpringPreconditioner`. The
+        law of rigid surfaces is not scaled.
+
+        Args:
+            law: linearised law.
+            rhs: right-hand side (n,) of this process, which is scaled in place.
+
+        Returns:
+            The scaled law, and the ratio by which one solution has to reduce the residual.
         """
         forcing_term = _FORCING_TERM_NONLINEAR if self._stiffness_changed else _FORCING_TERM
         if self._spring_preconditioner is None:
@@ -281,7 +294,7 @@ class KrylovTangent:
         return replace(law, E=E, C=C, D=D, c=factors * law.c), forcing_term
 
     def _prepare_preconditioner(self, law: LinearisedLaw) -> Array:
-        """Set up the preconditioner for a law.
+        """Set up the preconditioner for a linearised law.
 
         Returns:
             Projectors (m, dim, dim) onto the directions whose motion the law fixes.
@@ -319,14 +332,16 @@ class KrylovTangent:
 
         Args:
             combined_rhs: right-hand side of all equations.
-            remaining_rhs: `combined_rhs` less the product with the iterate; updated in place.
+            remaining_rhs: `combined_rhs` minus the product of the matrix with the iterate. It is
+                updated in place.
             residual: norm of `remaining_rhs`.
-            intermediate_residual: target of an intermediate solution, 0 for a final one.
-            forcing_term: residual of an intermediate solution over the previous one.
+            intermediate_residual: target for the residual of an intermediate solution, 0 for a
+                final solution.
+            forcing_term: residual of an intermediate solution divided by the previous residual.
 
         Returns:
-            The residual, and whether it has stalled at round-off; None if levels are old and cost
-            more than new ones.
+            The residual, and whether it has stalled at round-off. The result is None if the
+            multigrid levels are old and cost more than new levels.
 
         Raises:
             NotConverged: if the method fails with new levels.
@@ -348,7 +363,7 @@ class KrylovTangent:
                     max_iterations, 1 + int(affordable_operations / self._operations_per_iteration)
                 )
             self._ksp.setTolerances(rtol=0.0, atol=target, max_it=max_iterations)
-            # options are checked in the first solution, and by external methods in each one
+            # options are checked in the first solution; external methods check them in each one
             if self._solution_size and not self._krylov.uses_external_method:
                 self._ksp.solve(remaining_rhs, correction)
             else:
@@ -363,7 +378,7 @@ class KrylovTangent:
             round_off = (
                 self._krylov.round_off(self._solution_size) + self._points.force_round_off + target
             )
-            # a residual of NaN, by a failed factorisation, counts as stalled
+            # a residual of NaN, due to a failed factorisation, counts as stalled
             is_stalled = not residual < (
                 min(previous_residual, _STALL_RATIO * target)
                 if residual <= round_off
@@ -398,7 +413,7 @@ class KrylovTangent:
             self._ksp.getPC(),
             PETSc.PC().create(self._operator.comm),
         )
-        self._ksp.setPC(empty_preconditioner)  # the reset would also reset the levels
+        self._ksp.setPC(empty_preconditioner)  # otherwise `reset` would reset the levels
         self._ksp.reset()
         self._ksp.setPC(preconditioner)
         destroy_objects(empty_preconditioner)
@@ -414,10 +429,18 @@ class KrylovTangent:
     def _target_residual(
         self, residual: float, intermediate_residual: float, forcing_term: float
     ) -> float:
-        """Return the target of the residual, at least the tolerance times the contact forces.
+        """Return the residual at which the iteration stops.
 
-        An intermediate target is also limited relative to the contact forces, since the residual
-        is large while an active set moves nodes of a body that has not followed yet.
+        It is at least the tolerance times the largest contact force. The target of an intermediate
+        solution is at most the forcing term times the norm of the contact forces: the initial
+        residual may be much larger if the active set has moved nodes and the rest of the body has
+        not followed.
+
+        Args:
+            residual: residual of the current iterate.
+            intermediate_residual: target for the residual of an intermediate solution, 0 for a
+                final solution.
+            forcing_term: residual of an intermediate solution divided by the previous residual.
         """
         squared_force = self._comm.allreduce(
             float(np.sum(self._matrix_free_operator.force**2)), MPI.SUM
@@ -425,7 +448,7 @@ class KrylovTangent:
         if squared_force > (_MIN_FORCE_TO_RESIDUAL * residual) ** 2:
             intermediate_residual = min(intermediate_residual, forcing_term * squared_force**0.5)
         largest = self._largest_contact_force()
-        # a step that would make the next one the last is solved to the final tolerance
+        # a solution so accurate that the next step would be the last is solved to final tolerance
         intermediate_residual = (
             intermediate_residual if intermediate_residual > FORCE_TOLERANCE * largest else 0.0
         )
@@ -446,7 +469,7 @@ class KrylovTangent:
         return float(self._comm.allreduce(force, MPI.MAX))
 
     def _set_held_directions(self, law: LinearisedLaw) -> Array:
-        """Hold the directions of an active set in multigrid.
+        """Hold the directions that the active set fixes in the multigrid preconditioner.
 
         Returns:
             Projectors (m, dim, dim) onto the directions whose motion the law fixes.
@@ -475,9 +498,14 @@ class KrylovTangent:
     def _move_to_held_positions(
         self, combined_rhs: PETSc.Vec, x: PETSc.Vec, fixed_projectors: Array
     ) -> None:
-        """Move nodes in x along the fixed directions until the law holds there.
+        """Move nodes along the fixed directions to the positions that the law prescribes.
 
-        The iteration does not leave these positions.
+        The iteration does not change these positions.
+
+        Args:
+            combined_rhs: right-hand side of all equations.
+            x: initial iterate, which is changed in place.
+            fixed_projectors: projectors (m, dim, dim) onto the directions that the law fixes.
         """
         points, has_equation = self._points, self._points.equations >= 0
         violation = np.where(
@@ -489,7 +517,13 @@ class KrylovTangent:
         x.array[points.equations[has_equation]] += step[has_equation]
 
     def _make_balance_row(self, K: PETSc.Mat, supports: Supports, translation: int) -> Array:
-        """Return the row (n,) of a free translation's force balance, on this process."""
+        """Return this process' part (n,) of the matrix row for a free translation's force balance.
+
+        Args:
+            K: stiffness (n, n).
+            supports: supports of the body.
+            translation: number of the free translation.
+        """
         points = self._points
         point_factors, row = K.createVecs()
         is_moved = (points.free_translation == translation) & (points.equations >= 0)
@@ -498,7 +532,12 @@ class KrylovTangent:
         return np.asarray(row.array_r * supports.free)
 
     def _make_border_column(self, translation: int, D: Array) -> Array:
-        """Return the column (n,) by which a free translation enters the law, on this process."""
+        """Return this process' part (n,) of a free translation's matrix column.
+
+        Args:
+            translation: number of the free translation.
+            D: coefficients (m, dim, k) of the surface motions in the law.
+        """
         points = self._points
         law_values = -np.einsum(
             "nab,nb->na", D, (points.free_translation == translation).astype(float)

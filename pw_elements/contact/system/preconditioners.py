@@ -1,7 +1,7 @@
-"""Preconditioners of the contact system and nodes that anchor free bodies.
+"""Preconditioners of the contact system, and choice of nodes that anchor free bodies.
 
 The module guarantees the same preconditioner on any number of processes. It assumes contact points
-as in `ContactPointData`.
+as described by `ContactPointData`.
 """
 
 from mpi4py import MPI
@@ -23,20 +23,21 @@ from pw_elements.solvers import (
     destroy_objects,
 )
 
-# Fewest sticking nodes that hold a connected component without additional anchors
+# Smallest number of sticking nodes that hold a connected component without additional anchors
 _MIN_STICKING_NODES = 6
 
 
 class SpringPreconditioner:
-    """Preconditioner of E K + C from that of bodies held by springs, for a `PETSc.PC` in Python.
+    """Preconditioner of the contact system of two bodies, for a `PETSc.PC` in Python.
 
-    The springs k, directions Q and the compliance W = G D^-1 H, with the diagonal D of K, are
-    defined in docs/theory.md ("Large systems").
+    In the preconditioner, springs between the bodies replace contact. The bodies with springs are
+    approximated by the inner preconditioner, and the contact forces follow from the law with an
+    approximate compliance of the contact points (docs/theory.md, "Large systems").
 
     Args:
         inner: preconditioner of the displacements.
-        points: contact points; their unknowns are displacements alone.
-        K: stiffness of the displacements (n, n).
+        points: contact points, whose unknowns are displacements alone.
+        K: stiffness (n, n) of the displacements.
     """
 
     def __init__(self, inner: PETSc.PC, points: ContactPointData, K: PETSc.Mat) -> None:
@@ -55,7 +56,10 @@ class SpringPreconditioner:
         self._ksp.getPC().setFactorSolverType("mumps")
 
     def law_to_force_factors(self, law: LinearisedLaw) -> Array:
-        """Return factors (m, dim) that scale rows of the law from lengths to spring forces."""
+        """Return the factors (m, dim) that convert rows of the law from lengths to forces.
+
+        They depend on the stiffness of the springs between the bodies.
+        """
         law_size = (
             np.linalg.norm(law.E, axis=2)
             + np.linalg.norm(law.C, axis=2) / self._spring_stiffness[:, 0]
@@ -65,12 +69,15 @@ class SpringPreconditioner:
     def assemble_springs(
         self, law: LinearisedLaw, held_projectors: Array, anchored_projectors: Array
     ) -> PETSc.Mat:
-        """Factorise E + C W, and return the springs H k Q G (n, n) that hold the bodies.
+        """Prepare the law for an active set, and return the stiffness (n, n) of the springs.
+
+        The law, in which motions are replaced by compliance times force, is factorised.
 
         Args:
             law: linearised law of the active set.
-            held_projectors: (m, dim, dim), onto directions that the active set holds.
-            anchored_projectors: (m, dim, dim), Q, onto these directions and all of anchor nodes.
+            held_projectors: projectors (m, dim, dim) onto the directions that the active set holds.
+            anchored_projectors: projectors (m, dim, dim) onto the directions in which springs act:
+                the held directions and, at anchor nodes, all directions.
         """
         points, identity = self._points, np.eye(held_projectors.shape[1])
         has_both_equations = self._has_equation[:, :, None] & self._has_equation[:, None, :]
@@ -107,20 +114,27 @@ class SpringPreconditioner:
         destroy_objects(self._ksp)
 
     def _multiply_blocks(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
-        """Return the product of blocks (m, dim, dim) on the diagonal with a matrix (m dim, ...)."""
+        """Return the product of a block-diagonal matrix and another matrix (m dim, ...).
+
+        The diagonal blocks are `blocks` (m, dim, dim).
+        """
         return block_diagonal_matrix(
             blocks, self._points.motion.getSizes()[0], matrix.comm
         ).matMult(matrix)
 
 
 class BorderedPreconditioner:
-    """Preconditioner of the bordered system from one without border, for a `PETSc.PC` in Python.
+    """Preconditioner of a system with free translations of surfaces, for a `PETSc.PC` in Python.
+
+    The free translations border the matrix with a few rows and columns. They are eliminated by
+    their Schur complement.
 
     Args:
         inner: preconditioner of the system without border.
-        balance_rows: row (n,) of each free translation's force balance, of this process.
+        balance_rows: this process' part (n,) of the matrix row for the force balance of each free
+            translation.
         comm: communicator of the system.
-        vector_like: vector without border, for its layout.
+        vector_like: any vector of the system without border, whose layout is used.
     """
 
     def __init__(
@@ -132,7 +146,12 @@ class BorderedPreconditioner:
         self._schur = np.eye(len(balance_rows))
 
     def update(self, columns: list[Array], springs: Array) -> None:
-        """Compute the Schur complement for border columns (n,) and springs (translations,)."""
+        """Compute the Schur complement of the free translations.
+
+        Args:
+            columns: this process' part (n,) of the matrix column of each free translation.
+            springs: stiffness (translations,) of the spring of each free translation.
+        """
         self._inner_columns = [self._apply_inner(column) for column in columns]
         self._schur = (
             np.diag(springs)
@@ -150,22 +169,23 @@ class BorderedPreconditioner:
         y.array[n:] = U[: len(values) - n]
 
     def _apply_inner(self, values: Array) -> Array:
-        """Return the product of the inner preconditioner with values (n,)."""
+        """Return the product (n,) of the inner preconditioner and a vector."""
         self._inner_input.array[:] = values
         self._inner.apply(self._inner_input, self._inner_output)
         return np.array(self._inner_output.array_r)
 
     def _sum_rows(self, values: Array) -> Array:
-        """Return the products (translations,) of the balance rows with values (n,)."""
+        """Return the products (translations,) of the force-balance rows with a vector (n,)."""
         totals = np.array([row @ values for row in self._balance_rows])
         self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
         return totals
 
 
 class AnchorNodes:
-    """Distant contact nodes, `dim` of each connected component, that hold it in the preconditioner.
+    """Contact nodes that hold otherwise free bodies in the preconditioner.
 
-    The nodes are picked among the contact points that can hold their body.
+    In each connected component of the mesh, up to `dim` distant nodes are chosen from the contact
+    points that can hold the body.
     """
 
     def __init__(self, space: fem.FunctionSpace, points: ContactPointData) -> None:
@@ -189,9 +209,12 @@ class AnchorNodes:
         self._is_anchor = chosen[first_point : first_point + len(nodes)]
 
     def add_anchors(self, projectors: Array) -> Array:
-        """Return projectors (m, dim, dim) onto held directions, with all directions of anchors.
+        """Return projectors onto held directions, extended to all directions at anchor nodes.
 
-        Anchors count only in components with few sticking nodes.
+        Anchor nodes are used only in connected components with few sticking nodes.
+
+        Args:
+            projectors: projectors (m, dim, dim) onto the directions that the active set holds.
         """
         dim = projectors.shape[1]
         sticks = np.einsum("naa->n", projectors) > dim - 0.5
@@ -202,9 +225,10 @@ class AnchorNodes:
 
 
 def _pick_distant_points(x: Array) -> list[int]:
-    """Return numbers of up to `dim` points of x (n, dim) that are far from each other.
+    """Return the numbers of up to `dim` of the points x (n, dim) that are far from each other.
 
-    The first is farthest from the mean, each next one from the affine hull of its predecessors.
+    The first point is farthest from the mean position. Each following point is farthest from the
+    affine hull of the points chosen before.
     """
     if not len(x):
         return []

@@ -1,4 +1,4 @@
-"""Accuracies and results of the linear solution for one active set."""
+"""Accuracy and result of the linear solution for one active set."""
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -7,17 +7,18 @@ from petsc4py import PETSc
 
 from pw_elements.arrays import Array
 
-# "rough" for an intermediate iterate, "final" for one that may be the last of an increment, and
-# "tightened" for a repeated solution of the same system with a smaller residual
+# Accuracy of a linear solution: "rough" for an intermediate iterate, "final" for an iterate that
+# may be the last of an increment, and "tightened" for the same system solved again with a smaller
+# residual
 Accuracy: TypeAlias = Literal["rough", "final", "tightened"]
 
 
 @dataclass(frozen=True)
 class TangentSolution:
-    """Solution of one contact system on this process.
+    """Part of this process in the solution of one contact system.
 
     Args:
-        unknowns: (n,) of this process; on the last process the free motions follow.
+        unknowns: unknowns (n,) of this process, followed by the free motions on the last process.
         is_exact: whether round-off alone limits the accuracy.
         is_final: whether the solution is accurate enough to end an increment.
     """
@@ -32,8 +33,8 @@ class Solution:
     """Solution of one contact system.
 
     Args:
-        reduced_unknowns: reduced displacements.
-        free_motions: (free,), on every process.
+        reduced_unknowns: displacements reduced by the supports.
+        free_motions: free motions (free,) of the surfaces, the same on every process.
         is_exact: whether round-off alone limits the accuracy.
         is_final: whether the solution is accurate enough to end an increment.
     """

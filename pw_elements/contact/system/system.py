@@ -1,11 +1,11 @@
-"""The linear system of one active set, in which rows of the law replace those of contact nodes.
+"""The linear system of one active set, in which the contact law replaces equations of nodes.
 
-The rows are derived in docs/theory.md ("The linear system"). If surfaces rotate, their motions
+The rows are derived in docs/theory.md ("The linear system"). If surfaces may rotate, their motions
 include angles, and a `TorqueMap` sums forces and torques.
 
-The module guarantees that the assembled matrix has one sparsity pattern for all active sets, built
-once before the iteration; `KrylovTangent` assembles no matrix. It assumes that each equation
-contains the force of one component of one contact point.
+The module guarantees that the assembled matrix has the same sparsity pattern for all active sets,
+which is built once before the iteration. `KrylovTangent` assembles no matrix. The module assumes
+that each equation contains the force of at most one component of one contact point.
 """
 
 from collections.abc import Callable
@@ -57,22 +57,33 @@ class ContactTangent(Protocol):
 
     Attributes:
         solves_exactly: whether the accuracy of all solutions is limited by round-off alone.
-        solver: of the linear systems.
+        solver: prepared solver of the linear systems.
     """
 
     solves_exactly: bool
     solver: PreparedSolver
 
     def set_initial_iterate(self, unknowns: Callable[[], Array], free_motions: Array) -> None:
-        """Supply the unknowns (n,) of this process and the free motions (free,) to start from."""
+        """Set the initial iterate of an iterative solver.
+
+        Args:
+            unknowns: function that returns the unknowns (n,) of this process.
+            free_motions: free motions (free,) of the surfaces.
+        """
 
     def set_springs(self, springs: Array) -> None:
-        """Set the stiffness (free,) that friction on supports adds to each free motion."""
+        """Set the stiffness (free,) that support friction adds to each free motion."""
 
     def update_stiffness(
         self, assemble_rows: Callable[[], tuple[ContactRows, CsrArrays]], pattern_changed: bool
     ) -> None:
-        """Update the matrix after K has changed; `assemble_rows` returns its rows."""
+        """Update the matrix after the stiffness has changed.
+
+        Args:
+            assemble_rows: function that returns the rows of the contact points and the arrays of
+                the whole matrix.
+            pattern_changed: whether the sparsity pattern has changed.
+        """
 
     def solve(
         self, rhs: Array, balance_rhs: Array, law: LinearisedLaw, accuracy: Accuracy
@@ -80,10 +91,10 @@ class ContactTangent(Protocol):
         """Solve for the law of an active set.
 
         Args:
-            rhs: right-hand side (n,) of this process; it may be scaled in place.
-            balance_rhs: right-hand side (free,) of the force balance of free motions.
+            rhs: right-hand side (n,) of this process, which may be scaled in place.
+            balance_rhs: right-hand side (free,) of the force balances of free motions.
             law: linearised law.
-            accuracy: of the solution, if the solver is iterative.
+            accuracy: accuracy of the solution, used only by iterative solvers.
 
         Raises:
             SingularSystem: if there is no unique solution.
@@ -91,12 +102,15 @@ class ContactTangent(Protocol):
         """
 
     def determinant_signs(self) -> tuple[int, ...]:
-        """Return determinant signs that a solver without determinants estimates, oldest first."""
+        """Return signs of determinants estimated without factors, the oldest first.
+
+        The result is empty if the solver estimates none.
+        """
 
     def has_enclosed_pressure(self) -> bool:
         """Return whether a constant pressure in an incompressible body acts on contact points only.
 
-        Displacements then do not determine the pressure.
+        In this case, the pressure does not follow from the displacements.
         """
 
     def release(self) -> None:
@@ -104,26 +118,28 @@ class ContactTangent(Protocol):
 
 
 class ContactSystem:
-    """Equations of the reduced displacements and of the free motions of surfaces.
+    """Linear equations of a body in contact, with the law of an active set at the contact points.
 
-    The free motions (translations and angles) come last, on the last process; their equations are
+    The unknowns are the displacements, reduced by the supports, and the free motions of surfaces.
+    The free motions (translations and angles) come last, on the last process. Their equations are
     balances of force and torque.
 
     Args:
         K: stiffness (n, n).
-        reduction: by the supports.
-        interface: the contact points.
-        free_motions: (pair, component) of each free motion.
-        solver: of the linear systems.
-        torque_map: of the surfaces.
+        reduction: reduction by the supports.
+        interface: contact points of all pairs.
+        free_motions: number of the pair and of the component of each free motion.
+        solver: solver of the linear systems.
+        torque_map: map from motions of the surfaces to velocities of the contact nodes.
 
     Attributes:
-        law_scale: c of the law (m,), the mean stiffness of a point's components, 1 without any.
-        springs: (free,), stiffness of springs of the free motions, see `solve_with_springs`.
-        stiffness: reduced K.
-        force_operator: H (n, m dim).
+        law_scale: stiffness (m,) that converts lengths into forces in the law. It is the mean
+            diagonal stiffness of a point's free components, 1 if there are none.
+        springs: stiffness (free,) of the springs of the free motions, see `solve_with_springs`.
+        stiffness: reduced stiffness.
+        force_operator: matrix (n, m dim) that distributes contact forces to the equations.
         n_solves: number of linear systems solved.
-        tangent: matrix and solver.
+        tangent: matrix of the contact system and its solver.
     """
 
     def __init__(
@@ -197,7 +213,10 @@ class ContactSystem:
         )
 
     def _assemble_rows(self) -> tuple[sp.csr_matrix, ContactRows, CsrArrays]:
-        """Return L K, the rows of the contact points, and the arrays of the whole matrix."""
+        """Return the force rows, the rows of the contact points, and arrays of the whole matrix.
+
+        The force rows are the matrix (m dim, n) that gives the contact forces for displacements.
+        """
         K, equation = self.stiffness, self.interface.equation.ravel()
         sizes = self._reduced_force.getSizes()
         L = single_entry_matrix(equation, sizes, self.comm, self._force_factor.ravel())
@@ -216,7 +235,10 @@ class ContactSystem:
     def _assemble_balances(self, local_forces: sp.csr_matrix) -> sp.coo_matrix:
         """Return contributions (free, n) of this process' points to the balances of free motions.
 
-        Explicit zeros stay, so that the pattern does not depend on values.
+        Explicit zeros are kept, because the sparsity pattern must not depend on values.
+
+        Args:
+            local_forces: matrix (m dim, n) that gives the contact forces for displacements.
         """
         (m, dim), torque_map = self._equations.shape, self._torque_map
         row, column, value = ([np.empty(0, dtype)] for dtype in (np.int64, np.int64, float))
@@ -245,7 +267,7 @@ class ContactSystem:
         return sp.coo_matrix((np.concatenate(value), indices), shape)
 
     def set_force_operator(self, force: PETSc.Mat) -> None:
-        """Set H, (n, m dim)."""
+        """Set the force operator (n, m dim), which distributes contact forces to the equations."""
         self.force_operator = force
         self._reduced_force = force.transposeMatMult(self.reduction.left)  # (m dim, equations)
         self._force_factor, self._opposite_force = split_force_operator(
@@ -253,7 +275,10 @@ class ContactSystem:
         )
 
     def update_stiffness(self, K: PETSc.Mat, torque_map: TorqueMap) -> None:
-        """Update the matrix for a changed K (n, n) and torque map; pattern and `law_scale` stay."""
+        """Update the matrix for a new stiffness (n, n) and torque map.
+
+        The sparsity pattern and `law_scale` do not change.
+        """
         self._torque_map = torque_map
 
         def assemble() -> tuple[ContactRows, CsrArrays]:
@@ -265,7 +290,11 @@ class ContactSystem:
     def update_stiffness_and_motion(
         self, K: PETSc.Mat, torque_map: TorqueMap, motion: PETSc.Mat
     ) -> None:
-        """Update the matrix for a changed K (n, n), torque map, and G (m p, n) of any pattern."""
+        """Update the matrix for a new stiffness (n, n), torque map and motion operator.
+
+        `motion` is the motion operator (m p, n), with p motions per contact point. Its sparsity
+        pattern may change.
+        """
         self._torque_map = torque_map
 
         def assemble() -> tuple[ContactRows, CsrArrays]:
@@ -279,12 +308,17 @@ class ContactSystem:
         self.tangent.update_stiffness(assemble, pattern_changed=True)
 
     def update_stiffness_and_springs(self, K: PETSc.Mat, springs: Array) -> None:
-        """Update the matrix for a changed K (n, n) and springs (free,) of the free motions."""
+        """Update the matrix for a new stiffness (n, n) and new springs (free,) of free motions."""
         self.springs = springs
         self.update_stiffness(K, self._torque_map)
 
     def set_initial_iterate(self, unknowns: Callable[[], PETSc.Vec], q: Array) -> None:
-        """Supply unknowns (n,) and motions q (pairs, k) from which an iterative solver starts."""
+        """Set the initial iterate of an iterative solver.
+
+        Args:
+            unknowns: function that returns all unknowns (n,).
+            q: motions (pairs, k) of the surfaces.
+        """
 
         def scaled_unknowns() -> Array:
             scale = self.reduction.right.getDiagonal().array_r
@@ -316,15 +350,16 @@ class ContactSystem:
         accuracy: Accuracy = "final",
         friction_springs: Array | float = 0.0,
     ) -> Solution:
-        """Solve equilibrium under a reduced load with the law at every contact point.
+        """Solve equilibrium under a load, with the linearised law at every contact point.
 
         Args:
-            load: f, reduced.
-            law: linearised law; its D is by the free motions.
-            totals: (free,), forces and torques on the free motions.
-            torque_map: of the free motions.
-            accuracy: of the solution, if the solver is iterative.
-            friction_springs: (free,), stiffness that friction on supports adds to free motions.
+            load: load vector (n_r,), reduced by the supports.
+            law: linearised law, in which only the free motions of surfaces are unknown. All other
+                motions of surfaces are contained in its right-hand side.
+            totals: prescribed forces and torques (free,) of the free motions.
+            torque_map: map from motions of the surfaces to velocities of the contact nodes.
+            accuracy: accuracy of the solution, used only by iterative solvers.
+            friction_springs: stiffness (free,) that support friction adds to the free motions.
         """
         self.n_solves += 1
         if self.free_motions:
@@ -339,7 +374,14 @@ class ContactSystem:
     def assemble_right_hand_sides(
         self, load: PETSc.Vec, law: LinearisedLaw, totals: Array, torque_map: TorqueMap
     ) -> tuple[Array, Array]:
-        """Return the right-hand sides of this process' equations (n,) and of free motions."""
+        """Return the right-hand sides of this process' equations (n,) and of all free motions.
+
+        Args:
+            load: load vector (n_r,), reduced by the supports.
+            law: linearised law.
+            totals: prescribed forces and torques (free,) of the free motions.
+            torque_map: map from motions of the surfaces to velocities of the contact nodes.
+        """
         point_load, rhs = self._extract_forces(load), self._eliminate_forces(load)
         has_equation = self._equations >= 0
         law_right = np.einsum("nab,nb->na", law.E, point_load) + law.c
@@ -351,10 +393,10 @@ class ContactSystem:
         return rhs, totals + self.sum_over_free_motions(balance)
 
     def make_equation_weights(self, force_weights: Array) -> PETSc.Vec:
-        """Return weights of the reduced equations that give the weighted sum of nodal forces.
+        """Return weights of the reduced equations for a weighted sum of nodal contact forces.
 
-        The sum of the equations y = K a by these weights is that of the nodal forces r (m, dim) by
-        `force_weights` (m, dim).
+        The sum of stiffness times displacements with these weights equals the sum of the nodal
+        forces (m, dim) with the weights `force_weights` (m, dim).
         """
         has_equation, weights = self._equations >= 0, self.reduction.left.createVecRight()
         weights.array[self._equations[has_equation]] = (force_weights * self._force_factor)[
@@ -363,14 +405,21 @@ class ContactSystem:
         return weights
 
     def extract_at_points(self, equation_values: Array) -> Array:
-        """Return the entries (m, dim) of this process' equations (n,) at the points; 0 without."""
+        """Return the values (m, dim) at the contact points' own equations.
+
+        `equation_values` (n,) has one value for each equation of this process. The result is 0 for
+        components without an equation.
+        """
         return np.where(self._equations >= 0, equation_values[self._equations], 0.0)
 
     def split_residual(self, residual: PETSc.Vec) -> tuple[Array, Array]:
-        """Split the reduced residual K a - f into contact forces and unbalanced forces.
+        """Split the residual into contact forces and unbalanced forces.
+
+        Args:
+            residual: stiffness times displacements minus load, (n_r,), reduced by the supports.
 
         Returns:
-            Nodal contact forces r (m, dim), and magnitudes (n,) of the unbalanced forces in this
+            Nodal contact forces (m, dim), and magnitudes (n_r,) of the unbalanced forces in this
             process' equations.
         """
         unbalanced = np.abs(self._eliminate_forces(residual))
@@ -378,28 +427,34 @@ class ContactSystem:
         return self._extract_forces(residual), unbalanced
 
     def point_displacements(self, displacement: PETSc.Vec) -> Array:
-        """Return displacements (m, dim) of the points relative to the opposite side.
+        """Return the displacements (m, dim) of the contact points relative to the opposite side.
 
-        They are G a of the undeformed bodies for a full displacement vector (n,).
+        They are evaluated with the motion operator of the undeformed bodies for all unknowns (n,).
         """
         return np.array(
             (self.interface.motion * displacement).array_r.reshape(self._equations.shape)
         )
 
     def point_motions(self, displacement: PETSc.Vec) -> Array:
-        """Return motions v = G a (m, p) of the law for a full displacement vector (n,)."""
+        """Return the motions (m, p) of the contact points in the law, for all unknowns (n,)."""
         m, dim = self._equations.shape
         n_motions = dim * self._motion.getSize()[0] // self.interface.motion.getSize()[0]
         return np.array((self._motion * displacement).array_r.reshape(m, n_motions))
 
     def displacement_sizes(self, displacement: PETSc.Vec) -> Array:
-        """Return |G| |a|, (m, dim), which bounds the round-off in motions of the points."""
+        """Return a size (m, dim) of each point's motion that is a measure of its round-off.
+
+        It is the product of the magnitudes of the motion operator and of the displacements (n,).
+        """
         magnitude = displacement.copy()
         magnitude.abs()
         return np.array((self._motion_sizes * magnitude).array_r.reshape(self._equations.shape))
 
     def sum_over_free_motions(self, forces: Array) -> Array:
-        """Return the sums (free,) of forces on motions (m, k) at the points of all processes."""
+        """Return the sum of the contact points' forces for each free motion (free,); collective.
+
+        `forces` (m, k) are the forces of this process' points along the motions of their surfaces.
+        """
         pair = self.interface.pair
         sums = np.array([forces[pair == k, axis].sum() for k, axis in self.free_motions])
         self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
@@ -408,15 +463,15 @@ class ContactSystem:
     def balance_residuals(
         self, force: Array, q: Array, totals: Array, torque_map: TorqueMap, size: float
     ) -> Array:
-        """Return the relative unbalanced forces and torques (free,) on the free motions.
+        """Return the unbalanced forces and torques (free,) of the free motions, divided by a force.
 
-        Torques are divided by the longest lever arm.
+        Torques are also divided by the longest lever arm.
 
         Args:
-            force: of the surfaces on the points, (m, dim).
-            q: motions of the surfaces, (pairs, k).
-            totals: (free,), forces and torques prescribed on the free motions.
-            torque_map: of the surfaces.
+            force: forces (m, dim) of the surfaces on the contact points.
+            q: motions (pairs, k) of the surfaces.
+            totals: prescribed forces and torques (free,) of the free motions.
+            torque_map: map from motions of the surfaces to velocities of the contact nodes.
             size: reference force.
         """
         if not self.free_motions:
@@ -426,7 +481,7 @@ class ContactSystem:
         return np.asarray(np.abs(unbalanced) / (size * self._lever_arms(torque_map)))
 
     def _lever_arms(self, torque_map: TorqueMap) -> Array:
-        """Return the longest lever arm (free,) of each free motion, 1 for translations."""
+        """Return the longest lever arm of each free motion (free,), 1 for translations."""
         arm = np.linalg.norm(torque_map.V, axis=1)
         pair, tiny = self.interface.pair, np.finfo(float).tiny
         longest = np.array(
@@ -436,13 +491,20 @@ class ContactSystem:
         return longest
 
     def _extract_forces(self, equation_values: PETSc.Vec) -> Array:
-        """Return L x, (m, dim), for a reduced vector x; 0 without an equation."""
+        """Return the nodal forces (m, dim) that follow from values of the reduced equations.
+
+        The result is 0 for components without an equation.
+        """
         return self.extract_at_points(equation_values.array_r) * self._force_factor
 
     def _eliminate_forces(self, equation_values: PETSc.Vec) -> Array:
-        """Return (I - H L) x on this process, for a reduced vector x.
+        """Return the values (n,) of this process' equations without contact forces.
 
-        Entries at the points' own equations are not eliminated: the law replaces these rows.
+        Contact forces are not eliminated from the contact points' own equations, because the law
+        replaces these rows.
+
+        Args:
+            equation_values: values of the reduced equations.
         """
         local: Array = equation_values.array_r.copy()
         if self._opposite_force is None:

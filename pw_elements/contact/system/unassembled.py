@@ -1,9 +1,11 @@
-"""The matrix E K + C of one active set as a product with vectors, never assembled.
+"""The matrix of one active set, which is never assembled: only its products with vectors.
 
-With y = K a, the rows of the contact points are E r + C G a - D U, with forces r computed from y.
-All other rows are those of K, with the forces r of the contact points subtracted from the rows of
-opposite nodes. The module guarantees the same products on any number of processes, and assumes
-that each equation contains the force of one component of one contact point.
+In the product with displacements a and free translations U, the rows of the contact points are
+E r + C G a - D U, the linearised contact law. E, C and D are the coefficients of the law, G a are
+the motions of the points, and the contact forces r are computed from the product K a with the
+stiffness. All other rows are rows of K a, from which the contact forces are subtracted at opposite
+nodes. The module guarantees the same products on any number of processes. It assumes that each
+equation contains the force of at most one component of one contact point.
 """
 
 from dataclasses import dataclass, replace
@@ -24,20 +26,23 @@ from pw_elements.spaces import SubSpace
 class ContactPointData:
     """Operators and factors of the m contact points of this process.
 
-    Each point is a node, or its force acts on one.
+    Each contact point is a node, or its contact force acts on a node.
     """
 
-    node: Indices  # (m,), local number
-    motion: PETSc.Mat  # G, (m dim, n)
-    force: PETSc.Mat  # H^T, (m dim, n), reduced by the supports
-    opposite_force: PETSc.Mat | None  # -H^T at equations of other nodes, (m dim, n), if nonzero
-    equations: Indices  # (m, dim), local number of each component's own equation, -1 without one
-    force_factor: Array  # (m, dim), nodal force over the value of its equation
-    law_scale: Array  # (m,), c of the law
-    free_translation: Indices  # (m, dim), number of the free translation that moves it, or -1
-    n_translations: int
-    can_hold_body: Mask  # (m,), whether the point faces a surface that may hold its body
-    force_round_off: float  # bound of round-off in the forces of all points together
+    node: Indices  # local number (m,) of the node of each point
+    motion: PETSc.Mat  # motion operator (m dim, n)
+    force: PETSc.Mat  # transposed force operator (m dim, n), reduced by the supports
+    # part of the force operator at equations of other nodes, transposed and with opposite sign
+    # (m dim, n); None if it is zero
+    opposite_force: PETSc.Mat | None
+    equations: Indices  # local number (m, dim) of each component's own equation, -1 for none
+    force_factor: Array  # nodal force (m, dim) divided by the value of its equation
+    law_scale: Array  # stiffness (m,) that converts lengths into forces in the law
+    # number (m, dim) of the free translation that moves the opposite surface along each axis, or -1
+    free_translation: Indices
+    n_translations: int  # number of free translations
+    can_hold_body: Mask  # whether each point (m,) faces a surface that may hold its body
+    force_round_off: float  # norm of the round-off in the forces of all points
 
     @classmethod
     def from_interface(
@@ -50,7 +55,11 @@ class ContactPointData:
         law_scale: Array,
         free_motions: FreeMotions,
     ) -> "ContactPointData":
-        """Collect the data of an interface; arguments as the attributes of the same names."""
+        """Return the data of the contact points of an interface.
+
+        `free_motions` contains the number of the pair and of the component of each free motion. The
+        other arguments are the attributes of the same names.
+        """
         node = interface.node - interface.field.space.dofmap.index_map.local_range[0]
         free_translation = np.full(equations.shape, -1, dtype=np.int64)
         for k, (pair, axis) in enumerate(free_motions):
@@ -79,9 +88,9 @@ class ContactPointData:
         )
 
     def restrict_to_displacements(self, field: SubSpace) -> "ContactPointData":
-        """Return a copy whose unknowns are the displacements of a hybrid space alone.
+        """Return a copy for the displacements of a hybrid space, without pressures.
 
-        The copy has no free translations.
+        The copy has no free translations. `field` is the subspace of the displacements.
         """
         number = np.full(field.full_sizes[0] + 1, -1, dtype=np.int64)  # number[-1] stays -1
         number[field.owned_unknowns.ravel()] = np.arange(field.owned_unknowns.size)
@@ -92,23 +101,30 @@ class ContactPointData:
         )
 
     def extract_forces(self, equation_values: Array) -> Array:
-        """Return nodal forces r (m, dim) from values y = K a (n,) of this process' equations."""
+        """Return the nodal forces (m, dim) of the contact points.
+
+        `equation_values` (n,) are the entries of stiffness times displacements in the equations of
+        this process.
+        """
         return np.where(
             self.equations >= 0, equation_values[self.equations] * self.force_factor, 0.0
         )
 
 
 class MatrixFreeOperator:
-    """The matrix E K + C with its border, as a context of `PETSc.Mat.createPython`.
+    """The matrix of the contact system, as a context of `PETSc.Mat.createPython`.
+
+    Rows of the contact law replace equations of the contact points, and the force balances of free
+    translations follow.
 
     Args:
         K: stiffness (n, n).
-        free: whether each unknown (n,) of this process is free of supports.
-        points: the contact points.
+        free: whether each unknown (n,) of this process is free, not prescribed by a support.
+        points: contact points.
 
     Attributes:
-        force: nodal forces (m, dim) of the last product.
-        springs: stiffness (free translations,) of springs of the free translations.
+        force: nodal forces (m, dim) in the last product.
+        springs: stiffness (translations,) of the spring of each free translation.
     """
 
     def __init__(self, K: PETSc.Mat, free: Mask, points: ContactPointData) -> None:
@@ -126,7 +142,10 @@ class MatrixFreeOperator:
         self._E, self._C, self._D = law.E, law.C, law.D
 
     def apply_motion_law(self, x: PETSc.Vec) -> Array:
-        """Return C G a - D U, (m, dim): the linearised law without its forces."""
+        """Return the terms (m, dim) of the linearised law that depend on motions, not on forces.
+
+        `x` contains the displacements and the free translations.
+        """
         points, displacement = self._points, self._free_displacement
         displacement.array[:] = x.array_r[: self._K.getLocalSize()[1]]
         displacement.array[self._prescribed] = 0.0
@@ -163,6 +182,9 @@ class MatrixFreeOperator:
 
 
 def masked_row_mean(values: Array, mask: Mask) -> Array:
-    """Return the mean (m,) of each row of values (m, dim) where `mask` is True; 1 without any."""
+    """Return the mean (m,) of each row of values (m, dim) where `mask` is True.
+
+    The mean is 1 for a row in which the mask is never True.
+    """
     count, total = np.sum(mask, axis=1), np.sum(values * mask, axis=1)
     return np.where(count > 0, total / np.maximum(count, 1), 1.0)
