@@ -402,6 +402,6 @@ def _holds_state(path: Path) -> bool:
         head = stream.read(_HEAD_SIZE)
     if not head or f"{_DIGEST_NAME}.npy".encode() in head:
         return True
-    with suppress(Exception), np.load(path, allow_pickle=False) as archive:  # file of an earlier format
+    with suppress(Exception), np.load(path, allow_pickle=False) as archive:  # earlier format
         return str(json.loads(str(archive["state"]))["format"]).startswith(_FILE_KIND)
     return False
