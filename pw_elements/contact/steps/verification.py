@@ -148,7 +148,7 @@ def measure_deformed(
     chord = closest_points[1] - closest_points[0]
     angle = _angle_between(normal_0, normal)
     if dim == 2:
-        # a node in contact stays on its side of the surface, even if the surface makes several turns
+        # a node in contact stays on its side of the surface, even if this turns more than once
         normals_in_space = [
             np.einsum("nab,nb->na", rotation, n)
             for rotation, n in zip(rotations, (normal_0, normal), strict=True)
