@@ -82,7 +82,7 @@ def _solve_with(
     full.setAttr("report", report)
     full.setAttr(
         "mesh", AssemblyRecord.read(K).mesh
-    )  # copies of the vector need its communicator
+    )  # copies of the vector need the mesh's communicator
     return full
 
 
@@ -121,7 +121,7 @@ def has_free_constant_pressure(
     constant.setArray(pressure.embed(np.ones(len(pressure.owned_unknowns))))
     unknown = matrix.createVecRight()
     reduction.right.multTranspose(constant, unknown)
-    unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # several pressures may share an unknown
+    unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # some may share one
     effect = matrix * unknown
     if ignored_rows is not None:
         effect.array[ignored_rows] = 0.0
