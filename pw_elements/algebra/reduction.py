@@ -399,7 +399,7 @@ def _reduced_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec
 
 
 def full_size_reduction(reduction: Reduction) -> Reduction:
-    """Return a reduction that keeps all n unknowns, but sets prescribed unknowns to zero.
+    """Return a reduction to n unknowns, of which the prescribed ones are zero.
 
     Raises:
         ValueError: unless the reduction is one of `Reduction.dirichlet`.
