@@ -121,7 +121,7 @@ def has_free_constant_pressure(
     constant.setArray(pressure.embed(np.ones(len(pressure.owned_unknowns))))
     unknown = matrix.createVecRight()
     reduction.right.multTranspose(constant, unknown)
-    unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # some may share one
+    unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # some pressures share one
     effect = matrix * unknown
     if ignored_rows is not None:
         effect.array[ignored_rows] = 0.0

@@ -147,7 +147,7 @@ class KrylovSolver:
     supports.
     """
 
-    determinant_signs: ClassVar[tuple[int, ...]] = ()  # the solver knows neither determinants nor pivots
+    determinant_signs: ClassVar[tuple[int, ...]] = ()  # determinants and pivots are unknown
     negative_pivots: ClassVar[None] = None
 
     def __init__(

@@ -227,8 +227,8 @@ class _ProjectedInterpolation:
 class _ContactRows:
     """Rows of the interpolation at k nodes near contact.
 
-    A node is near contact if it belongs to a cell around a node at which the linear function of a
-    vertex is nonzero that is also nonzero at a contact node.
+    Two nodes are neighbours if the linear function of one vertex is nonzero at both of them. The
+    nodes near contact are all nodes of the cells around neighbours of contact nodes.
 
     Args:
         P: interpolation (n, n_linear).

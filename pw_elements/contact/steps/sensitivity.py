@@ -451,7 +451,7 @@ class Derivatives:
         return load, offset
 
     def _output_weights(self, output: Output) -> StateChange:
-        """Return weights whose weighted sum with a change of state is the change of an output.
+        """Return the weights with which the components of a change of state change an output.
 
         A functional is linearised at the present values of the unknown function.
         """
