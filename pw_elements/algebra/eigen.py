@@ -341,7 +341,7 @@ def _check_prestress(factors: Array, prestress: Array, comm: MPI.Comm) -> None:
 
 @dataclass(frozen=True)
 class _ModesRequest:
-    """Arguments of `vibration_modes` or `buckling`: supports, number of modes, and solver."""
+    """Arguments that `vibration_modes` and `buckling` have in common."""
 
     reduction: Reduction
     count: int
@@ -501,7 +501,7 @@ def _refuse_indefinite(inverse: PreparedSolver) -> None:
 def _residual(
     A: PETSc.Mat, B: PETSc.Mat, mu: complex, real: PETSc.Vec, imaginary: PETSc.Vec
 ) -> float:
-    """Return the relative residual |A d - mu B d| / |mu B d| of d = real + i imaginary."""
+    """Return |A d - mu B d| / |mu B d|, the residual of the mode d = real + i imaginary."""
     A_d, B_d = ((X * real).array_r + 1j * (X * imaginary).array_r for X in (A, B))
     squares = np.array([np.sum(np.abs(x) ** 2) for x in (A_d - mu * B_d, mu * B_d)])
     difference, size = A.comm.tompi4py().allreduce(squares)

@@ -38,9 +38,9 @@ _RESIDUAL_ROUND_OFF = 10 * float(np.finfo(float).eps)
 _MAX_REFINEMENTS = 4
 # Options that limit repetitions; PETSc takes -3 as no limit
 _COUNT_OPTION = re.compile(r"(max_it|restart|cycles|steps|_l?its)$")
-# Such options of the outermost method, which ends when it has converged
+# Those of these options that belong to the outermost method, which ends when it has converged
 _OUTER_COUNT_OPTIONS = ("ksp_max_it", "ksp_gmres_restart")
-# Largest value of all other such options
+# Largest value of the other options that limit repetitions
 _MAX_INNER_STEPS = 1000
 
 
@@ -286,8 +286,8 @@ class Factors:
         self._preconditioner.setFactorSetUpSolverType()
         if self._uses_mumps:
             factor = self._preconditioner.getFactorMatrix()
-            factor.setMumpsIcntl(24, 1)  # null pivots are counted, not divided by
-            factor.setMumpsIcntl(33, 1)  # determinant
+            factor.setMumpsIcntl(24, 1)  # count null pivots in place of dividing by them
+            factor.setMumpsIcntl(33, 1)  # compute the determinant
 
     @property
     def report(self) -> SolverReport:

@@ -23,7 +23,7 @@ from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.spaces import AssemblyRecord
 
 # Number of rows of a blocked matrix that are converted at once, to save memory; it is a multiple of
-# any block size. And largest number of such parts, since their products have to be added
+# any block size. And largest number of parts to convert, since their products have to be added
 _CONVERTED_ROWS = 12_000
 _MAX_CONVERSIONS = 32
 # Number of rows of a dense QR factorisation, limited to save memory
@@ -224,7 +224,8 @@ def null_space(rows: sp.csr_array | Array, tolerance: float) -> Array:
 
     Args:
         rows: matrix (n, modes), whose entries are of the order of one.
-        tolerance: singular value, divided by the root of the number of modes, that counts as zero.
+        tolerance: singular value, divided by the square root of the number of modes, below which it
+            counts as zero.
     """
     n = rows.shape[1]
     bases = [np.zeros((0, n))]

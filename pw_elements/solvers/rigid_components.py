@@ -33,7 +33,7 @@ class RigidComponents:
 
     component_of_node: Indices  # (nodes,), including ghosts
     centre: Array  # (components, dim), mean position of each component's nodes
-    length: Array  # (components,), radius of gyration of each component's nodes
+    length: Array  # (components,), radius of gyration of their nodes
     modes: Array  # (owned nodes, block, k), displacement of each node in its component's modes
     comm: MPI.Comm
 

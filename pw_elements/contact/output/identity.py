@@ -110,7 +110,7 @@ class ResidualCoefficients:
 
     @contextmanager
     def record_changes(self) -> Iterator[None]:
-        """Record which constants and functions change in a block that applies a load."""
+        """Record which constants and functions change within a `with` block that applies a load."""
         old_constants = [np.array(coefficient.value) for coefficient in self.constants]
         old_functions = [coefficient.x.array.copy() for coefficient in self.functions]
         yield
@@ -228,7 +228,10 @@ def _refuse_difference(
 
 
 def check_changed_parts(changed: object) -> None:
-    """Raise TypeError or ValueError unless `changed` lists changeable parts or coefficients."""
+    """Raise TypeError or ValueError unless all items of `changed` are valid.
+
+    Valid items are names from `CHANGEABLE_PARTS`, constants and functions.
+    """
     remedy = "give a list of names, constants and functions"
     arguments.check_type("changed", changed, (list, tuple, set, frozenset), remedy)
     assert isinstance(changed, Collection)
@@ -481,7 +484,10 @@ def _bounding_box(space: fem.FunctionSpace) -> tuple[Array, float]:
 
 
 def _smooth_functions(space: fem.FunctionSpace) -> list[Array]:
-    """Return values (owned unknowns,) of smooth functions that differ between components."""
+    """Return the values (owned unknowns,) of each smooth probe of a space.
+
+    A probe has different values for each component of a vector.
+    """
     lower, diagonal = _bounding_box(space)
     owned, block = space.dofmap.index_map.size_local, space.dofmap.index_map_bs
     x = (space.tabulate_dof_coordinates()[:owned] - lower) / diagonal
@@ -500,7 +506,7 @@ def _owned_values(function: fem.Function) -> Array:
 
 
 def _function_mean(function: fem.Function) -> Array:
-    """Return the mean (block,) of a function's values; collective."""
+    """Return the mean (block,) of a function's values on all processes; collective."""
     values, comm = _owned_values(function), function.function_space.mesh.comm
     total = np.append(values.sum(axis=0), float(len(values)))
     comm.Allreduce(MPI.IN_PLACE, total, MPI.SUM)
@@ -508,7 +514,10 @@ def _function_mean(function: fem.Function) -> Array:
 
 
 def _function_sums(function: fem.Function) -> Array:
-    """Return sums of a function's values, of their squares, and of values times smooth probes."""
+    """Return sums of a function's values, of their squares, and of values times smooth probes.
+
+    The sums include all processes.
+    """
     space, values = function.function_space, _owned_values(function).ravel()
     sums = [values.sum(), np.linalg.norm(values) ** 2]
     try:

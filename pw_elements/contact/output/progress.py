@@ -116,7 +116,15 @@ class ProgressReporter:
         return Progress(self._increment, iteration, violation, *numbers_of_nodes, state)
 
     def _log_and_call(self, level: int, message: str, progress: Progress) -> None:
-        """Log a message and call the user's function; raise its error on all processes."""
+        """Log a message and call the user's function.
+
+        An error of the user's function is raised on all processes.
+
+        Args:
+            level: level of the log message.
+            message: the log message.
+            progress: argument of the user's function.
+        """
         log_on_root(self._comm, level, f"increment {self._increment}: {message}", ".contact")
         with collective_errors(self._comm):
             if self._callback is not None:

@@ -185,7 +185,7 @@ def check_size(name: str, size: float, max_size: float) -> None:
 
 
 def _check_count(name: str, value: object) -> None:
-    """Raise ValueError unless a value is a whole number in range."""
+    """Raise ValueError unless a value is a nonnegative integer of plausible size."""
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < _MAX_COUNT:
         raise ValueError(f"{name} is {value!r}: it must be a whole number >= 0")
 

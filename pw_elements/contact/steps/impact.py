@@ -545,7 +545,7 @@ class _TimeIntegration:
         return gap, normal
 
     def _evaluate_load(self, time: float) -> Array:
-        """Return the load (n,) of this process at a time."""
+        """Return this process' part (n,) of the load vector at a time."""
         load = self._load
         if isinstance(load, PETSc.Vec):
             return np.asarray(load.array_r)
@@ -574,7 +574,10 @@ class _TimeIntegration:
 
 
 def _nodal_masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
-    """Return masses (n,) of this process, and raise ValueError if components differ."""
+    """Return the masses (n,) of this process' unknowns.
+
+    ValueError is raised if the masses of a node differ between its components.
+    """
     mass = extract_diagonal_mass(M).array_r.copy()
     mass_of_node = mass.reshape(-1, space.dofmap.index_map_bs)
     with collective_errors(space.mesh.comm):

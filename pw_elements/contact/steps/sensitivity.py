@@ -111,7 +111,7 @@ class StateChange:
     force: Array
 
     def add_multiple(self, factor: float, other: "StateChange") -> "StateChange":
-        """Return the sum of this change and a multiple of another one."""
+        """Return the sum of this change and `factor` times another change."""
         unknowns = self.unknowns.copy()
         unknowns.axpy(factor, other.unknowns)
         return StateChange(
@@ -575,7 +575,13 @@ def check_constants(
     outputs: Sequence[Output],
     residual: ParametricResidual,
 ) -> None:
-    """Raise ValueError for a constant on which neither the states nor the outputs depend."""
+    """Raise ValueError if neither the residual nor an output depends on a constant parameter.
+
+    Args:
+        parameters: parameters with their rates.
+        outputs: the outputs.
+        residual: residual of the body.
+    """
     in_outputs = [
         constant
         for output in outputs
@@ -618,7 +624,13 @@ def check_loads(loads: Sequence[Any], n_steps: int, of_residual: bool) -> None:
 
 
 def _check_vector(name: str, vector: PETSc.Vec, space: fem.FunctionSpace) -> None:
-    """Raise an error unless a vector belongs to the space and is finite."""
+    """Raise an error unless a vector belongs to the space and is finite.
+
+    Args:
+        name: name of the vector, used in error messages.
+        vector: vector (n,) to check.
+        space: trial space.
+    """
     arguments.check_petsc_vector(name, vector, "the space", space)
     if not is_finite(vector):
         raise ValueError(f"{name} is not finite")

@@ -28,8 +28,8 @@ from pw_elements.progress import log_on_root
 # Number of cells whose gradients are evaluated at once
 _CELLS_AT_ONCE = 4_000
 
-# Largest strain of a body below which no nodes are searched that have been pushed beyond the far
-# side of the body, since strains around such nodes are about one
+# Strain below which no node of a body can have been pushed beyond the far side of the body, since
+# the strain around this node would be about one
 _MIN_CRUSHING_STRAIN = 0.5
 # Largest distance between positions that counts as round-off, relative to the largest coordinate
 _POSITION_ROUND_OFF = 1e-9

@@ -447,7 +447,15 @@ def _max_unbalanced_force(
     interface: Interface,
     reduction: Reduction,
 ) -> float:
-    """Return the largest force in free equations that is not a contact force."""
+    """Return the largest force in a free equation that contact forces do not balance.
+
+    Args:
+        unbalanced: residual forces (n,) without contact.
+        operator: matrix H (n, m dim) that takes contact forces to forces on all unknowns.
+        force: contact forces (m, dim).
+        interface: the contact nodes.
+        reduction: supports and condensation.
+    """
     node_forces = operator.createVecRight()
     node_forces.setArray(force.ravel())
     remainder = unbalanced.copy()
