@@ -169,7 +169,7 @@ def factorise(
 def explain_singular_system(
     matrix: PETSc.Mat | None = None, reduction: Reduction | None = None
 ) -> Iterator[None]:
-    """Add the likely cause to a `SingularSystem` error that is raised within the block.
+    """Add the likely cause to a `SingularSystem` error that is raised within a `with` block.
 
     Args:
         matrix: the system's matrix, if it is known.

@@ -472,7 +472,7 @@ def _check_repetitions(name: str, value: str | float) -> None:
 
 @contextmanager
 def name_options_in_errors(options: Options) -> Iterator[None]:
-    """Turn an error that PETSc raises within the block into a ValueError that names the options."""
+    """Turn PETSc's errors within a `with` block into a ValueError that names the options."""
     try:
         yield
     except PETSc.Error as error:

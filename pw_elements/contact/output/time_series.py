@@ -144,9 +144,10 @@ def _check_disk_space(folder: Path, size: int, path: Path) -> None:
 
 @contextmanager
 def _raise_errors_together(comm: MPI.Comm) -> Iterator[None]:
-    """Raise an error of ADIOS2 within the block on all processes.
+    """Raise an error of ADIOS2 within a `with` block on all processes.
 
-    All processes are aborted if the others wait within ADIOS2 and cannot raise it.
+    If only some processes have an error, and the others wait for them within ADIOS2, all processes
+    are aborted.
     """
     error: Exception | None = None
     try:

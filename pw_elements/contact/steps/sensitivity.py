@@ -101,9 +101,10 @@ class StateChange:
     """Derivative of a state with respect to a parameter, or weights of all components of a state.
 
     Args:
-        unknowns: part (n,) of the unknowns.
-        translations: part (pairs, dim) of the surfaces' translations, the same on all processes.
-        force: part (m, dim) of the forces on the contact nodes of this process.
+        unknowns: derivative or weights (n,) of the unknowns.
+        translations: derivative or weights (pairs, dim) of the surfaces' translations, the same on
+            all processes.
+        force: derivative or weights (m, dim) of the forces on this process' contact nodes.
     """
 
     unknowns: PETSc.Vec
