@@ -1,4 +1,4 @@
-"""Reduced problems: linear, nonlinear, and eigenvalues."""
+"""Linear, nonlinear and eigenvalue problems under supports and static condensation."""
 
 from pw_elements.algebra.eigen import (
     BucklingModes,

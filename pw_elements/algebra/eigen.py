@@ -1,8 +1,8 @@
 """Natural frequencies and buckling factors of unsymmetric matrix pairs, by SLEPc.
 
-Harmonic motion, Eq. (13), leads to the eigenvalue problem of vibration, Eq. (14); that of buckling
-is Eq. (24). The critical time step follows from the largest eigenvalue, see the guide's page on
-theory ("The symmetric sibling").
+Harmonic motion, Eq. (13), leads to the eigenvalue problem of vibration, Eq. (14). The eigenvalue
+problem of buckling is Eq. (24). The critical time step follows from the largest eigenvalue, see the
+guide's page on theory ("The symmetric sibling").
 """
 
 import logging
@@ -44,62 +44,68 @@ T = TypeVar("T")
 
 _EIGENVALUE_TOLERANCE = 1e-12
 _MAX_ITERATIONS = 500
-# Eigenvalues that have to converge beyond those requested, except for a single buckling factor:
-# further copies of a multiple eigenvalue arise from round-off alone, and late. A free body has six
-# rigid modes. The search space has room for all of them in any case; without it, a load that pulls
-# does not converge
+# Number of eigenvalues that have to converge in addition to those requested, except if a single
+# buckling factor is requested. The iteration finds further copies of a multiple eigenvalue late,
+# since they arise from round-off alone. A free body has six rigid modes. The search space has room
+# for all of them in any case: without it, the iteration fails if the load pulls
 _SPARE_EIGENVALUES = 6
-# Negative shift over the eigenvalue of the lowest mode of a compact body: so near to zero that each
-# copy of a multiple rigid mode outgrows the elastic ones within a few steps
+# Size of the negative shift, relative to the estimated lowest elastic eigenvalue of a compact body.
+# It is so close to zero that each copy of a multiple rigid mode outgrows the elastic modes within a
+# few steps
 _RELATIVE_SHIFT = 1e-2
-# Lowest eigenvalue over the shift below which the body is slender and copies may be missed: the
-# shift is then reduced to this eigenvalue
+# Ratio of the lowest eigenvalue to the shift below which the body is slender. Copies of multiple
+# eigenvalues may then be missed, and the shift is reduced to this eigenvalue
 _SLENDER_EIGENVALUE = 1e-3
-# Eigenvalue, over that of a mode as short as an element, below which a mode is rigid. Rigid modes
-# of free bars, slender ones too, have below 1e-16; the first mode of a clamped bar 500 times as
-# long as high, with elements as long as high, has 7e-13
+# Eigenvalue, relative to that of a mode as short as an element, below which a mode is rigid. Rigid
+# modes of free bars, even slender ones, are below 1e-16. The first elastic mode of a clamped bar
+# that is 500 times as long as high, with elements as long as high, is at 7e-13
 _RIGID_EIGENVALUE = 2e-15
-# |x.A y - y.A x| over |A y| |x|, of random x and y, below which LDL^T factorises a matrix as well
-# as LU does; and the same below which the lack of symmetry is round-off of the assembly
+# Asymmetry |x.A y - y.A x| / (|A y| |x|) of a matrix A, with random vectors x and y. First, the
+# value below which LDL^T factorises a matrix as accurately as LU does. Second, the value below
+# which the asymmetry is round-off of the assembly
 _LDL_ASYMMETRY = 1e-14
 _ASSEMBLY_ASYMMETRY = 1e-10
 # Largest residual of a mode computed with an iterative solver
 _MAX_MODE_RESIDUAL = 1e-8
-# Eigenvalue mu of the buckling problem below which a motion meets no initial stress
+# Eigenvalue mu of the buckling problem below which the initial stress does not act on a mode
 _MIN_BUCKLING_EIGENVALUE = 1e-10
-# `BucklingModes.prestress_ratios` that are refused, and from which on a warning is logged. At
-# prestresses nearly as large as the stiffness no body buckles: such factors belong to the few cells
-# about a clamp, and exist when the load pulls, too. Columns as wide as high have .1, their fourth
-# modes up to .3
+# Values of `BucklingModes.prestress_ratios` above which a factor is refused, and above which a
+# warning is logged. No body buckles at prestresses nearly as large as the stiffness. Such factors
+# belong to a few cells around a clamp, and exist even if the load pulls. Columns as wide as high
+# have a ratio of 0.1, and their fourth modes have ratios up to 0.3
 MAX_PRESTRESS_RATIO = 0.6
 WARNING_PRESTRESS_RATIO = 0.4
 
-# Relative residual of the largest eigenvalue, whose error is of the size of its square
+# Relative residual of the largest eigenvalue; the eigenvalue's error is about its square
 _LARGEST_TOLERANCE = 1e-8
 _MAX_LANCZOS_STEPS = 1000
-# Tolerance of the smallest eigenvalue over the norm of the matrix
+# Tolerance of the smallest eigenvalue, relative to the norm of the matrix
 _SMALLEST_TOLERANCE = 1e-3
-# Negative eigenvalue over the largest one that is round-off
+# Size of a negative eigenvalue, relative to the largest eigenvalue, that counts as round-off
 _NEGATIVE_ROUND_OFF = 1e-9
 
 
 class NoModes(RuntimeError):
-    """An eigenvalue problem has fewer modes than requested, or some did not converge."""
+    """An eigenvalue problem has fewer modes than requested, or some modes did not converge."""
 
 
 @dataclass(frozen=True)
 class BucklingModes:
     """Buckling factors and modes, smallest positive factor first.
 
+    Each mode d satisfies (K + factor K_sigma) d = 0, with the stiffness K and the initial stress
+    matrix K_sigma.
+
     Args:
-        factors: (n,), multiples of the load that causes the prestress.
-        prestress_ratios: (n,), critical prestress over stiffness, weighted by the mode's
-            displacements d: the sum of factor |row of K_sigma| d^2 over that of |K_ii| d^2. It is
-            about the strain at which the mode buckles, which linear theory needs to be small.
-        shapes: n full vectors, in the trial space's numbering, largest entry 1.
-        residuals: (n,), |K d + factor K_sigma d| / |K d|.
-        imaginary_ratio: largest |Im| / |Re| of the eigenvalues; 0 if all are real.
-        report: of the linear solver.
+        factors: buckling factors (n,), multiples of the load that causes the prestress.
+        prestress_ratios: ratios (n,) of critical prestress to stiffness. A ratio is the sum of
+            factor |row of K_sigma| d^2 divided by the sum of |K_ii| d^2, where each displacement
+            in d has its row of K_sigma and its diagonal entry K_ii. It is about the strain at which
+            the body buckles, which has to be small in linear theory.
+        shapes: n modes d, as vectors in the trial space's numbering, with largest entry 1.
+        residuals: relative residuals (n,), |K d + factor K_sigma d| / |K d|.
+        imaginary_ratio: largest ratio |Im| / |Re| of the eigenvalues; 0 if all are real.
+        report: report of the linear solver.
     """
 
     factors: Array
@@ -114,16 +120,19 @@ class BucklingModes:
 class VibrationModes:
     """Natural vibration modes, slowest first.
 
+    Each mode d satisfies (K - eigenvalue M) d = 0, with the stiffness K and the mass M.
+
     Args:
-        eigenvalues: (n,), squares of the angular frequencies; round-off in rigid modes.
-        shapes: n full vectors, in the trial space's numbering, largest entry 1.
-        residuals: (n,), |K d - eigenvalue M d| / |(K - shift M) d|.
-        imaginary_ratio: largest |Im| / |Re| of the elastic eigenvalues; 0 if all are real. A double
-            eigenvalue of an unsymmetric pair may become a complex pair, whose two shapes are the
-            real and the imaginary part of one eigenvector.
-        n_rigid: number of rigid modes. They come first, unless a symmetrised pair has negative
+        eigenvalues: squares (n,) of the angular frequencies; those of rigid modes are round-off.
+        shapes: n modes d, as vectors in the trial space's numbering, with largest entry 1.
+        residuals: relative residuals (n,), |K d - eigenvalue M d| / |(K - shift M) d|, with the
+            small negative shift of the eigenvalue solver.
+        imaginary_ratio: largest ratio |Im| / |Re| of the elastic eigenvalues; 0 if all are real.
+            If K or M is unsymmetric, a double eigenvalue may become a complex pair. The two shapes
+            of the pair are then the real and the imaginary part of one eigenvector.
+        n_rigid: number of rigid modes. They come first, unless symmetrised matrices have negative
             eigenvalues.
-        report: of the linear solver.
+        report: report of the linear solver.
     """
 
     eigenvalues: Array
@@ -146,22 +155,23 @@ def vibration_modes(
     """Compute the smallest eigenvalues omega^2 of (K - omega^2 M) d = 0; the body may be free.
 
     Args:
-        K: stiffness, (n, n), free.
-        M: mass, (n, n), free.
-        reduction: supports, and condensation.
+        K: stiffness (n, n), assembled without supports.
+        M: mass (n, n), assembled without supports.
+        reduction: supports, and static condensation.
         count: number of eigenvalues, including those of rigid modes.
-        symmetrised: take the symmetric parts of both matrices, as a symmetric eigenvalue
-            solver does with an unsymmetric element.
-        solver: of systems with K - shift M, for a small negative shift: `Direct()` (by LDL^T if
-            they are symmetric), `Iterative()`, or, by default, "auto" as in `solve`, which takes
-            `Iterative()` in space from 200 000 unknowns on. A symmetrised pair needs `Direct()`.
+        symmetrised: whether to replace both matrices by their symmetric parts, as a symmetric
+            eigenvalue solver does with an unsymmetric element.
+        solver: solver of systems with K - shift M, for a small negative shift. It is `Direct()`,
+            which uses LDL^T for symmetric matrices; `Iterative()`; or "auto", the default. As in
+            `solve`, "auto" chooses between them: in three dimensions it takes `Iterative()` from
+            200 000 unknowns on. Symmetrised matrices need `Direct()`.
 
     Raises:
-        TypeError, ValueError: for arguments that do not fit together or are not finite; for
-            matrices whose diagonals add up to less than zero, and numbers out of range.
+        TypeError, ValueError: for arguments that do not fit together or are not finite, for
+            matrices whose diagonals add up to less than zero, and for a `count` out of range.
         NotConverged: if an iterative solver does not reach its tolerance.
         NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
-            of a symmetrised pair, if one lies below the shift.
+            for symmetrised matrices, if an eigenvalue lies below the shift.
     """
     request = _ModesRequest(reduction, count, symmetrised, solver)
     request.check(K, "the mass", M)
@@ -177,7 +187,15 @@ def _compute_vibrations(
     solver: LinearSolver,
     lowest: float | None = None,
 ) -> VibrationModes:
-    """Compute vibration modes; `lowest` is the lowest eigenvalue, if it is known already."""
+    """Return vibration modes of a checked request.
+
+    Args:
+        K: stiffness (n, n).
+        M: mass (n, n).
+        request: supports, number of modes, and whether the matrices are symmetrised.
+        solver: linear solver.
+        lowest: lowest eigenvalue, if it is known from an earlier attempt.
+    """
     A, B, reduction = request.reduce_pair(M, K, solver)
     mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (A, B))
     if not (0 < mass < np.inf and 0 < stiffness < np.inf):
@@ -185,13 +203,13 @@ def _compute_vibrations(
     shortest_eigenvalue = stiffness / mass  # of a mode as short as an element
     compact_shift = -_RELATIVE_SHIFT * shortest_eigenvalue / B.getSize()[0]
     shift = compact_shift if lowest is None else -lowest
-    # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
-    # `axpy` would lose the record of B, but never free it and the mesh in it
+    # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest
+    # eigenvalue. `axpy` would lose the record of B, but never free the record and its mesh
     AssemblyRecord().attach(B)
     mass_matrix = M if is_matrix_free(solver) else A
     B.axpy(-shift, mass_matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(shortest_eigenvalue)
-    if is_matrix_free(solver):  # with the scale of pressures that the solver takes from B
+    if is_matrix_free(solver):  # the solver scales pressures according to B
         reduction = scale_pressures(full_size_reduction(request.reduction), B)
     mu, shapes, residuals, report = _compute_largest_eigenvalues(
         A, B, reduction, request, solver, shifted=True
@@ -225,21 +243,23 @@ def buckling(
     """Compute the smallest positive factors of (K + factor K_sigma) d = 0.
 
     Args:
-        K: stiffness, (n, n), free.
-        K_sigma: initial stress matrix of the load to be multiplied, (n, n), free.
+        K: stiffness (n, n), assembled without supports.
+        K_sigma: initial stress matrix (n, n) of the reference load, assembled without supports. The
+            body buckles under the factor times this load.
         reduction: supports; prescribed displacements are zero in a mode.
         count: number of factors.
-        symmetrised: take the symmetric parts of both matrices, as a symmetric eigenvalue
-            solver does with an unsymmetric element.
-        solver: of the systems with K, as in `vibration_modes`.
+        symmetrised: whether to replace both matrices by their symmetric parts, as a symmetric
+            eigenvalue solver does with an unsymmetric element.
+        solver: solver of the systems with K, as in `vibration_modes`.
 
     Raises:
-        TypeError, ValueError: for arguments that do not fit together or are not finite; for
-            a stiffness whose diagonal adds up to less than zero, and numbers out of range.
-        SingularSystem: if the supports leave the body a rigid motion.
+        TypeError, ValueError: for arguments that do not fit together or are not finite, for a
+            stiffness whose diagonal adds up to less than zero, and for a `count` out of range.
+        SingularSystem: if the supports leave a rigid motion of the body free.
         NotConverged: if an iterative solver does not reach its tolerance.
-        NoModes: if fewer than `count` positive factors exist at which the prestress is below the
-            stiffness, or some did not converge.
+        NoModes: if fewer than `count` factors are positive and belong to buckling, which is the
+            case up to a prestress of 0.6 times the stiffness (`BucklingModes.prestress_ratios`); or
+            if some factors did not converge.
     """
     request = _ModesRequest(reduction, count, symmetrised, solver)
     request.check(K, "the initial stress", K_sigma)
@@ -254,7 +274,7 @@ def _compute_buckling(
     size = A.norm(PETSc.NormType.FROBENIUS)
     if not 0 < size < np.inf:
         raise NoModes("the initial stress matrix is zero or not finite: there is no prestress")
-    # K_sigma d = mu K d with mu = -scale/factor: the largest positive -mu is the smallest
+    # -scale K_sigma d = mu K d with mu = scale/factor: the largest mu belongs to the smallest
     # positive factor, and the scale brings mu to order one whatever the units of the load
     scale = B.norm(PETSc.NormType.FROBENIUS) / size
     A.scale(-scale)
@@ -280,7 +300,10 @@ def _prestress_over_stiffness(
     shapes: Sequence[PETSc.Vec],
     space: fem.FunctionSpace | None,
 ) -> Array:
-    """Return |row of K_sigma| d^2 over |K_ii| d^2 (n,), sums over the displacements d of modes."""
+    """Return the ratio of prestress to stiffness of each mode for a factor of one.
+
+    `BucklingModes.prestress_ratios` defines the ratio.
+    """
     indptr, _, entries = K_sigma.getValuesCSR()
     row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     row_norms = np.sqrt(np.bincount(row, entries**2))
@@ -297,7 +320,7 @@ def _prestress_over_stiffness(
 
 
 def _check_prestress(factors: Array, prestress: Array, comm: MPI.Comm) -> None:
-    """Raise NoModes for prestresses beyond the stiffness; warn of those near it."""
+    """Raise NoModes if a ratio of prestress to stiffness is too large; warn if one is large."""
     too_large = prestress > MAX_PRESTRESS_RATIO
     if too_large.any():
         raise NoModes(
@@ -318,7 +341,7 @@ def _check_prestress(factors: Array, prestress: Array, comm: MPI.Comm) -> None:
 
 @dataclass(frozen=True)
 class _ModesRequest:
-    """Arguments of `vibration_modes` or `buckling`: supports, number of modes, and solver."""
+    """Arguments that `vibration_modes` and `buckling` have in common."""
 
     reduction: Reduction
     count: int
@@ -326,7 +349,13 @@ class _ModesRequest:
     solver: Solver
 
     def check(self, K: PETSc.Mat, name: str, matrix: PETSc.Mat) -> None:
-        """Check all arguments; `name` is the name in messages of the pair's other matrix."""
+        """Check all arguments.
+
+        Args:
+            K: stiffness.
+            name: name of the other matrix, used in error messages.
+            matrix: the other matrix, mass or initial stress.
+        """
         pair, reductions = {"the stiffness": K, name: matrix}, (self.reduction,)
         check_problem(pair, reductions=reductions, solver=self.solver)
         arguments.check_integer("count", self.count, 1)
@@ -334,7 +363,7 @@ class _ModesRequest:
         refuse_negative_trace("the stiffness", K, self.reduction.space)
 
     def compute(self, modes: Callable[[LinearSolver], T]) -> T:
-        """Return `modes(solver)` for the requested solver or the choice of "auto"."""
+        """Return `modes(solver)` with the requested solver, or with the one that "auto" chooses."""
         reason = "a symmetrised pair needs its pivots counted" if self.symmetrised else ""
         space, supports = self.reduction.space, self.reduction.supports
         if self.symmetrised and space is not None and is_hybrid(space):
@@ -347,10 +376,10 @@ class _ModesRequest:
     def reduce_pair(
         self, A: PETSc.Mat, B: PETSc.Mat, solver: LinearSolver
     ) -> tuple[PETSc.Mat, PETSc.Mat, Reduction]:
-        """Reduce A and B of A d = mu B d.
+        """Return the matrices A and B of A d = mu B d under the supports, and their reduction.
 
-        For a matrix-free solver A keeps its size, with zeros for prescribed unknowns, and B is a
-        free copy.
+        For a matrix-free solver, A keeps its size and has zeros for prescribed unknowns, and B is a
+        copy without supports.
         """
         reduction = scale_pressures(self.reduction, B)
         if is_matrix_free(solver):
@@ -373,16 +402,17 @@ def _compute_largest_eigenvalues(
     """Compute the eigenvalues mu of A d = mu B d with the largest real parts.
 
     Args:
-        A: reduced (n_r, n_r).
-        B: reduced (n_r, n_r), or free for a matrix-free solver.
-        reduction: of the pair.
-        request: number of modes, and symmetry.
-        solver: of systems with B.
-        shifted: whether B contains a shift, so that it is regular even with free rigid motions.
+        A: reduced matrix (n_r, n_r).
+        B: reduced matrix (n_r, n_r), or the matrix without supports for a matrix-free solver.
+        reduction: reduction of both matrices.
+        request: number of modes, and whether the matrices are symmetrised.
+        solver: solver of systems with B.
+        shifted: whether B contains a shift, so that it is regular even if rigid motions are free.
 
     Returns:
-        mu (count,); full vectors d, for a complex pair the real and the imaginary part of one;
-        residuals (count,); and the solver's report.
+        The eigenvalues mu (count,); the modes d as vectors of all unknowns; the relative residuals
+        (count,); and the solver's report. A complex pair of eigenvalues has the real and the
+        imaginary part of one eigenvector as its modes.
     """
     count = request.count
     if count > A.getSize()[0]:
@@ -445,7 +475,7 @@ def _compute_largest_eigenvalues(
 
 
 def _is_symmetric(matrix: PETSc.Mat, tolerance: float = _LDL_ASYMMETRY) -> bool:
-    """Return whether x.A y equals y.A x for random x and y."""
+    """Return whether x.A y equals y.A x to a relative tolerance for random vectors x and y."""
     x, y, A_x, A_y = (matrix.createVecRight() for _ in range(4))
     begin, end = x.getOwnershipRange()
     random = np.random.default_rng(begin)
@@ -471,7 +501,7 @@ def _refuse_indefinite(inverse: PreparedSolver) -> None:
 def _residual(
     A: PETSc.Mat, B: PETSc.Mat, mu: complex, real: PETSc.Vec, imaginary: PETSc.Vec
 ) -> float:
-    """Return the relative residual |A d - mu B d| / |mu B d| of d = real + i imaginary."""
+    """Return |A d - mu B d| / |mu B d|, the residual of the mode d = real + i imaginary."""
     A_d, B_d = ((X * real).array_r + 1j * (X * imaginary).array_r for X in (A, B))
     squares = np.array([np.sum(np.abs(x) ** 2) for x in (A_d - mu * B_d, mu * B_d)])
     difference, size = A.comm.tompi4py().allreduce(squares)
@@ -479,7 +509,7 @@ def _residual(
 
 
 def _full_mode(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
-    """Return the full vector of a mode, scaled so that its largest entry is 1."""
+    """Return a mode as a vector of all unknowns, scaled so that its largest entry is 1."""
     mode = reduction.offset.duplicate()
     reduction.right.mult(reduced, mode)  # prescribed displacements are zero in a mode
     lowest, highest = mode.min()[1], mode.max()[1]
@@ -489,10 +519,12 @@ def _full_mode(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
 
 @check_same_arguments
 def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
-    """Compute the largest stable time step of central differences: 2 over the highest frequency.
+    """Return the largest stable time step of central differences.
+
+    This is 2 divided by the highest angular frequency.
 
     Args:
-        K: stiffness (n, n), symmetric, free.
+        K: symmetric stiffness (n, n), assembled without supports.
         M: mass (n, n), diagonal and positive.
         reduction: supports.
 
@@ -543,10 +575,13 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
 
 
 def extract_diagonal_mass(M: PETSc.Mat) -> PETSc.Vec:
-    """Return the diagonal (n,) of a mass matrix; raise ValueError if it is not lumped or positive.
+    """Return the diagonal (n,) of a lumped mass matrix.
 
     Args:
         M: mass (n, n).
+
+    Raises:
+        ValueError: if the matrix is not diagonal, or an entry is not positive.
     """
     mass = M.getDiagonal()
     indptr, column, value = M.getValuesCSR()

@@ -1,7 +1,7 @@
-"""Solutions of linear systems under a reduction, which refuse a singular system.
+"""Solution of linear systems under a reduction, with an error for singular systems.
 
-DOLFINx cannot apply Dirichlet conditions to a matrix whose test and trial spaces differ. Here the
-matrix is assembled without conditions, and a `Reduction` applies them.
+DOLFINx cannot apply Dirichlet conditions to a matrix if test and trial space differ. Here the
+matrix is assembled without conditions, and a `Reduction` applies the conditions.
 """
 
 from collections.abc import Iterator
@@ -34,23 +34,23 @@ from pw_elements.spaces import PRESSURE_MODE_TOLERANCE, AssemblyRecord, SubSpace
 
 @check_same_arguments
 def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = None) -> PETSc.Vec:
-    """Solve K a = f under a reduction for the displacements a (n,).
+    """Solve K a = f under a reduction, and return the displacements a (n,).
 
-    The attribute "report" of the result, `a.getAttr("report")`, is the `SolverReport`.
+    `a.getAttr("report")` returns the `SolverReport` of the solution.
 
     Args:
         K: stiffness (n, n), assembled without conditions.
         f: load (n,).
-        reduction: supports, condensation.
-        solver: `Direct()`, `Iterative()` or, by default, "auto", which takes `Iterative()` in three
-            dimensions from 15 000 unknowns on. If that fails, "auto" takes `Direct()`, given enough
-            memory, and logs it.
+        reduction: supports, and static condensation.
+        solver: `Direct()`, `Iterative()` or, by default, "auto". In three dimensions "auto" takes
+            `Iterative()` from 15 000 unknowns on, and `Direct()` below. If `Iterative()` fails and
+            there is enough memory, "auto" uses `Direct()` instead and logs this.
 
     Raises:
         SingularSystem: if the reduced system has no unique solution.
         NotConverged: if an iterative solver does not reach its tolerance.
-        TypeError, ValueError: for arguments that do not fit together or are not finite, or
-            a solver that does not serve the reduction.
+        TypeError, ValueError: for arguments that do not fit together or are not finite, or for a
+            solver that does not support the reduction.
     """
     check_problem({"the stiffness": K}, None, {"the load": f}, (reduction,), solver=solver)
     choice = choose_solver(solver, reduction.supports)
@@ -82,13 +82,13 @@ def _solve_with(
     full.setAttr("report", report)
     full.setAttr(
         "mesh", AssemblyRecord.read(K).mesh
-    )  # whose communicator copies of the vector need
+    )  # copies of the vector need the mesh's communicator
     return full
 
 
 @check_same_arguments
 def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
-    """Compute the nodal forces r = K a - f (n,) that supports exert on the body.
+    """Return the nodal forces r = K a - f (n,) that supports exert on the body.
 
     Args:
         K: stiffness (n, n), assembled without conditions.
@@ -105,12 +105,14 @@ def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
 def has_free_constant_pressure(
     matrix: PETSc.Mat, reduction: Reduction, ignored_rows: npt.NDArray[np.integer] | None = None
 ) -> bool:
-    """Return whether a constant pressure has no effect under a reduced matrix.
+    """Return whether a reduced matrix maps a constant pressure to zero.
+
+    Such a matrix is singular: the pressure of a hybrid body is determined up to a constant.
 
     Args:
-        matrix: (n_r, n_r), or larger with the n_r unknowns first.
-        reduction: of the matrix.
-        ignored_rows: local numbers of equations in which an effect does not count.
+        matrix: reduced matrix (n_r, n_r), or a larger one that starts with the n_r unknowns.
+        reduction: reduction of the matrix.
+        ignored_rows: local numbers of rows that need not be zero.
     """
     if reduction.space is None or not is_hybrid(reduction.space):
         return False
@@ -119,7 +121,7 @@ def has_free_constant_pressure(
     constant.setArray(pressure.embed(np.ones(len(pressure.owned_unknowns))))
     unknown = matrix.createVecRight()
     reduction.right.multTranspose(constant, unknown)
-    unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # several may be tied
+    unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # some pressures share one
     effect = matrix * unknown
     if ignored_rows is not None:
         effect.array[ignored_rows] = 0.0
@@ -129,7 +131,7 @@ def has_free_constant_pressure(
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
-    """Compute (A + A^T) / 2, the part of A (n, n) that a symmetric solver would use."""
+    """Return (A + A^T) / 2, the part of a matrix A (n, n) that a symmetric solver would use."""
     part = matrix + matrix.transpose(PETSc.Mat())
     part.scale(0.5)
     return AssemblyRecord.read(matrix).attach(part)
@@ -141,13 +143,14 @@ def factorise(
     solver: LinearSolver | None = None,
     reduction: Reduction | None = None,
 ) -> PreparedSolver:
-    """Prepare a solver for a matrix and factorise it.
+    """Return a solver that has been prepared for a matrix, with the matrix factorised.
 
     Args:
-        matrix: regular (n, n).
-        symmetric: whether it is symmetric.
-        solver: `Direct()` by default.
-        reduction: of the matrix, which helps to explain why it is singular.
+        matrix: regular matrix (n, n).
+        symmetric: whether the matrix is symmetric.
+        solver: linear solver, by default `Direct()`.
+        reduction: reduction of the matrix, from which the error message explains why the matrix is
+            singular.
 
     Raises:
         SingularSystem: for a singular matrix.
@@ -166,7 +169,12 @@ def factorise(
 def explain_singular_system(
     matrix: PETSc.Mat | None = None, reduction: Reduction | None = None
 ) -> Iterator[None]:
-    """Add the likely cause to a `SingularSystem` that the block raises."""
+    """Add the likely cause to a `SingularSystem` error that is raised within a `with` block.
+
+    Args:
+        matrix: the system's matrix, if it is known.
+        reduction: reduction of the matrix, if it is known.
+    """
     try:
         yield
     except FreePressure:

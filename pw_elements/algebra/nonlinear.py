@@ -1,9 +1,9 @@
-"""Problems given by a UFL residual, with piecewise-linear weight functions.
+"""Problems that are defined by a UFL residual, with piecewise-linear weight functions.
 
-Where test and trial space differ, DOLFINx's `LinearProblem` and `NonlinearProblem` remove the
-prescribed columns of a matrix but no rows: the first returns `inf`, the second fails. Here Newton's
-method is PETSc's SNES, and conditions are equations, see the guide's page on theory ("Large
-strains").
+If test and trial space differ, DOLFINx's `LinearProblem` and `NonlinearProblem` remove the
+prescribed columns of a matrix, but no rows. As a result, the first one returns `inf`, and the
+second one fails. Here PETSc's SNES performs Newton's method, and Dirichlet conditions are
+additional equations, see the guide's page on theory ("Large strains").
 """
 
 import logging
@@ -45,16 +45,16 @@ from pw_elements.spaces import (
     is_hybrid,
 )
 
-# Correction, over the largest value of u, with which Newton's method has converged: the method is
-# quadratic, and the next correction would be round-off
+# Correction, relative to the largest value of u, at which Newton's method has converged. Since
+# convergence is quadratic, the next correction would be round-off
 _CORRECTION_TOLERANCE = 1e-8
-# Residual of a solution over the norms of tangent and u; and the residual below which a line search
-# that finds no better point has not failed
+# Largest residual of a solution, relative to the norm of the tangent times that of u; and residual
+# below which a line search counts as successful even if it finds no better point
 _RESIDUAL_TOLERANCE = 1e-10
 _RESIDUAL_ROUND_OFF = 1e-14
 _MAX_ITERATIONS = 25
 
-# Numbers of PETSc's SNESConvergedReason, of which one name depends on the version
+# Values of PETSc's SNESConvergedReason, one of which has different names in different versions
 _LINE_SEARCH_FAILED = -6
 _NOT_FINITE = "the residual is not finite"
 _FAILURE_MESSAGES = {
@@ -73,12 +73,12 @@ _MAX_PARTS = 16
 
 @dataclass(frozen=True)
 class SolvedIncrement:
-    """Load and convergence of a solved increment, or of a part of one.
+    """Load and convergence of a solved increment, or of a part of an increment.
 
     Args:
-        load_factor: part of the load at the end of the increment, in (0, 1].
-        relative_corrections: of each iteration, largest change of a nodal value over the largest
-            value.
+        load_factor: fraction of the load that is applied at the end of the increment, in (0, 1].
+        relative_corrections: for each iteration, the largest change of a nodal value divided by the
+            largest nodal value.
     """
 
     load_factor: float
@@ -86,11 +86,11 @@ class SolvedIncrement:
 
 
 class ResidualSystem:
-    """Compiled residual and tangent, assembled at the present values of an unknown function."""
+    """Compiled residual and tangent, which are assembled at the present values of the unknown u."""
 
     def __init__(self, u: fem.Function, residual: fem.Form, tangent: fem.Form) -> None:
         self.u, self._residual_form, self._tangent_form = u, residual, tangent
-        self.blocked = False  # whether the tangent is stored by nodes, see `assemble_matrix`
+        self.blocked = False  # whether the tangent is stored in blocks of nodes
 
     @cached_property
     def tangent(self) -> PETSc.Mat:
@@ -115,14 +115,15 @@ class ResidualSystem:
 
 
 class NewtonSolver:
-    """Newton's method for one solution of a system.
+    """Newton's method, for one solution of a system.
 
     Args:
-        system: its u holds the initial guess, then the solution.
-        fixed: (k,), local numbers of the prescribed unknowns that this process owns.
-        prescribed: vector (n,) with their values.
+        system: compiled residual and tangent. The unknown u of the system contains the initial
+            guess, and is replaced by the solution.
+        fixed: local numbers (k,) of the prescribed unknowns that this process owns.
+        prescribed: vector (n,) with the prescribed values at these unknowns.
         is_linear: whether the residual is linear in u.
-        solver: of the tangent systems.
+        solver: solver of the linear systems with the tangent.
     """
 
     def __init__(
@@ -145,7 +146,7 @@ class NewtonSolver:
             ("the residual", system.assemble_residual()),
         ):
             norm = values.norm(PETSc.NormType.INFINITY)
-            if np.isfinite(norm):  # otherwise the iteration reports where it is not
+            if np.isfinite(norm):  # otherwise the iteration reports where it is infinite
                 arguments.check_magnitude(f"{name} at the start", norm)
         self._scale = equilibration_scale(system.u.function_space, system.tangent)
         system.tangent.diagonalScale(self._scale, self._scale)
@@ -154,13 +155,13 @@ class NewtonSolver:
         self._prescribed.pointwiseDivide(prescribed, self._scale)
         self._previous_x = self._x.copy()
         diagonal = system.tangent.getDiagonal()
-        # factor of the conditions, which are equations among the others
+        # factor of the Dirichlet conditions, which are equations of the system
         self._mean_stiffness = diagonal.norm(PETSc.NormType.NORM_1) / diagonal.getSize() or 1.0
         self._tangent_norm = 0.0
         self._prepared = solver.prepare(system.tangent)
 
     def solve(self) -> None:
-        """Solve for u, which is undefined after an error.
+        """Solve for the system's u, whose values are undefined after an error.
 
         Raises:
             NotConverged: if the iteration does not converge.
@@ -206,7 +207,7 @@ class NewtonSolver:
         try:
             self._prepared.set_up()
         except SingularSystem as error:
-            self._singular_tangent = error  # PETSc would replace it by an error without a reason
+            self._singular_tangent = error  # PETSc's own error would hide the reason
             raise
 
     def _test_convergence(
@@ -242,16 +243,19 @@ class NewtonSolver:
 
 
 def _max_norm(x: PETSc.Vec) -> float:
-    """Return the largest absolute value; NaN if one is not finite, which PETSc may miss."""
+    """Return the largest absolute value of a vector.
+
+    The result is NaN if a value is not finite, which PETSc's maximum norm may miss.
+    """
     return float(x.norm(PETSc.NormType.INFINITY)) if is_finite(x) else np.nan
 
 
 class PetrovGalerkinProblem:
     """Linear or nonlinear problem F(u; v) = 0 for all weights v, under Dirichlet conditions.
 
-    Newton's method is PETSc's, with its backtracking line search; the tangent is UFL's derivative
-    at the residual's quadrature points. An example is -div((1 + u^2) grad u) = 10 with u = 0 on the
-    boundary:
+    PETSc performs Newton's method with its backtracking line search. The tangent is UFL's
+    derivative of the residual, integrated at the residual's quadrature points. An example is
+    -div((1 + u^2) grad u) = 10 with u = 0 on the boundary:
 
         V = fem.functionspace(mesh, ("Lagrange", 2))
         u, v = fem.Function(V), ufl.TestFunction(test_space(V))
@@ -261,32 +265,33 @@ class PetrovGalerkinProblem:
         problem = PetrovGalerkinProblem(F, u, fem.dirichletbc(0.0, rim, V))
         problem.solve()
 
-    Large loads are applied in increments, which are divided where Newton's method fails:
+    Large loads are applied in increments. An increment is divided if Newton's method fails:
 
         depth = fem.Constant(mesh, -0.3)
         conditions = [prescribe(V, 1, top, depth), ...]
         PetrovGalerkinProblem(F, u, conditions).solve(depth, increments=4)
 
     Args:
-        residual: F, a UFL form, linear in a test function from `test_space(V)` (or, for the
-            standard element, from V). Set the quadrature degree of integrands that are not
-            polynomials: UFL's estimate is high.
-        u: unknown function in the quadratic trial space; it holds the initial guess, then the
-            solution.
-        conditions: Dirichlet conditions on the space of u; constants and functions in them may
-            change.
-        solver: of linear systems, by default `Direct()`; `Iterative()` cannot be used here.
+        residual: the UFL form F, linear in a test function from `test_space(V)` or, for the
+            standard element, from V. Set the quadrature degree of integrands that are not
+            polynomials, since UFL's estimate is high.
+        u: unknown function in the quadratic trial space V. It contains the initial guess, and is
+            replaced by the solution.
+        conditions: Dirichlet conditions on the space of u. The values of constants and functions in
+            them may change between solutions.
+        solver: solver of the linear systems, by default `Direct()`. `Iterative()` cannot be used.
 
     Attributes:
-        u: the unknown.
+        u: the unknown function.
         increments: `SolvedIncrement`s of the last `solve`.
-        form: the residual, with the degrees of its measures.
-        system: residual and tangent, compiled.
+        form: the residual, with a quadrature degree for each of its measures.
+        system: the compiled residual and tangent.
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for a form without a test function or without u, not linear in its weights, of
-            several meshes, or that cannot be compiled; for an iterative solver or a split pressure.
+        ValueError: for a form that has no test function, does not contain u, is not linear in its
+            test function, is defined on several meshes or cannot be compiled; for an iterative
+            solver; and for a split pressure.
         NumberingError: if trial and test space number their nodes differently.
     """
 
@@ -323,14 +328,14 @@ class PetrovGalerkinProblem:
         Spaces(self._space, weights[0].ufl_function_space())
         try:
             form = add_estimated_degrees(add_sub_cell_rules(residual))
-            compute_form_data(form)  # where UFL checks that all terms contain the weights
+            compute_form_data(form)  # UFL checks here that all terms contain the weights
             tangent = expand_derivatives(ufl.derivative(form, u, ufl.TrialFunction(self._space)))
         except (Exception, ArityMismatch) as error:  # UFL's error is not an Exception
             raise ValueError(f"the residual is no form linear in its weights: {error}") from error
         if tangent.empty():
             raise ValueError("the residual does not depend on u: it has to be stated with u itself")
         self.form, self._is_linear = form, u not in tangent.coefficients()
-        evaluate_conditions(self._space, conditions)  # refuses wrong conditions at once
+        evaluate_conditions(self._space, conditions)  # raises an error for invalid conditions
         self.system = ResidualSystem(
             u, compile_form(form, 1, "a residual"), compile_form(tangent, 2, "a tangent")
         )
@@ -339,22 +344,24 @@ class PetrovGalerkinProblem:
 
     @check_same_arguments
     def solve(self, load: Load | None = None, increments: int = 1) -> fem.Function:
-        """Solve for u, starting from its present values.
+        """Solve for u, starting from the present values of u.
 
         Args:
-            load: `fem.Constant`s of the residual or conditions, which grow with the increments from
-                their values after the last `solve` (0 at first) to their present ones; or a
-                function of the load factor in (0, 1] that sets them, without communication.
-            increments: number of equal increments; where Newton's method fails, they are divided.
+            load: one or several `fem.Constant`s of the residual or the conditions. Over the
+                increments, they change linearly from their values after the last `solve`, or from 0
+                in the first call, to their present values. Alternatively, a function that sets the
+                load for a load factor in (0, 1] without communication between processes.
+            increments: number of equal increments. An increment is divided if Newton's method
+                fails.
 
         Returns:
-            u of the problem.
+            The problem's unknown function u.
 
         Raises:
-            NotConverged: if no solution is found even in small parts, or without a load; u and the
-                load's constants are those of the last solution.
-            SingularSystem: likewise, if the tangent is singular.
-            TypeError, ValueError: for an invalid load, or conditions that contradict each
+            NotConverged: if no solution is found, even if increments are divided into small parts.
+                The unknown u and the load's constants are reset to those of the last solution.
+            SingularSystem: if the tangent is singular; u and the constants are reset likewise.
+            TypeError, ValueError: for an invalid load, or for conditions that contradict each
                 other or are not finite.
         """
         arguments.check_integer("increments", increments, 1)
@@ -390,19 +397,20 @@ class PetrovGalerkinProblem:
 
     @check_same_arguments
     def reactions(self) -> PETSc.Vec:
-        """Assemble the residual (n,): at prescribed nodes the forces of supports on the body.
+        """Return the residual (n,), which has the supports' forces on the body at prescribed nodes.
 
-        If the residual is linear, this is K a - f, as computed by `reactions`.
+        If the residual is linear, this is K a - f for the stiffness K, the solution a and the load
+        f, as computed by the function `reactions`.
 
-        Reactions and loads add up to zero. So do their moments about deformed nodes, exactly with
-        standard elements only; with piecewise-linear weights and a smooth deformation to third
-        order in the size of cells, if a load's moment is that of its density, and to second order
-        with nodal loads at deformed nodes.
+        The sum of reactions and loads is zero. The sum of their moments about deformed nodes is
+        exactly zero with standard elements only. With piecewise-linear weights and a smooth
+        deformation, it vanishes to third order in the size of cells if the moment of a load is that
+        of its density, and to second order if nodal loads act at deformed nodes.
         """
         return self.system.assemble_residual()
 
     def _load_setter(self, load: Load | None) -> Callable[[float], None]:
-        """Return the function that sets the load for a load factor; local."""
+        """Return a function that sets the load for a load factor, without communication."""
         if arguments.is_user_function(load):
             return load
         ranges = []
@@ -430,7 +438,7 @@ class PetrovGalerkinProblem:
         self._solved_loads |= {constant: np.array(constant.value) for constant in constants}
 
     def _solve_increment(self, load_factor: float) -> None:
-        """Solve for u under the present load; u is undefined after an error."""
+        """Solve for u under the present load; values of u are undefined after an error."""
         free, values = evaluate_conditions(self._space, self._conditions)
         fixed = np.flatnonzero(~free)
         newton = NewtonSolver(self.system, fixed, values, self._is_linear, self._solver)
@@ -457,7 +465,14 @@ def _load_constants(load: Load | None) -> Sequence[fem.Constant]:
 def _failure_message(
     error: Exception, load: Load | None, load_factors: tuple[float, float], hybrid: bool
 ) -> str:
-    """Return the message of an increment between two load factors that cannot be divided."""
+    """Return the error message for an increment that fails and cannot be divided further.
+
+    Args:
+        error: error of the increment.
+        load: load of the user.
+        load_factors: load factors at the start and at the end of the increment.
+        hybrid: whether the trial space has pressure unknowns.
+    """
     message = str(error)
     if isinstance(error, SingularSystem):
         message += ": conditions leave a motion free, or the solution branches here"

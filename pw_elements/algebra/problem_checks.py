@@ -1,8 +1,8 @@
-"""Checks of a problem, made once before any computation.
+"""Checks of a problem's matrices, vectors and settings, made once before any computation.
 
-Results of `assemble_matrix` and `assemble_vector` carry the spaces of their form (see
-`AssemblyRecord`), so that matrices and vectors of different meshes or weight functions are refused.
-Those made by hand carry none and are checked by their sizes.
+Matrices and vectors from `assemble_matrix` and `assemble_vector` carry a record of the spaces of
+their form (see `AssemblyRecord`). They are refused if meshes or weight functions differ. Matrices
+and vectors that were created otherwise carry no record, and only their sizes are checked.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ from pw_elements.spaces import AssemblyRecord, SubSpace
 
 _STIFFNESS_NAME = "the stiffness"
 _FROBENIUS, _INFINITY = PETSc.NormType.FROBENIUS, PETSc.NormType.INFINITY
-# Row sum above which a sum of squares may overflow although all entries are finite
+# Row sum of a matrix above which its sum of squares may overflow although all entries are finite
 _OVERFLOW_ROW_SUM = 1e100
 
 
@@ -34,16 +34,16 @@ def check_problem(
     """Check that matrices (n, n), vectors (n,), reductions, space and solver fit together.
 
     Args:
-        matrices: by their names in messages; the first one is the stiffness.
-        vectors: displacements and the like, by name.
-        loads: by name; they need the weight functions of the stiffness.
-        reductions: of the stiffness.
+        matrices: matrices by their names in error messages; the first one is the stiffness.
+        vectors: vectors of unknowns, such as displacements, by name.
+        loads: load vectors by name; their weight functions must be those of the stiffness.
+        reductions: reductions of the stiffness.
         space: trial space.
         solver: a `LinearSolver`, "auto" or None.
 
     Raises:
-        TypeError: for arguments of the wrong type, on all processes.
-        ValueError: for all other errors, on all processes.
+        TypeError: on all processes, for arguments of the wrong type.
+        ValueError: on all processes, for all other errors.
     """
     loads = loads or {}
     all_vectors = {**(vectors or {}), **loads}
@@ -77,7 +77,7 @@ def check_problem(
         for name, tensor in {**matrices, **loads}.items():
             _check_same_weights(name, tensor, K)
     for name, matrix in matrices.items():
-        # sums of squares keep NaN, on whichever process it is; largest values may lose it
+        # a sum of squares is NaN if any process has NaN; a largest value may lose it
         frobenius, largest_sum = (matrix.norm(kind) for kind in (_FROBENIUS, _INFINITY))
         if not np.isfinite(frobenius) and not _OVERFLOW_ROW_SUM < largest_sum < np.inf:
             raise ValueError(f"{name} has entries that are not finite")
@@ -89,7 +89,15 @@ def check_problem(
 
 
 def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
-    """Raise unless a load is a finite vector (n,) with the weight functions of K (n, n)."""
+    """Raise an error unless a load is a finite vector (n,) and belongs to the matrix K (n, n).
+
+    Load and matrix have to be assembled with the same weight functions.
+
+    Args:
+        name: name of the load in error messages.
+        load: load vector (n,).
+        K: stiffness (n, n).
+    """
     with collective_errors(K.comm.tompi4py()):
         arguments.check_petsc_vector(name, load, _STIFFNESS_NAME, K.getSizes()[0])
         _check_same_mesh(name, AssemblyRecord.read(load).mesh, K)
@@ -109,7 +117,7 @@ def _check_same_mesh(name: str, mesh: Any, K: PETSc.Mat) -> None:  # noqa: ANN40
 
 
 def _check_same_weights(name: str, tensor: PETSc.Vec | PETSc.Mat, K: PETSc.Mat) -> None:
-    """Raise ValueError unless weight functions and state of stress are those of K; local."""
+    """Raise ValueError, on this process, if weight functions or state of stress differ from K's."""
     K_record, record = AssemblyRecord.read(K), AssemblyRecord.read(tensor)
     states, K_states = record.stress_states, K_record.stress_states
     if states and K_states and states != K_states:
@@ -132,7 +140,10 @@ def _check_same_weights(name: str, tensor: PETSc.Vec | PETSc.Mat, K: PETSc.Mat) 
 
 
 def _have_same_element(a: Any, b: Any) -> bool:  # noqa: ANN401
-    """Return whether two C++ spaces have the same element; DOLFINx compares no mixed ones."""
+    """Return whether two C++ spaces have the same element.
+
+    DOLFINx's own comparison does not work for mixed elements.
+    """
     n_parts = a.element.num_sub_elements
     if n_parts != b.element.num_sub_elements:
         return False
@@ -163,7 +174,7 @@ def check_solver(solver: object) -> None:
 
 
 def is_finite(vector: PETSc.Vec) -> bool:
-    """Return whether all entries are finite, on all processes; a maximum norm may miss NaN."""
+    """Return whether all entries on all processes are finite. A maximum norm might miss NaN."""
     is_local_part_finite = bool(np.isfinite(vector.array_r).all())
     return bool(vector.comm.tompi4py().allreduce(is_local_part_finite, MPI.LAND))
 
@@ -171,9 +182,15 @@ def is_finite(vector: PETSc.Vec) -> bool:
 def refuse_negative_trace(
     name: str, matrix: PETSc.Mat, space: fem.FunctionSpace | None = None
 ) -> None:
-    """Raise ValueError if the displacements' diagonal has a negative sum.
+    """Raise ValueError if the diagonal entries of the displacements have a negative sum.
 
-    The eigenvalues of a symmetric matrix then have a negative sum, too.
+    For a symmetric matrix, this sum is that of all eigenvalues.
+
+    Args:
+        name: name of the matrix in the error message.
+        matrix: square matrix (n, n).
+        space: trial space, which tells displacements from pressures; None if there are no
+            pressures.
     """
     diagonal = matrix.getDiagonal()
     if space is not None:

@@ -1,7 +1,8 @@
-"""Supports and static condensation: the reduction L^T K R of a system without conditions.
+"""Supports and static condensation, as the reduction of a system without conditions.
 
-Condensed inner nodes may not be coupled to each other, and each needs a stiffness. Dirichlet
-conditions that overlap have to prescribe the same values.
+A stiffness K is reduced to L^T K R, with the matrices L and R of `Reduction`. Inner nodes that are
+condensed must not be coupled to each other, and each needs a stiffness. Dirichlet conditions that
+overlap have to prescribe the same values.
 """
 
 from collections.abc import Sequence
@@ -42,22 +43,27 @@ from pw_elements.spaces import (
     tie_pressures,
 )
 
-# Difference of values prescribed at one degree of freedom, over the largest, that is round-off
+# Difference between values prescribed at one degree of freedom, relative to the largest prescribed
+# value, that counts as round-off
 _VALUE_TOLERANCE = 1e-9
 
-# Entries of a matrix, over its largest, that are round-off
+# Size of a matrix entry, relative to the largest entry, that counts as round-off
 _ENTRY_ROUND_OFF = 1e-13
 
 
 def evaluate_conditions(
     space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
 ) -> tuple[Mask, PETSc.Vec]:
-    """Return which owned degrees of freedom are free, and the prescribed values (n,).
+    """Return the mask of this process' free degrees of freedom, and the prescribed values (n,).
 
     The values are zero where nothing is prescribed.
 
+    Args:
+        space: trial space.
+        conditions: Dirichlet conditions on the space, one or a sequence.
+
     Raises:
-        TypeError: for anything but conditions.
+        TypeError: for anything but Dirichlet conditions.
         ValueError: if conditions contradict each other, a value is not finite, or a condition was
             made on another space.
     """
@@ -76,7 +82,7 @@ def evaluate_conditions(
             _check_condition(condition, space)
             condition_values = np.zeros(len(values))
             condition.set(condition_values)
-            dofs = condition.dof_indices()[0]  # the number of owned ones is wrong in DOLFINx 0.9
+            dofs = condition.dof_indices()[0]  # DOLFINx 0.9 returns a wrong number of owned ones
             dofs = dofs[dofs < owned]
             repeated = dofs[~free[dofs]]
             change = np.abs(condition_values - values)[repeated]
@@ -125,11 +131,11 @@ def require_any_dof(mask: Mask, space: fem.FunctionSpace, message: str) -> None:
 
 
 def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
-    """Compute Q (n, n), the inverse of K_ii in the rows and columns of inner unknowns.
+    """Return a matrix (n, n) with the inverse stiffness of inner unknowns, and zeros elsewhere.
 
     Args:
         K: stiffness (n, n).
-        inner: (owned dofs,).
+        inner: mask (owned dofs,) of the inner unknowns.
         block: number of unknowns of a node.
 
     Raises:
@@ -159,26 +165,28 @@ def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
 
 @dataclass(frozen=True)
 class Reduction:
-    """Reduction of a system to n_r unknowns a_r, with a = R a_r + a_0.
+    """Reduction of a system K a = f of n unknowns to n_r unknowns a_r.
 
-    The reduced system has K_r = L^T K R and f_r = L^T (f - K a_0).
+    With a = R a_r + a_0, the reduced system has the matrix K_r = L^T K R and the right-hand side
+    f_r = L^T (f - K a_0).
 
-    Static condensation is a reduction, too. With remaining (e) and inner (i) unknowns, and an
-    unsymmetric K,
+    Dirichlet conditions and static condensation are such reductions. In static condensation,
+    unknowns are either inner (i) or remaining (e). For an unsymmetric K,
 
         L^T = [I, -K_ei K_ii^-1],   R = [I; -K_ii^-1 K_ie],   a_i = K_ii^-1 (f_i - K_ie a_e).
 
-    A load on inner nodes causes displacements Q f with Q = [0, 0; 0, K_ii^-1], which `for_load`
-    adds to the offset. Reduced loads do not need this, since L^T K Q = 0. Guyan's reduction applies
-    `matrix` to the mass matrix as well.
+    A load f on inner nodes causes displacements Q f with Q = [0, 0; 0, K_ii^-1], which `for_load`
+    adds to a_0. Reduced loads are not changed by this, since L^T K Q = 0. For Guyan's reduction,
+    apply the method `matrix` to the mass matrix as well.
 
     Args:
-        left: L, (n, n_r); the same matrix as `right` for Dirichlet conditions.
-        right: R, (n, n_r), with rows of the identity for the remaining unknowns.
-        offset: a_0, (n,): prescribed values.
-        inner_flexibility: Q, (n, n), of a condensation.
+        left: matrix L (n, n_r); for Dirichlet conditions the same object as `right`.
+        right: matrix R (n, n_r), whose rows for remaining unknowns are rows of the identity.
+        offset: vector a_0 (n,) of prescribed values.
+        inner_flexibility: matrix Q (n, n) of a condensation; None otherwise.
         space: trial space whose degrees of freedom are reduced, if it is known.
-        supports: the arguments of `dirichlet`, which an iterative solver needs; None otherwise.
+        supports: free degrees of freedom of a reduction made by `dirichlet`, which an iterative
+            solver needs; None otherwise.
 
     Raises:
         TypeError: for anything but matrices and vectors.
@@ -214,11 +222,11 @@ class Reduction:
         space: fem.FunctionSpace | Spaces,
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
     ) -> "Reduction":
-        """Eliminate the prescribed degrees of freedom.
+        """Return the reduction that eliminates prescribed degrees of freedom.
 
         Args:
-            space: trial space; or a `Spaces` pair, by which a split pressure is made continuous
-                within each part of a body, see `Spaces.hybrid`.
+            space: trial space, or a `Spaces` pair. With a `Spaces` pair, a split pressure is made
+                continuous within each part of a body, see `Spaces.hybrid`.
             conditions: Dirichlet conditions on the space, one or a sequence.
 
         Raises:
@@ -246,21 +254,22 @@ class Reduction:
         nodes: npt.NDArray[np.integer] | Mask,
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC] = (),
     ) -> "Reduction":
-        """Condense inner nodes statically, and eliminate prescribed degrees of freedom.
+        """Return the reduction that condenses inner nodes and eliminates prescribed unknowns.
 
         Args:
-            K: stiffness (n, n), free; it may be unsymmetric.
+            K: stiffness (n, n), assembled without conditions; it may be unsymmetric.
             space: trial space.
             nodes: local numbers of the inner nodes, or a mask of all local nodes; ghosts are
-                skipped. No two inner nodes may share a cell: K_ii is inverted node by node.
+                ignored. No two inner nodes may share a cell, since the stiffness of inner unknowns
+                is inverted node by node.
             conditions: Dirichlet conditions on other nodes, one or a sequence.
 
         Raises:
             TypeError: for anything but a matrix, a space and conditions.
             ValueError: if K does not belong to the space, is not finite or couples inner nodes; if
-                a node does not exist or has a condition; if a condition was made on another space,
-                conditions contradict each other, nothing is left free, or a prescribed value is
-                not finite.
+                an inner node does not exist or has a condition; or if conditions were made on
+                another space, contradict each other, leave nothing free, or prescribe a value that
+                is not finite.
             SingularSystem: if an inner node has no stiffness.
         """
         arguments.check_space(space)
@@ -291,6 +300,8 @@ class Reduction:
     def for_load(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
         """Return the reduction for a load f (n,), which may act on inner nodes.
 
+        The displacements that the load causes at inner nodes are added to the offset.
+
         Args:
             K: stiffness (n, n).
             f: load (n,).
@@ -303,7 +314,10 @@ class Reduction:
 
     @check_same_arguments
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
-        """Reduce a matrix K (n, n) to L^T K R, (n_r, n_r).
+        """Return the reduced matrix L^T K R (n_r, n_r).
+
+        Args:
+            K: matrix (n, n).
 
         Raises:
             TypeError, ValueError: if K is not a matrix that matches the reduction.
@@ -313,7 +327,7 @@ class Reduction:
 
     @check_same_arguments
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
-        """Reduce a load f (n,) to L^T (f - K a_0), (n_r,).
+        """Return the reduced load L^T (f - K a_0), a vector (n_r,).
 
         Args:
             K: stiffness (n, n).
@@ -327,13 +341,13 @@ class Reduction:
 
     @check_same_arguments
     def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """Expand reduced unknowns a_r to all unknowns, R a_r + a_0, (n,).
+        """Return all unknowns R a_r + a_0, a vector (n,).
 
         Args:
-            reduced: a_r, (n_r,).
+            reduced: reduced unknowns a_r (n_r,).
 
         Raises:
-            TypeError, ValueError: if it is not a vector (n_r,).
+            TypeError, ValueError: if `reduced` is not a vector (n_r,).
         """
         expected = self.right.getSizes()[1]
         arguments.check_petsc_vector("the reduced vector", reduced, "the reduced system", expected)
@@ -348,22 +362,30 @@ class Reduction:
 
 
 def reduce_matrix(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
-    """Return L^T K R, (n_r, n_r), of a matrix (n, n) that is known to match the reduction."""
+    """Return the reduced matrix L^T K R (n_r, n_r) without checks.
+
+    Args:
+        reduction: the reduction, with its matrices L and R.
+        K: matrix (n, n) that is known to match the reduction.
+    """
     reduced = reduction.left.transposeMatMult(to_aij(K).matMult(reduction.right))
     return AssemblyRecord.read(K).attach(reduced)
 
 
 def reduce_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> tuple[Reduction, PETSc.Vec]:
-    """Return the reduction for a load f (n,), and the reduced load.
+    """Return the reduction for a load, and the reduced load (n_r,), without checks.
 
-    K (n, n) and f are known to match the reduction, as in the steps of a problem that was checked.
+    Args:
+        reduction: the reduction.
+        K: matrix (n, n) that is known to match the reduction.
+        f: load (n,) that is known to match the reduction.
     """
     reduction = _reduction_for_load(reduction, K, f)
     return reduction, _reduced_load(reduction, K, f)
 
 
 def _reduction_for_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> Reduction:
-    """Return the reduction with the displacements that a load f causes at inner nodes alone."""
+    """Return the reduction for a load f, whose offset includes displacements of inner nodes."""
     if reduction.inner_flexibility is None:
         return reduction
     a = reduction.offset
@@ -377,7 +399,7 @@ def _reduced_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec
 
 
 def full_size_reduction(reduction: Reduction) -> Reduction:
-    """Return the reduction that keeps all n unknowns and sets prescribed ones to zero.
+    """Return a reduction to n unknowns, of which the prescribed ones are zero.
 
     Raises:
         ValueError: unless the reduction is one of `Reduction.dirichlet`.
@@ -385,16 +407,16 @@ def full_size_reduction(reduction: Reduction) -> Reduction:
     if reduction.supports is None:
         raise ValueError(NO_SUPPORTS_MESSAGE)
     unknowns, free = reduction.right.getSize()
-    if free == unknowns:  # nothing is prescribed: contact alone holds the body
+    if free == unknowns:  # nothing is prescribed, and contact alone holds the body
         return reduction
     mask = selection_matrix(reduction.supports.free, reduction.offset, renumbered=False)
     return replace(reduction, left=mask, right=mask)
 
 
 def constrained_operator(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
-    """Create the operator of K under supports without assembling it.
+    """Return the operator of a matrix K (n, n) under supports, without assembling it.
 
-    Prescribed unknowns have rows of the identity.
+    The rows of prescribed unknowns are those of the identity.
 
     Raises:
         ValueError: unless the reduction is one of `Reduction.dirichlet`.
@@ -408,10 +430,11 @@ def constrained_operator(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
 
 
 def scale_pressures(reduction: Reduction, K: PETSc.Mat) -> Reduction:
-    """Return the reduction with pressures of hybrid spaces scaled to the size of displacements.
+    """Return a reduction whose reduced pressures are scaled to the size of displacements.
 
-    In consistent units displacement and pressure may be 15 orders of magnitude apart, so that
-    factorisations and Krylov methods would lose one of the two. `expand` returns the same values.
+    Only hybrid spaces have pressures. In consistent units, displacement and pressure may differ by
+    15 orders of magnitude, and factorisations and Krylov methods would lose one of the two. The
+    method `expand` returns unscaled pressures as before.
     """
     if reduction.space is None or not is_hybrid(reduction.space):
         return reduction

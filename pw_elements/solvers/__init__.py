@@ -1,4 +1,4 @@
-"""Linear solvers: factors, Krylov methods and multigrid."""
+"""Linear solvers by factorisation and by Krylov methods with multigrid."""
 
 from pw_elements.solvers.automatic import Solver, choose_solver, compute_with_fallback
 from pw_elements.solvers.direct import (

@@ -1,8 +1,8 @@
-"""The solver "auto": it chooses between factors and Krylov's method.
+"""The solver "auto", which chooses between a factorisation and a Krylov method.
 
-Factors serve every body that leaves enough memory for them. Krylov's method takes little memory,
-and may fail where supports or contact hardly hold the body; the computation is then repeated with
-factors, if they fit.
+A factorisation works for every body, if the factors fit into memory. A Krylov method needs little
+memory, but may fail if supports or contact hardly hold the body. The computation is then repeated
+with a factorisation, if the factors fit into memory.
 """
 
 import logging
@@ -26,21 +26,24 @@ Solver: TypeAlias = LinearSolver | Literal["auto"] | None
 
 T = TypeVar("T")
 
-# Unknowns in space from which on "auto" takes Krylov's method; for modes, which take some 50
-# solutions, it is slower than factors until these take several gigabytes
+# Numbers of unknowns in three dimensions from which on "auto" takes the Krylov method: for one
+# solution, and for modes. Modes need some 50 solutions, and the Krylov method is slower than
+# factors until these take several gigabytes
 _MIN_KRYLOV_DOFS = 15_000
 _MIN_KRYLOV_DOFS_FOR_MODES = 200_000
-# The same where contact alone holds a component, which takes more iterations: a lap joint took
-# factors and Krylov's method 2.7 and 4.2 CPU s for 14 310 unknowns, 16.5 and 12.2 s for 46 242
+# The same number if contact alone holds a component, which needs more iterations. For a lap joint
+# with 14 310 unknowns, factors took 2.7 s and the Krylov method 4.2 s of CPU time; with 46 242
+# unknowns, they took 16.5 s and 12.2 s
 _MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS = 30_000
-# Free memory that factors need, over the estimate of what they take
+# Free memory that is required for factors, relative to their estimated size
 _MEMORY_SAFETY_FACTOR = 2.0
 
 
 def free_memory(comm: MPI.Comm) -> float:
-    """Return the bytes that are free on the machines of all processes, the same on each."""
+    """Return the total free memory in bytes on the machines of all processes; collective."""
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    # one process of each machine reports; the limits of single processes' groups count
+    # one process of each machine reports the least value of all processes on this machine, since
+    # the memory of a group of processes may be limited
     free = machine.allreduce(_free_memory_of_machine(), MPI.MIN)
     total = comm.allreduce(free if machine.rank == 0 else 0.0, MPI.SUM)
     machine.Free()
@@ -48,7 +51,7 @@ def free_memory(comm: MPI.Comm) -> float:
 
 
 def _free_memory_of_machine() -> float:
-    """Return the free bytes of this machine, or of the container or job that limits memory."""
+    """Return the free memory in bytes of this machine, or of a container or job that limits it."""
     try:
         fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
         free = 1024.0 * int(fields["MemAvailable"].split()[0])
@@ -70,14 +73,16 @@ def choose_solver(
     for_modes: bool = False,
     contact_stiffness: PETSc.Mat | None = None,
 ) -> LinearSolver:
-    """Return the solver to use: the user's own, or the choice of "auto".
+    """Return the solver to use: the user's own solver, or the one that "auto" chooses.
 
     Args:
-        solver: as the user gave it; None is "auto".
-        supports: of `Reduction.dirichlet`; None for another reduction.
-        factors_reason: why only factors serve, or "".
+        solver: solver given by the user; None means "auto".
+        supports: free unknowns of a reduction made by `Reduction.dirichlet`; None for another
+            reduction.
+        factors_reason: reason why only a factorisation can be used, or "" if there is none.
         for_modes: whether eigenvalues are computed.
-        contact_stiffness: stiffness (n, n) of a body in contact, whose supports may leave it free.
+        contact_stiffness: stiffness (n, n) of a body in contact, which its supports alone may not
+            hold; None without contact.
 
     Raises:
         ValueError: for a solver that is neither an object nor "auto".
@@ -114,10 +119,17 @@ def compute_with_fallback(
     supports: Supports | None,
     compute: Callable[[LinearSolver], T],
 ) -> T:
-    """Return `compute(choice)`; if "auto" chose and the solver fails, `compute(Direct())`.
+    """Return `compute(choice)`, or `compute(Direct())` if the choice of "auto" fails.
+
+    Args:
+        choice: solver to use, as returned by `choose_solver`.
+        solver: solver given by the user.
+        supports: free unknowns of the problem, or None.
+        compute: function that computes the result with a solver.
 
     Raises:
-        NotConverged: if the user named the solver, or memory does not suffice for factors.
+        NotConverged: if the solver fails and was named by the user, or if the factors do not fit
+            into memory.
     """
     try:
         return compute(choice)

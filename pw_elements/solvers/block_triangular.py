@@ -1,6 +1,7 @@
-"""Block-triangular preconditioner of hybrid bodies: multigrid for displacements, mass of pressures.
+"""Block-triangular preconditioner for hybrid bodies.
 
-The guide's page on theory defines the blocks ("Large systems").
+Displacements are preconditioned by multigrid, pressures by their mass matrix. The guide's page on
+theory defines the blocks ("Large systems").
 """
 
 from petsc4py import PETSc
@@ -22,8 +23,8 @@ from pw_elements.solvers.matrices import (
 from pw_elements.solvers.multigrid import Multigrid, linear_interpolation
 from pw_elements.spaces import PRESSURE_MODE_TOLERANCE, SubSpace, equilibration_scale
 
-# By cell: least and largest eigenvalue of the P1 or Q1 mass matrix over its diagonal, and the
-# degree of the Chebyshev polynomial that inverts the matrix
+# For each cell type: least and largest eigenvalue of the P1 or Q1 mass matrix scaled to a unit
+# diagonal, and degree of the Chebyshev polynomial that approximates the inverse of this matrix
 _MASS_SPECTRA = {
     "triangle": (0.5, 2.0, 6),
     "quadrilateral": (0.25, 2.25, 9),
@@ -33,13 +34,22 @@ _MASS_SPECTRA = {
 
 
 class BlockTriangularPreconditioner:
-    """Preconditioner for one matrix (n, n) of a hybrid space, used in place of a `Multigrid`.
+    """Preconditioner for one matrix of a hybrid space, used in place of a `Multigrid`.
 
-    Pressures are scaled to lengths by s of `equilibration_scale`: `scaled_matrix` is s K s, and
-    `operator` is Pi s K s Pi + (1 - Pi). `displacement_block` holds the stiffness A of the
-    displacements, stored in blocks, and its supports; `multigrid` belongs to A, and
-    `displacement_pc` is the preconditioner of A: this multigrid, or `SpringPreconditioner` in
-    contact.
+    The diagonal matrix s of `equilibration_scale` scales pressures to lengths, and the projection
+    Pi sets prescribed unknowns to zero.
+
+    Args:
+        K: matrix (n, n) of displacements and pressures, without supports.
+        supports: free unknowns of the space.
+
+    Attributes:
+        scaled_matrix: the matrix s K s.
+        operator: the matrix under supports, Pi s K s Pi + (1 - Pi).
+        displacement_block: stiffness A of the displacements, stored in blocks, and its supports.
+        multigrid: multigrid preconditioner for A.
+        displacement_pc: preconditioner for A, which is `multigrid`, or `SpringPreconditioner` in
+            contact.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
@@ -68,10 +78,10 @@ class BlockTriangularPreconditioner:
         )
 
     def _extract_blocks(self, A: PETSc.Mat | None = None) -> PETSc.Mat:
-        """Extract the blocks of K and set up the pressure solver; return A.
+        """Extract the blocks of K, set up the pressure solver and return the displacement block.
 
         Args:
-            A: matrix that takes the displacements' block; None creates one.
+            A: matrix to overwrite with the block of the displacements; None creates a new matrix.
         """
         space = self.displacements.space
         u, p = (field.global_numbers() for field in (self.displacements, self._pressure))
@@ -90,7 +100,7 @@ class BlockTriangularPreconditioner:
         return A
 
     def refresh(self) -> None:
-        """Extract the blocks of K again after K has changed, and mark the multigrid stale."""
+        """Extract the blocks of K after K has changed, and have the multigrid set up again."""
         self._extract_blocks(self.displacement_block[0])
         self.multigrid.refresh()
 
@@ -110,17 +120,18 @@ class BlockTriangularPreconditioner:
         """Set up the coarse level of the multigrid.
 
         Raises:
-            FreePressure: if a constant pressure is free.
+            FreePressure: if the pressure is determined only up to a constant.
         """
         if self.has_free_constant_pressure(self.operator):
             raise FreePressure
         self.multigrid.set_up_levels()
 
     def has_free_constant_pressure(self, operator: PETSc.Mat) -> bool:
-        """Return whether a constant pressure has no effect under an operator.
+        """Return whether an operator maps a constant pressure to zero.
 
         Args:
-            operator: (n, n), or larger with the n unknowns first on each process.
+            operator: matrix (n, n), or a larger one that starts with the n unknowns on each
+                process.
         """
         constant, effect = operator.createVecs()
         pressures = self._pressure.embed(self._free_pressures)
@@ -148,11 +159,18 @@ class BlockTriangularPreconditioner:
 def _pressure_mass(
     displacements: fem.FunctionSpace, pressures: fem.FunctionSpace, A: PETSc.Mat, B: PETSc.Mat
 ) -> PETSc.Mat:
-    """Assemble the mass matrix of pressures over twice the shear modulus.
+    """Return the mass matrix of pressures, divided by twice the shear modulus.
 
-    The modulus at each vertex is the ratio of P^T A P (P interpolates linear functions) to the
-    stiffness of linear elements with a unit modulus. The thickness of plane bodies, or the radius,
-    is the ratio of B times the displacements of a unit strain to the vertex functions' integrals.
+    The modulus at each vertex is the ratio of P^T A P to the stiffness of linear elements with a
+    unit modulus, where P interpolates linear functions at all nodes. The thickness of plane bodies,
+    or the radius of axisymmetric ones, is the ratio of B times the displacements of a unit strain
+    to the integrals of the vertex functions.
+
+    Args:
+        displacements: space of the displacements.
+        pressures: space of the pressures.
+        A: stiffness of the displacements.
+        B: matrix that takes displacements to integrals of the volume change.
     """
     mesh = displacements.mesh
     linear, _, P = linear_interpolation(displacements)

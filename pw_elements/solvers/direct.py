@@ -1,8 +1,9 @@
-"""Interfaces of linear solvers, and the direct one.
+"""Interfaces of linear solvers, and the direct solver.
 
-`solve`, `solve_contact`, `vibration_modes` and `buckling` take a `LinearSolver` as `solver`. It
-holds settings alone, such as `Direct({"mat_mumps_icntl_14": 50})`; `prepare` binds it to a matrix.
-Any object with the methods of the protocols serves; its class does not matter.
+The functions `solve`, `solve_contact`, `vibration_modes` and `buckling` take a `LinearSolver` as
+the argument `solver`. A `LinearSolver` only has settings, for example
+`Direct({"mat_mumps_icntl_14": 50})`. Its method `prepare` returns a solver for a given matrix. An
+object of any class can be used if it has the methods of the protocols.
 """
 
 import logging
@@ -26,19 +27,20 @@ from pw_elements.progress import log_on_root
 
 Options: TypeAlias = Mapping[str, str | int | float | bool]
 
-# Relative error of a known solution, some condition number x round-off, above which fewer than
-# four digits of any solution would be right
+# Relative error with which factors reproduce a known solution, about the condition number times
+# round-off. Above this error, fewer than four digits of a solution would be right
 _MAX_SOLUTION_ERROR = 1e-4
-# Correction of factors for changed rows: condition number of its small dense matrix, residual over
-# |A| |x| + |b| that counts as round-off, and steps of iterative refinement
+# Correction of factors for changed rows: largest condition number of the correction's small dense
+# matrix; residual relative to |A| |x| + |b| that counts as round-off in the solution of A x = b;
+# and largest number of steps of iterative refinement
 _MAX_CORRECTION_CONDITION = 1e8
 _RESIDUAL_ROUND_OFF = 10 * float(np.finfo(float).eps)
 _MAX_REFINEMENTS = 4
-# Options that limit repetitions, where PETSc takes -3 for no limit
+# Options that limit repetitions; PETSc takes -3 as no limit
 _COUNT_OPTION = re.compile(r"(max_it|restart|cycles|steps|_l?its)$")
-# Those of the outermost method, which ends when it has converged
+# Those of these options that belong to the outermost method, which ends when it has converged
 _OUTER_COUNT_OPTIONS = ("ksp_max_it", "ksp_gmres_restart")
-# Largest value of all others
+# Largest value of the other options that limit repetitions
 _MAX_INNER_STEPS = 1000
 
 
@@ -47,7 +49,10 @@ class SingularSystem(RuntimeError):
 
 
 class FreePressure(SingularSystem):
-    """The pressure of an incompressible body, held all around, is known up to a constant."""
+    """The pressure of an incompressible body is determined only up to a constant.
+
+    This happens if the whole boundary of the body is held.
+    """
 
     def __init__(self, message: str = "") -> None:
         super().__init__(
@@ -66,9 +71,10 @@ class SolverReport:
     """Method and cost of a solution.
 
     Args:
-        method: in words, such as "LU by mumps".
-        factorisations: number of matrices factorised.
-        krylov_iterations: of an iterative solver; of a direct one, solves that corrected factors.
+        method: name of the method, such as "LU by mumps".
+        factorisations: number of factorised matrices.
+        krylov_iterations: number of iterations of an iterative solver. For a direct solver, the
+            number of solutions that were needed to correct factors for changed rows.
     """
 
     method: str
@@ -79,7 +85,7 @@ class SolverReport:
         """Return the sum of this report and an earlier one.
 
         Args:
-            earlier: report of an earlier solution, whose method is dropped.
+            earlier: report of an earlier solution. The sum keeps the method of this report.
         """
         return SolverReport(
             self.method,
@@ -91,7 +97,7 @@ class SolverReport:
         """Return the work done since an earlier report of the same solver.
 
         Args:
-            earlier: the earlier report.
+            earlier: earlier report of the solver.
         """
         return SolverReport(
             self.method,
@@ -103,37 +109,50 @@ class SolverReport:
 class PreparedSolver(Protocol):
     """Solver of systems with one matrix, whose entries may change between solutions.
 
-    `solve` and contact use `solve`, `solve_with_changed_rows`, `report`, `determinant_signs` and
-    `release`; eigenvalue problems and Newton's method also use `ksp` and `set_up`. Contact of two
-    bodies at large sliding needs a method `set_matrix` as well, see `Factors`.
+    Linear problems and contact problems use the members `solve`, `solve_with_changed_rows`,
+    `report`, `determinant_signs` and `release`. Eigenvalue problems and Newton's method use `ksp`
+    and `set_up` in addition. Contact of two bodies at large sliding needs a further method
+    `set_matrix`, see `Factors`.
     """
 
     ksp: PETSc.KSP
 
     @property
     def report(self) -> SolverReport:
-        """Method, and cost of all solutions so far."""
+        """Method of the solver, and cost of all its solutions so far."""
 
     @property
     def determinant_signs(self) -> tuple[int, ...]:
-        """Signs of the determinants so far, in order; empty if the solver computes none."""
+        """Signs of the determinants of all matrices so far, in order.
+
+        The tuple is empty if the solver computes no determinants.
+        """
 
     @property
     def negative_pivots(self) -> int | None:
-        """Number of negative eigenvalues of a symmetric matrix; None if it is not known."""
+        """Number of negative eigenvalues of a symmetric matrix, or None if it is not known."""
 
     def set_up(self) -> None:
-        """Prepare `ksp` for the matrix as it is now; raise SingularSystem for a singular one."""
+        """Prepare `ksp` for the present entries of the matrix.
+
+        Raises:
+            SingularSystem: if the matrix is singular.
+        """
 
     def solve(self, rhs: PETSc.Vec) -> PETSc.Vec:
-        """Return the solution (n,) for the matrix as it is now.
+        """Return the solution (n,) for the present entries of the matrix.
+
+        Args:
+            rhs: right-hand side (n,).
 
         Raises:
             SingularSystem: if there is no unique solution.
         """
 
     def solve_with_changed_rows(self, rhs: PETSc.Vec, rows: Indices) -> PETSc.Vec | None:
-        """Return the solution after some rows have changed, or None if `solve` is to be used.
+        """Return the solution (n,) after some rows of the matrix have changed.
+
+        The result is None if `solve` has to be used instead.
 
         Args:
             rhs: right-hand side (n,).
@@ -141,61 +160,70 @@ class PreparedSolver(Protocol):
         """
 
     def release(self) -> None:
-        """Free memory on all processes."""
+        """Free the solver's memory on all processes."""
 
 
 class LinearSolver(Protocol):
     """Settings of a method for linear systems."""
 
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> PreparedSolver:
-        """Bind the solver to a square matrix (n, n), which it factorises on first use.
+        """Return a solver for a matrix, which is factorised on first use.
 
         Args:
-            matrix: square (n, n).
+            matrix: square matrix (n, n).
             symmetric: whether the matrix is symmetric.
         """
 
 
 class MatrixFreeSolver(Protocol):
-    """A `LinearSolver` that takes the free stiffness and supports, not a reduced matrix.
+    """A `LinearSolver` that takes a matrix without supports, and the supports separately.
 
-    Right-hand sides and solutions are zero where displacements are prescribed. Contact changes the
-    matrix in each iteration and uses only the Krylov method of such a solver: the object that it
-    prepares has a method
+    Other solvers take a matrix that has been reduced by the supports. Here right-hand sides and
+    solutions have all unknowns, and are zero where displacements are prescribed.
+
+    Contact changes the matrix in each iteration, and uses nothing but the solver's Krylov method.
+    For this purpose, the object that `prepare` returns needs a method
 
         iterate(product, precondition, rhs, max_residual)
 
-    in place of `solve_with_changed_rows`. Both functions map arrays of this process' unknowns. It
-    returns an x with |rhs - product(x)| <= max_residual, or raises NotConverged. The preconditioner
-    is multigrid.
+    in place of `solve_with_changed_rows`. The functions `product` (the matrix) and `precondition`
+    (multigrid) map arrays of this process' unknowns to such arrays. The method returns an array x
+    with |rhs - product(x)| <= max_residual, or raises NotConverged.
     """
 
     matrix_free: ClassVar[bool]  # true
 
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False, supports: Any = None) -> Any:  # noqa: ANN401
-        """Bind the solver to a free matrix (n, n); return a `PreparedSolver`.
+        """Return a `PreparedSolver` for a matrix under supports.
 
-        Supports are those of `Reduction.dirichlet`, or None for another reduction.
+        Args:
+            matrix: matrix (n, n) without supports.
+            symmetric: whether an eigenvalue problem needs a symmetric solver.
+            supports: free unknowns of a reduction made by `Reduction.dirichlet`; None for another
+                reduction.
         """
 
 
 def is_matrix_free(solver: object) -> TypeGuard[MatrixFreeSolver]:
-    """Return whether a solver takes the free matrix and supports, not a reduced matrix."""
+    """Return whether a solver takes a matrix without supports, and the supports separately."""
     return bool(getattr(solver, "matrix_free", False))
 
 
 @dataclass(frozen=True)
 class Direct:
-    """Factorisation: LU, or LDL^T of symmetric matrices; by MUMPS unless options say otherwise.
+    """Direct solver by LU factorisation, or by LDL^T factorisation of symmetric matrices.
+
+    Matrices are factorised by MUMPS, unless the options name another package.
 
     Args:
         options: PETSc options of the solver without prefix and hyphen, such as
             `{"mat_mumps_icntl_14": 50}` or `{"pc_factor_mat_solver_type": "superlu_dist"}`.
-            Packages other than MUMPS report neither zero pivots (a singular matrix is recognised
-            all the same) nor determinants, so that contact does not check uniqueness.
+            Packages other than MUMPS report no zero pivots, but singular matrices are recognised
+            all the same. They report no determinants either; contact then does not check whether
+            the solution is unique.
 
     Raises:
-        TypeError, ValueError: for invalid options; at the first solution, for unused ones.
+        TypeError, ValueError: for invalid options; at the first solution, for unused options.
     """
 
     options: Options = field(default_factory=dict)
@@ -206,14 +234,14 @@ class Direct:
 
     @check_same_arguments
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "Factors":
-        """Bind the solver to a square matrix (n, n).
+        """Return a solver for a matrix, which is factorised on first use.
 
         Args:
-            matrix: square (n, n).
-            symmetric: whether the matrix is symmetric, so that LDL^T is used.
+            matrix: square matrix (n, n).
+            symmetric: whether the matrix is symmetric. If so, LDL^T is used.
 
         Raises:
-            TypeError, ValueError: if it is not such a matrix, or PETSc refuses the options.
+            TypeError, ValueError: if `matrix` is not a square matrix, or PETSc refuses the options.
         """
         arguments.check_flag("symmetric", symmetric)
         arguments.check_matrix("the matrix", matrix)
@@ -222,9 +250,10 @@ class Direct:
 
 
 class Factors:
-    """Factors of a matrix, computed again after changes and corrected after few changed rows.
+    """Solver that keeps the factors of a matrix.
 
-    The guide's page on theory describes the correction ("Large systems").
+    After changes of the matrix the factors are computed again, or corrected if only a few rows have
+    changed. The guide's page on theory describes the correction ("Large systems").
     """
 
     def __init__(self, matrix: PETSc.Mat, symmetric: bool, options: Options) -> None:
@@ -247,15 +276,18 @@ class Factors:
         self.set_matrix(matrix)
 
     def set_matrix(self, matrix: PETSc.Mat) -> None:
-        """Take another matrix of the same size, whose sparsity pattern may differ."""
+        """Replace the matrix by another one of the same size.
+
+        The sparsity patterns may differ.
+        """
         self._matrix, self._has_failed = matrix, False
         self._preconditioner.reset()
         self.ksp.setOperators(matrix)
         self._preconditioner.setFactorSetUpSolverType()
         if self._uses_mumps:
             factor = self._preconditioner.getFactorMatrix()
-            factor.setMumpsIcntl(24, 1)  # null pivots are counted, not divided by
-            factor.setMumpsIcntl(33, 1)  # determinant
+            factor.setMumpsIcntl(24, 1)  # count null pivots in place of dividing by them
+            factor.setMumpsIcntl(33, 1)  # compute the determinant
 
     @property
     def report(self) -> SolverReport:
@@ -263,7 +295,7 @@ class Factors:
 
     @property
     def determinant_signs(self) -> tuple[int, ...]:
-        """Signs of the determinants of all matrices that MUMPS has factorised, in order."""
+        """Signs of the determinants of all matrices so far, in order; empty without MUMPS."""
         return tuple(self._determinant_signs)
 
     @property
@@ -274,17 +306,17 @@ class Factors:
         return int(self._preconditioner.getFactorMatrix().getInertia()[0])
 
     def set_up(self) -> None:
-        """Factorise the matrix as it is now.
+        """Factorise the matrix with its present entries.
 
         Raises:
             SingularSystem: if the factors do not reproduce a known solution.
         """
-        if self._has_failed:  # PETSc keeps the error of an analysis that NaN made fail
+        if self._has_failed:  # PETSc keeps the error of an analysis that failed because of NaN
             self.set_matrix(self._matrix)
         self._preconditioner.setReusePreconditioner(False)
         self._max_changed_rows = 0.0
         self._inverse_columns: list[PETSc.Mat] = []
-        self._changed_rows: Indices = np.empty(0, dtype=PETSc.IntType)  # S, of all processes
+        self._changed_rows: Indices = np.empty(0, dtype=PETSc.IntType)  # of all processes
         start, comm = perf_counter(), self._matrix.comm.tompi4py()
         n = self._matrix.getSize()[0]
         with name_options_in_errors(self._options):
@@ -299,7 +331,7 @@ class Factors:
         if self._uses_mumps:
             factor = self._preconditioner.getFactorMatrix()
             operations, entries = factor.getMumpsRinfog(3), factor.getMumpsInfog(29)
-            entries = entries if entries > 0 else -1e6 * entries  # in millions if it is negative
+            entries = entries if entries > 0 else -1e6 * entries  # negative numbers are in millions
             self._max_changed_rows = min(operations / (2 * entries), entries / (2 * n))
             self._factors_sign = int(np.sign(factor.getMumpsRinfog(12)))
             self._determinant_signs.append(self._factors_sign)
@@ -311,14 +343,15 @@ class Factors:
         return self._solution.copy()
 
     def solve_with_changed_rows(self, rhs: PETSc.Vec, rows: Indices) -> PETSc.Vec | None:
-        """Correct the last factors for changed rows, and solve.
+        """Solve with the last factors, corrected for rows that have changed.
 
         Args:
             rhs: right-hand side (n,).
             rows: global numbers of this process' rows that have changed.
 
         Returns:
-            The solution; None if new factors cost less, or the correction is not accurate.
+            The solution (n,), or None if new factors would cost less or the correction is not
+            accurate.
         """
         A, comm = self._matrix, self._matrix.comm.tompi4py()
         new_rows = np.setdiff1d(np.concatenate(comm.allgather(rows)), self._changed_rows)
@@ -333,7 +366,7 @@ class Factors:
         local_rows = self._changed_rows[is_owned] - begin
         row_set = PETSc.IS().createGeneral(self._changed_rows[is_owned], comm=A.comm)
         A_rows = A.createSubMatrix(row_set)
-        capacitance = np.zeros((len(is_owned), len(is_owned)))  # rows S of A times columns Z
+        capacitance = np.zeros((len(is_owned), len(is_owned)))  # changed rows of A times Z
         products = [A_rows.matMult(Z) for Z in self._inverse_columns]
         capacitance[is_owned] = np.hstack(
             [np.empty((len(local_rows), 0)), *(p.getDenseArray() for p in products)]
@@ -368,7 +401,11 @@ class Factors:
         return None
 
     def _solve_unit_columns(self, rows: Indices) -> PETSc.Mat:
-        """Return columns (n, k) of the factors' inverse, for rows (k,) of all processes."""
+        """Return k columns (n, k) of the inverse of the factorised matrix.
+
+        Args:
+            rows: global numbers (k,) of the columns, the same on all processes.
+        """
         (begin, end), sizes = self._matrix.getOwnershipRange(), self._matrix.getSizes()[0]
         shape = sizes, (PETSc.DECIDE, len(rows))
         ones, Z = (PETSc.Mat().createDense(shape, comm=self._matrix.comm) for _ in range(2))
@@ -385,9 +422,9 @@ class Factors:
         self.ksp.destroy()
 
     def _check_factors(self) -> None:
-        """Raise SingularSystem for zero pivots, or if a known solution is not reproduced."""
+        """Raise SingularSystem if there are zero pivots or a known solution is not reproduced."""
         exact = self._matrix.createVecRight()
-        # neither a rigid motion nor another mode
+        # the known solution is neither a rigid motion nor another mode
         exact.setArray(np.cos(np.arange(*exact.getOwnershipRange(), dtype=float)))
         computed = exact.duplicate()
         self.ksp.solve(self._matrix * exact, computed)
@@ -418,7 +455,7 @@ def check_options(options: object) -> None:
 
 
 def _check_repetitions(name: str, value: str | float) -> None:
-    """Raise ValueError for a number of repetitions that PETSc would turn into an endless loop."""
+    """Raise ValueError if a number of repetitions would make PETSc loop endlessly."""
     is_outer = name.lstrip("-") in _OUTER_COUNT_OPTIONS
     try:
         count = arguments.check_integer(name, int(value) if isinstance(value, str) else value, 1)
@@ -435,7 +472,7 @@ def _check_repetitions(name: str, value: str | float) -> None:
 
 @contextmanager
 def name_options_in_errors(options: Options) -> Iterator[None]:
-    """Turn an error of PETSc in the block into a ValueError that names the user's options."""
+    """Turn PETSc's errors within a `with` block into a ValueError that names the options."""
     try:
         yield
     except PETSc.Error as error:
@@ -455,7 +492,7 @@ def refuse_unused_options(ksp: PETSc.KSP, options: Options) -> None:
 
 
 def set_options(ksp: PETSc.KSP, options: Options) -> None:
-    """Set options of a solver, under a prefix that is the same for equal options."""
+    """Set the options of a solver, with a prefix that is the same for equal options."""
     words = sorted(f"{name} {value}" for name, value in options.items())
     prefix = f"pw_{blake2b(' '.join(words).encode(), digest_size=6).hexdigest()}_"
     database = PETSc.Options(prefix)

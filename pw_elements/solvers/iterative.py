@@ -1,4 +1,7 @@
-"""Krylov's method with two-level p-multigrid, inside a block triangle for hybrid bodies."""
+"""Krylov method with two-level p-multigrid.
+
+For hybrid bodies, multigrid is part of a block-triangular preconditioner.
+"""
 
 import re
 from collections.abc import Callable
@@ -47,17 +50,18 @@ _LEVEL_OPTIONS = re.compile(r"-?(pc_type|pc_mg_levels|mg_levels_(1_)?(pc_type|ks
 _MAX_ITERATIONS = 1000
 # Vectors that GMRES keeps until it restarts
 _GMRES_RESTART = 100
-# Stiffnesses that differ by more than 1e5 make vectors lose their orthogonality
+# Orthogonality of the vectors is refined, since it is lost if stiffnesses differ by more than 1e5
 _GMRES_OPTIONS: Options = {
     "ksp_converged_maxits": True,
     "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
 }
-# Largest ratio of the true residual to the one that the method updates
+# Largest ratio of the true residual to the residual that the method updates
 _MAX_RESIDUAL_DRIFT = 10
 _EPSILON = float(np.finfo(float).eps)
 
-# Bytes of MUMPS' LU factors and work space in space: coefficient and power of the unknowns,
-# fitted to what MUMPS reports for blocks of tetrahedra and hexahedra with 8 000 to 92 000 unknowns
+# Bytes of MUMPS' LU factors and work space in three dimensions: a coefficient times a power of the
+# number of unknowns. Both are fitted to numbers that MUMPS reports for blocks of tetrahedra and
+# hexahedra with 8 000 to 92 000 unknowns
 _FACTOR_BYTES = 160.0
 _FACTOR_POWER = 1.42
 
@@ -66,22 +70,27 @@ _FACTOR_POWER = 1.42
 class Iterative:
     """Right-preconditioned GMRES with two-level p-multigrid, for quadratic elements.
 
-    The coarse level is the stiffness of linear elements, P^T K P, under one cycle of algebraic
-    multigrid that knows the rigid motions; the smoother treats nodes as blocks. It takes some
-    25 iterations for ten digits whatever the size of the mesh, at a Poisson's ratio of 0.3, and
-    several times as many near 1/2; in hybrid spaces some 50 are enough at any ratio. It accepts
-    the supports of `Reduction.dirichlet`, but no condensation, and computes no determinants.
+    The coarse level has the stiffness of linear elements, P^T K P, where K is the stiffness and P
+    interpolates linear functions at all nodes. It is solved approximately by one cycle of algebraic
+    multigrid that knows the rigid motions. The smoother treats the unknowns of a node as a block.
+
+    At a Poisson's ratio of 0.3, ten digits take some 25 iterations for any size of the mesh. Near
+    1/2 they take several times as many; in hybrid spaces some 50 iterations are enough at any
+    ratio. The solver accepts the supports of `Reduction.dirichlet`, but no condensation. It
+    computes no determinants.
 
     Args:
-        tolerance: of the residual over the load, in the Euclidean norm; in contact over the largest
-            nodal contact force, and never above 1e-10, a tenth of the tolerance of the law.
+        tolerance: largest Euclidean norm of the residual, relative to that of the load. In contact,
+            it is relative to the largest nodal contact force, and at most 1e-10, which is a tenth
+            of the tolerance of the contact law.
         options: PETSc options without prefix and hyphen, such as
-            `{"mg_levels_1_ksp_max_it": 4, "mg_coarse_pc_gamg_threshold": 0.02}`; `ksp_type` sets
-            the method and `ksp_max_it` its iterations. The two levels cannot be replaced.
+            `{"mg_levels_1_ksp_max_it": 4, "mg_coarse_pc_gamg_threshold": 0.02}`. The option
+            `ksp_type` sets the method, and `ksp_max_it` its number of iterations. The two levels
+            cannot be replaced.
 
     Raises:
-        TypeError, ValueError: for a tolerance that is not between 0 and 1, or invalid options; at
-            the first solution, for options that are not used.
+        TypeError, ValueError: for a tolerance that is not between 0 and 1, or for invalid options;
+            at the first solution, for options that are not used.
     """
 
     matrix_free: ClassVar[bool] = True
@@ -105,15 +114,15 @@ class Iterative:
     def prepare(
         self, matrix: PETSc.Mat, symmetric: bool = False, supports: Supports | None = None
     ) -> "KrylovSolver":
-        """Bind the method to a free matrix (n, n) under supports.
+        """Return a solver for a matrix under supports.
 
         Args:
-            matrix: free (n, n).
-            symmetric: whether an eigenvalue problem asks for a symmetric pair.
-            supports: of `Reduction.dirichlet`.
+            matrix: matrix (n, n) without supports.
+            symmetric: whether an eigenvalue problem needs a symmetric solver.
+            supports: free unknowns of a reduction made by `Reduction.dirichlet`.
 
         Raises:
-            ValueError: without supports, or for a symmetric pair of eigenvalue problems.
+            ValueError: if `supports` is None, or if `symmetric` is true.
         """
         if supports is None:
             raise ValueError(NO_SUPPORTS_MESSAGE)
@@ -131,12 +140,14 @@ class Iterative:
 
 
 class KrylovSolver:
-    """Iterative solver of systems with one free matrix under supports, for all n unknowns.
+    """Iterative solver of systems with one matrix (n, n) under supports.
 
-    `displacement_block` holds the free stiffness of the displacements and their supports.
+    Right-hand sides and solutions have all n unknowns, including prescribed ones. The attribute
+    `displacement_block` has the stiffness of the displacements, without supports, and their
+    supports.
     """
 
-    determinant_signs: ClassVar[tuple[int, ...]] = ()  # determinants and pivots are not known
+    determinant_signs: ClassVar[tuple[int, ...]] = ()  # determinants and pivots are unknown
     negative_pivots: ClassVar[None] = None
 
     def __init__(
@@ -149,7 +160,7 @@ class KrylovSolver:
         self._matrix, self._external_iterate = matrix, external_iterate
         self.tolerance, self.options = settings.tolerance, settings.options
         self.uses_external_method = external_iterate is not None
-        self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
+        self._counted: list[int] = []  # iterations counted in each call of PETSc's monitor
         self._stiffness_norm = -1, 0.0  # state of the matrix, and its norm in that state
         blocks = (
             BlockTriangularPreconditioner(matrix, supports) if is_hybrid(supports.space) else None
@@ -160,20 +171,21 @@ class KrylovSolver:
         self.preconditioner: Multigrid | BlockTriangularPreconditioner = blocks or self.multigrid
         self.operator = self.preconditioner.operator
         self.ksp = self._create_ksp(self.operator, "gmres")
-        # the levels take over the prefix
+        # the levels of multigrid take over the prefix
         self.preconditioner.set_up(self.ksp.getPC())
         self.ksp.getPC().setFromOptions()
         triangle = " in a block triangle" if blocks else ""
         self._method = f"{self.ksp.getType().upper()} with p-multigrid{triangle}"
 
     def create_flexible_ksp(self, operator: PETSc.Mat, preconditioner: object | None) -> PETSc.KSP:
-        """Create a flexible method for a few iterations with another matrix.
+        """Return a flexible Krylov method for a few iterations with another matrix.
 
-        It stores the preconditioned vectors, which saves one application of the preconditioner.
+        The method stores preconditioned vectors, which saves one application of the preconditioner.
 
         Args:
             operator: matrix of the system.
-            preconditioner: in Python; None takes this solver's levels.
+            preconditioner: Python context of the preconditioner; None takes this solver's
+                multigrid.
         """
         ksp = self._create_ksp(operator, "fgmres")
         if preconditioner is None:
@@ -201,9 +213,9 @@ class KrylovSolver:
         ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         ksp.setTolerances(rtol=self.tolerance, atol=0.0, max_it=_MAX_ITERATIONS)
         ksp.setComputeEigenvalues(True)
-        counted = self._counted  # a method would make a cycle that is never freed
+        counted = self._counted  # `self` would make a reference cycle that is never freed
         ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
-        # `solve` judges the residual, in place of an error of PETSc
+        # PETSc raises no error; `solve` checks the residual instead
         set_options(ksp, {**_GMRES_OPTIONS, **self.options})
         return ksp
 
@@ -212,7 +224,7 @@ class KrylovSolver:
         return SolverReport(self._method, 0, sum(self._counted))
 
     def set_up(self) -> None:
-        """Set up the levels.
+        """Set up the levels of multigrid.
 
         Raises:
             SingularSystem: if supports and stiffness leave a rigid motion free.
@@ -222,11 +234,15 @@ class KrylovSolver:
         self.preconditioner.set_up_levels()
 
     def solve(self, rhs: PETSc.Vec) -> PETSc.Vec:
-        """Return the solution (n,); the right-hand side is zero where values are prescribed."""
+        """Return the solution (n,).
+
+        Args:
+            rhs: right-hand side (n,), zero where values are prescribed.
+        """
         self.set_up()
         solution, correction = rhs.duplicate(), rhs.duplicate()
         residual, load_norm = rhs.copy(), rhs.norm()
-        # Rounding makes the residual that GMRES updates drift from the true one
+        # round-off makes the residual that GMRES updates drift away from the true one
         for _ in range(2):
             solve_with_ksp(self.ksp, residual, correction, self.options)
             solution.axpy(1.0, correction)
@@ -241,7 +257,7 @@ class KrylovSolver:
         return solution
 
     def round_off(self, solution_norm: float) -> float:
-        """Return the residual that round-off may cause in a solution of this norm."""
+        """Return the residual that round-off may cause if a solution has the given norm."""
         matrix = self.displacement_block[0]
         if self._stiffness_norm[0] != matrix.stateGet():
             self._stiffness_norm = matrix.stateGet(), matrix.norm(PETSc.NormType.INFINITY)
@@ -257,16 +273,16 @@ class KrylovSolver:
         )
 
     def solve_with_changed_rows(self, rhs: PETSc.Vec, rows: Indices) -> None:  # noqa: ARG002
-        """Return None: there are no factors that could be corrected."""
+        """Return None, since an iterative solver has no factors that could be corrected."""
         return
 
 
 class _ExternalMethod:
-    """Krylov method of a user's solver, for a `PETSc.KSP` in Python."""
+    """Krylov method of a user's solver, as the Python context of a `PETSc.KSP`."""
 
     def __init__(self, iterate: _Iterate) -> None:
         self._iterate = iterate
-        self.error: BaseException | None = None  # PETSc would replace it by an error of its own
+        self.error: BaseException | None = None  # PETSc would raise an error of its own instead
 
     def solve(self, ksp: PETSc.KSP, rhs: PETSc.Vec, solution: PETSc.Vec) -> None:
         comm, self.error = rhs.comm.tompi4py(), None
@@ -275,7 +291,7 @@ class _ExternalMethod:
             x, y = rhs.duplicate(), rhs.duplicate()
 
             def image(values: Array) -> Array:
-                with collective_errors(comm) as same:  # all still iterate, and ask for the same
+                with collective_errors(comm) as same:  # all processes iterate
                     same["the next step of iterate"] = apply.__name__
                     x.setArray(_check_local_part(values, x))
                 apply(x, y)
@@ -298,7 +314,14 @@ class _ExternalMethod:
 
 
 def solve_with_ksp(ksp: PETSc.KSP, rhs: PETSc.Vec, solution: PETSc.Vec, options: Options) -> None:
-    """Solve by PETSc's method or a user's, and raise the error of the latter."""
+    """Solve with a method of PETSc or of a user, and raise an error of the user's method.
+
+    Args:
+        ksp: solver, with its matrix and preconditioner.
+        rhs: right-hand side (n,).
+        solution: vector (n,) that is set to the solution.
+        options: options of the solver, which error messages name.
+    """
     with name_options_in_errors(options):
         ksp.solve(rhs, solution)
     refuse_unused_options(ksp, options)
@@ -314,10 +337,18 @@ def _check_local_part(values: Array, vector: PETSc.Vec) -> Array:
 
 
 def as_krylov_solver(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -> KrylovSolver:
-    """Return a prepared `Iterative` itself, or one that uses the `iterate` of a user's solver.
+    """Return a `KrylovSolver` that solves by the method of a matrix-free solver.
+
+    A solver prepared by `Iterative` is returned unchanged. For a user's solver, a new
+    `KrylovSolver` uses its method `iterate`.
+
+    Args:
+        solver: solver that a matrix-free `LinearSolver` has prepared.
+        matrix: matrix (n, n) without supports.
+        supports: free unknowns.
 
     Raises:
-        TypeError: for another solver without a method `iterate`.
+        TypeError: for a user's solver without a method `iterate`.
     """
     if isinstance(solver, KrylovSolver):
         return solver
@@ -331,5 +362,11 @@ def as_krylov_solver(solver: PreparedSolver, matrix: PETSc.Mat, supports: Suppor
 
 
 def memory_of_factors(dofs: int) -> float:
-    """Return the estimated bytes of LU factors in space, right within a factor of two."""
+    """Return the estimated memory of LU factors in three dimensions, in bytes.
+
+    The estimate is right within a factor of two.
+
+    Args:
+        dofs: number of unknowns.
+    """
     return float(_FACTOR_BYTES * dofs**_FACTOR_POWER)

@@ -1,8 +1,8 @@
 """Matrix formats and products that petsc4py lacks, null spaces, and constraints without assembly.
 
-Supports and contact constrain directions at nodes. A projection removes these from vectors; K is
-neither changed nor copied. Springs that join nodes are a matrix B: the operator then has K + B in
-place of K.
+Supports and contact constrain directions at nodes. A projection removes the constrained components
+from vectors, so that the stiffness K is neither changed nor copied. Springs between nodes form a
+matrix B, and the operator then has K + B in place of K.
 """
 
 from collections.abc import Sequence
@@ -22,15 +22,15 @@ from pw_elements._compat import single_entry_matrix
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.spaces import AssemblyRecord
 
-# Rows of a blocked matrix (a multiple of any block size) that are converted at once, to save
-# memory, and the largest number of such parts, whose products have to be added
+# Number of rows of a blocked matrix that are converted at once, to save memory; it is a multiple of
+# any block size. And largest number of parts to convert, since their products have to be added
 _CONVERTED_ROWS = 12_000
 _MAX_CONVERSIONS = 32
-# Rows of a dense QR factorisation, to save memory
+# Number of rows of a dense QR factorisation, limited to save memory
 _DENSE_QR_ROWS = 20_000
-# Largest number of modes for dense algebra, which is faster there than sparse algebra
+# Largest number of modes for which dense algebra is used, where it is faster than sparse algebra
 _MAX_DENSE_MODES = 60
-# Displacements and forces, in a mode of unit size, that are round-off
+# Size of displacements and forces, in a mode of unit size, that counts as round-off
 _MODE_ROUND_OFF = 1e-13
 
 
@@ -39,19 +39,19 @@ def is_blocked(matrix: PETSc.Mat) -> bool:
 
 
 def galerkin_product(K: PETSc.Mat, P: PETSc.Mat, rows: Indices | None = None) -> PETSc.Mat:
-    """Compute P^T K P.
+    """Return the product P^T K P (m, m).
 
-    PETSc has no product of blocked matrices: they are converted part by part.
+    PETSc has no such product of blocked matrices, which are therefore converted part by part.
 
     Args:
-        K: (n, n), blocked or not.
-        P: (n, m), or (k, m) with the rows `rows` only.
-        rows: (k,), global numbers in K of this process' rows of P.
+        K: matrix (n, n), blocked or not.
+        P: matrix (n, m). If `rows` is given, P is a matrix (k, m) with these rows only.
+        rows: global row numbers (k,) in K that belong to this process' rows of P.
     """
     if not is_blocked(K) and rows is None:
         product = K.ptap(P)
         result = product.copy()
-        product.destroy()  # it keeps its factors alive, the copy does not
+        product.destroy()  # it keeps its factors alive; its copy does not
         return result
     comm, P_rows = K.comm, np.arange(*P.getOwnershipRange())
     K_rows = P_rows if rows is None else rows
@@ -88,14 +88,14 @@ def add_scaled(
     destroy_term: bool = True,
     same_pattern: bool = False,
 ) -> None:
-    """Add factor times a matrix to `total`, in place.
+    """Add a multiple of a matrix to `total`, in place.
 
     Args:
-        total: sum.
-        factor: of the term.
+        total: matrix that is changed.
+        factor: factor of the term.
         term: matrix to add.
-        destroy_term: destroy the term afterwards.
-        same_pattern: whether `total` has all entries of the term.
+        destroy_term: whether to destroy the term afterwards.
+        same_pattern: whether the sparsity pattern of `total` contains that of the term.
     """
     structure = PETSc.Mat.Structure
     pattern = (
@@ -109,23 +109,33 @@ def add_scaled(
 def destroy_objects(*objects: PETSc.Object) -> None:
     """Destroy PETSc objects, which Python alone does not free on several processes.
 
-    A PETSc object keeps the Python object inside it, and all that this refers to, until it is
-    destroyed here; `collect_garbage` does not reach them.
+    A PETSc object may contain a Python object. It keeps the Python object, and everything that the
+    Python object refers to, until it is destroyed here; `collect_garbage` does not free them.
     """
     for petsc_object in objects:
         petsc_object.destroy()
 
 
 def collect_garbage(like: PETSc.Object) -> None:
-    """Free unused PETSc objects of the communicator of `like`; collective.
+    """Free unused PETSc objects of a communicator; collective.
 
-    On several processes petsc4py defers their destruction, as Python may drop them in any order.
+    On several processes petsc4py defers the destruction of unused objects, since Python may drop
+    them in a different order on each process.
+
+    Args:
+        like: any object of the communicator.
     """
     PETSc.garbage_cleanup(like.comm)
 
 
 def block_diagonal_matrix(blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> PETSc.Mat:
-    """Assemble a matrix of blocks (nodes, b, b) on its diagonal; `sizes` are local and global."""
+    """Return a block-diagonal matrix.
+
+    Args:
+        blocks: blocks (nodes, b, b) on the diagonal at this process' nodes.
+        sizes: local and global number of rows.
+        comm: communicator of the matrix.
+    """
     n, b = blocks.shape[:2]
     offset = comm.tompi4py().exscan(n) or 0
     indptr = b * np.arange(n * b + 1, dtype=PETSc.IntType)
@@ -135,12 +145,12 @@ def block_diagonal_matrix(blocks: Array, sizes: tuple[int, int], comm: PETSc.Com
 
 
 def selection_matrix(free: Mask, rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
-    """Return the columns of the identity that belong to free rows.
+    """Return the identity matrix with the columns of free rows only.
 
     Args:
-        free: (owned rows,).
-        rows: vector with the layout of the rows.
-        renumbered: leave out the columns of other rows; otherwise they are zero.
+        free: mask (owned rows,) of the free rows.
+        rows: vector with the parallel layout of the rows.
+        renumbered: whether columns of other rows are left out; otherwise these columns are zero.
     """
     comm = rows.comm.tompi4py()
     count = int(free.sum()) if renumbered else len(free)
@@ -158,17 +168,24 @@ def python_matrix(
 
 
 def to_aij(matrix: PETSc.Mat) -> PETSc.Mat:
-    """Return the matrix, or a copy in PETSc's AIJ format if it is blocked, for products."""
+    """Return the matrix itself, or, if it is blocked, a copy in PETSc's AIJ format.
+
+    PETSc has more products for the AIJ format.
+    """
     if not is_blocked(matrix):
         return matrix
     return AssemblyRecord.read(matrix).attach(matrix.convert("aij", PETSc.Mat()))
 
 
 def qr_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Array:
-    """Return R of a QR factorisation of all processes' rows (n, modes).
+    """Return the triangular matrix R of a QR factorisation of rows of all processes; collective.
 
-    Many modes are factorised by groups that share rows. The Gram matrix R^T R would lose small
-    entries.
+    Many modes are split into groups that share no rows, and each group is factorised separately.
+    The product R^T R would lose small entries.
+
+    Args:
+        rows: rows (n, modes) of this process.
+        comm: communicator.
     """
     if isinstance(rows, np.ndarray) or rows.shape[1] <= _MAX_DENSE_MODES:
         return _dense_qr_triangle(rows, comm)
@@ -203,7 +220,13 @@ def _to_dense(rows: sp.csr_array | Array) -> Array:
 
 
 def null_space(rows: sp.csr_array | Array, tolerance: float) -> Array:
-    """Return an orthonormal basis (k, modes) of the null space of rows (n, modes) of unit size."""
+    """Return an orthonormal basis (k, modes) of the null space of a matrix.
+
+    Args:
+        rows: matrix (n, modes), whose entries are of the order of one.
+        tolerance: singular value, divided by the square root of the number of modes, below which it
+            counts as zero.
+    """
     n = rows.shape[1]
     bases = [np.zeros((0, n))]
     is_dense = n <= _MAX_DENSE_MODES
@@ -219,13 +242,25 @@ def null_space(rows: sp.csr_array | Array, tolerance: float) -> Array:
 
 
 def group_connected_nodes(graph: npt.ArrayLike) -> list[Indices]:
-    """Return the nodes of each connected component of a graph, a matrix (nodes, nodes)."""
+    """Return the node numbers of each connected component of a graph.
+
+    Args:
+        graph: adjacency matrix (nodes, nodes).
+    """
     count, component = connected_components(graph, directed=False)
     return [np.flatnonzero(component == k) for k in range(count)]
 
 
 def diagonal_blocks(matrix: PETSc.Mat, block: int) -> tuple[Indices, Array]:
-    """Return local numbers (k,) of the nodes with diagonal blocks, and these (k, block, block)."""
+    """Return the nodes (k,) that have a diagonal block, and these blocks (k, block, block).
+
+    Args:
+        matrix: square matrix.
+        block: number of unknowns of a node.
+
+    Returns:
+        Local numbers of the nodes, and the blocks.
+    """
     indptr, column, value = matrix.getValuesCSR()
     row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     column = column - matrix.getOwnershipRange()[0]
@@ -239,14 +274,28 @@ def diagonal_blocks(matrix: PETSc.Mat, block: int) -> tuple[Indices, Array]:
 
 @dataclass(frozen=True)
 class Supports:
-    """Mask of the free degrees of freedom (owned dofs,) of a space; all others are prescribed."""
+    """Supports of a space, which prescribe all degrees of freedom that are not free.
+
+    Args:
+        space: trial space.
+        free: mask (owned dofs,) of the free degrees of freedom.
+    """
 
     space: fem.FunctionSpace
     free: Mask
 
 
 class ConstraintProjection:
-    """Removes constrained parts from vectors: whole unknowns, and directions at some nodes."""
+    """Projection that removes constrained components from vectors.
+
+    Prescribed unknowns are always constrained. In addition, `constrain` sets constrained directions
+    at some nodes. Each constrained direction has a stiffness, which is one for prescribed unknowns.
+    The method `add_constrained` multiplies by it.
+
+    Args:
+        free: mask (owned dofs,) of the unknowns that are not prescribed.
+        block: number of unknowns of a node.
+    """
 
     def __init__(self, free: Mask, block: int) -> None:
         self._free, self._block = free.reshape(-1, block), block
@@ -255,25 +304,32 @@ class ConstraintProjection:
         self.constrain(empty.astype(np.int64), empty.reshape(0, block, block), empty)
 
     def constrain(self, nodes: Indices, projectors: Array, stiffnesses: Array) -> None:
-        """Constrain directions at nodes, besides prescribed unknowns, whose stiffness is one.
+        """Constrain directions at nodes, in addition to the prescribed unknowns.
+
+        Directions of an earlier call are replaced.
 
         Args:
-            nodes: (m,), local numbers.
-            projectors: (m, block, block), onto the constrained directions.
-            stiffnesses: (m,), of the constrained directions.
+            nodes: local numbers (m,) of the nodes.
+            projectors: projectors (m, block, block) onto the constrained directions.
+            stiffnesses: stiffnesses (m,) of the constrained directions.
         """
         self._nodes, self._projectors, self._stiffnesses = nodes, projectors, stiffnesses[:, None]
-        self._free_part = projectors * self._free[nodes][:, None, :]  # of unknowns not prescribed
+        self._free_part = projectors * self._free[nodes][:, None, :]  # without prescribed unknowns
 
     def remove_constrained(self, values: Array) -> None:
-        """Set the constrained part of a vector (owned dofs,) to zero, in place."""
+        """Set the constrained components of a vector (owned dofs,) to zero, in place."""
         values[self._prescribed] = 0.0
         if len(self._nodes):
             vectors = values.reshape(-1, self._block)
             vectors[self._nodes] -= np.einsum("nij,nj->ni", self._free_part, vectors[self._nodes])
 
     def add_constrained(self, values: Array, source: Array) -> None:
-        """Add to a vector the constrained part of `source`, times its stiffness, in place."""
+        """Add the constrained components of `source`, times their stiffness, to a vector.
+
+        Args:
+            values: vector (owned dofs,) that is changed in place.
+            source: vector (owned dofs,) whose constrained components are added.
+        """
         values[self._prescribed] += source[self._prescribed]
         if len(self._nodes):
             sources, vectors = source.reshape(-1, self._block), values.reshape(-1, self._block)
@@ -283,11 +339,15 @@ class ConstraintProjection:
     def constrained_blocks(
         self, extra_nodes: Sequence[int] | Indices = ()
     ) -> tuple[Indices, Array, Array]:
-        """Return the nodes (k,) with a constraint, and `extra_nodes`, with two blocks for each.
+        """Return all nodes with a constraint, together with their projectors.
+
+        Args:
+            extra_nodes: local numbers of further nodes to include.
 
         Returns:
-            The nodes, in ascending order; projectors (k, block, block) onto free directions; and
-            projectors onto constrained ones times their stiffness.
+            The local numbers (k,) of the nodes in ascending order; the projectors
+            (k, block, block) onto the free directions; and the projectors (k, block, block) onto
+            the constrained directions, times the stiffness of these directions.
         """
         constrained = np.union1d(np.flatnonzero(~self._free.all(axis=1)), self._nodes)
         nodes = np.union1d(constrained, np.asarray(extra_nodes, dtype=np.int64))
@@ -299,7 +359,11 @@ class ConstraintProjection:
         return nodes, free, weighted
 
     def free_projectors(self, nodes: Indices) -> Array:
-        """Return projectors (k, block, block) onto free directions at nodes (k,), ascending."""
+        """Return projectors (k, block, block) onto the free directions at nodes.
+
+        Args:
+            nodes: local numbers (k,) of the nodes in ascending order.
+        """
         projectors = np.tile(np.eye(self._block), (len(nodes), 1, 1))
         constrained, free, _ = self.constrained_blocks()
         is_asked = np.isin(constrained, nodes)
@@ -309,9 +373,14 @@ class ConstraintProjection:
 
 @dataclass(eq=False)
 class ConstrainedOperator:
-    """Operator Pi s (K + B) s Pi + (1 - Pi), for `PETSc.Mat.createPython`.
+    """Operator Pi s (K + B) s Pi + (1 - Pi), as the Python context of a PETSc matrix.
 
-    Pi is the projection, s the scales (1 if there are none) and B the springs, if there are any.
+    Args:
+        K: matrix (n, n) without supports.
+        projection: projection Pi that removes constrained components. Constrained directions with a
+            stiffness other than one have this stiffness in place of 1 - Pi.
+        scales: diagonal (n,) of the scaling s; None for no scaling.
+        springs: matrix B (n, n) of springs between nodes; None for no springs.
     """
 
     K: PETSc.Mat
@@ -341,4 +410,4 @@ class ConstrainedOperator:
 
     @cached_property
     def _work(self) -> PETSc.Vec:
-        return self.K.createVecRight()  # created on first use, as contact hardly needs it
+        return self.K.createVecRight()  # created on first use, since contact rarely needs it

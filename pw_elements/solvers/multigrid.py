@@ -1,9 +1,9 @@
-"""Two-level p-multigrid: quadratic functions on the fine level, linear ones on the coarse.
+"""Two-level p-multigrid, with quadratic functions on the fine level and linear ones on the coarse.
 
-With P the interpolation of vertex values to all nodes, P^T K P is the stiffness of linear
-elements, for standard and new elements alike. Supports and contact neither change nor copy K: a
-projection removes constrained parts from vectors, Pi K Pi + (1 - Pi). Springs between nodes are
-added to K.
+If P interpolates vertex values at all nodes, P^T K P is the stiffness of linear elements. This
+holds for the stiffness K of standard and of new elements. Supports and contact neither change nor
+copy K: a projection Pi removes constrained components from vectors, and the operator is
+Pi K Pi + (1 - Pi). Springs between nodes are added to K.
 """
 
 from mpi4py import MPI
@@ -32,20 +32,24 @@ from pw_elements.solvers.matrices import (
 )
 from pw_elements.spaces import scalar_space
 
-# Part of the constrained nodes whose change makes a new coarse matrix worthwhile, and new
-# aggregates of algebraic multigrid below it
+# Fraction of the constrained nodes that has to change before a new coarse matrix is worthwhile; and
+# fraction from which on the aggregates of algebraic multigrid are chosen again
 _REBUILD_FRACTION = 0.1
 _REAGGREGATE_FRACTION = 0.5
-# Change of a node's projector that counts; from open to closed it changes by one
+# Least change of a node's projector that counts as a change; if a node closes, it changes by one
 _PROJECTOR_CHANGE = 0.3
 
 
 def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indices, PETSc.Mat]:
-    """Create the space of linear functions on a space's mesh, and their interpolation P.
+    """Return the space of linear functions on the same mesh, and their interpolation.
+
+    Args:
+        space: quadratic space.
 
     Returns:
-        The linear space; the local node of `space` at each owned vertex; and P (n, n_linear), the
-        values of linear functions at the nodes of `space`.
+        The linear space; the local node number in `space` of each vertex that this process owns;
+        and the matrix P (n, n_linear) that takes vertex values of linear functions to their values
+        at the nodes of `space`.
     """
     mesh, cells, block = space.mesh, space.dofmap.list, space.dofmap.index_map_bs
     shape = tuple(space.ufl_element().reference_value_shape)
@@ -60,7 +64,7 @@ def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, I
     indptr, indices, data = scalar_P.getValuesCSR()
     shape = len(indptr) - 1, index_map.size_global
     rows = sp.csr_array((np.round(data, 12), indices, indptr), shape)
-    rows.eliminate_zeros()  # at vertices whose function is zero at the node
+    rows.eliminate_zeros()  # of vertices whose function is zero at the node
     rows = sp.kron(rows, sp.eye_array(block), "csr")
     csr = *(part.astype(PETSc.IntType) for part in (rows.indptr, rows.indices)), rows.data
     P = PETSc.Mat().createAIJ((vector_sizes(space), vector_sizes(linear)), csr=csr, comm=mesh.comm)
@@ -69,7 +73,11 @@ def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, I
 
 
 def rigid_body_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
-    """Create the rigid motions; None for a field that is no displacement, with constants alone."""
+    """Return the rigid motions of a space of linear displacements.
+
+    The result is None for a field that is no displacement: it has constants in place of rigid
+    motions.
+    """
     block, dim = linear.dofmap.index_map_bs, linear.mesh.geometry.dim
     if block != dim or dim == 1:
         return None
@@ -80,11 +88,18 @@ def rigid_body_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
 
 
 class LinearLevel:
-    """Coarse level: the matrix of linear functions, without what is constrained on either level.
+    """Coarse level of multigrid, with the matrix of linear functions under constraints.
 
-    The matrix is Pi_c P^T Pi K Pi P Pi_c, with the projections Pi of nodes and Pi_c of vertices,
-    and multiples of one in the directions that Pi_c removes. It is assembled once; later only the
-    part near nodes that contact may constrain is replaced. The interpolation is Pi P Pi_c.
+    Let P interpolate vertex values at all nodes. The projection Pi removes constrained components
+    at nodes, and Pi_c at vertices. The interpolation is Pi P Pi_c, and the coarse matrix is
+    Pi_c P^T Pi K Pi P Pi_c, with a mean stiffness on the diagonal in the directions that Pi_c
+    removes. The matrix is assembled once. Later, only its part near nodes that contact may
+    constrain is replaced.
+
+    Args:
+        K: stiffness (n, n) without supports.
+        supports: free unknowns of the space.
+        fine: projection Pi.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports, fine: ConstraintProjection) -> None:
@@ -107,7 +122,13 @@ class LinearLevel:
         self._replaceable: PETSc.Mat | None = None  # the part of the matrix that contact changes
 
     def set_contact_nodes(self, nodes: Indices) -> None:
-        """Set the local nodes that contact may constrain; only the first call has an effect."""
+        """Set the nodes that contact may constrain.
+
+        Only the first call has an effect.
+
+        Args:
+            nodes: local numbers of the nodes.
+        """
         if self._contact_rows is None:
             self._contact_rows = _ContactRows(self._P, self._space, nodes)
             self._matrix = None
@@ -116,14 +137,23 @@ class LinearLevel:
         self._contact_rows = self._matrix = None
 
     def constrain(self, nodes: Indices, projectors: Array, stiffnesses: Array) -> None:
-        """Constrain the vertices among the local nodes (m,), which are the same in each call."""
+        """Constrain directions at the vertices among m nodes.
+
+        Args:
+            nodes: local numbers (m,) of the nodes, the same in each call.
+            projectors: projectors (m, block, block) onto the constrained directions.
+            stiffnesses: stiffnesses (m,) of the constrained directions.
+        """
         vertex = np.flatnonzero(np.isin(self._vertex_node, nodes))
         order = np.argsort(nodes)
         index = order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
         self._coarse.constrain(vertex, projectors[index], stiffnesses[index])
 
     def matrix(self) -> PETSc.Mat:
-        """Return the matrix under the present constraints, always the same object."""
+        """Return the coarse matrix for the present constraints.
+
+        The same object is updated and returned until `discard_matrix` is called.
+        """
         contact, comm, columns = self._contact_rows, self._K.comm, self._P.getSizes()[1]
         has_pattern = self._matrix is not None  # with entries for the replaceable part
         if self._matrix is None:
@@ -163,7 +193,13 @@ class LinearLevel:
 
 
 class _ProjectedInterpolation:
-    """Interpolation Pi P Pi_c, for `PETSc.Mat.createPython`."""
+    """Interpolation Pi P Pi_c of `LinearLevel`, as the Python context of a PETSc matrix.
+
+    Args:
+        P: matrix (n, n_linear) that interpolates vertex values at all nodes.
+        fine: projection Pi that removes constrained components at nodes.
+        coarse: projection Pi_c that removes constrained components at vertices.
+    """
 
     def __init__(
         self, P: PETSc.Mat, fine: ConstraintProjection, coarse: ConstraintProjection
@@ -189,7 +225,10 @@ class _ProjectedInterpolation:
 
 
 class _ContactRows:
-    """Rows of the interpolation at nodes near contact.
+    """Rows of the interpolation at k nodes near contact.
+
+    Two nodes are neighbours if the linear function of one vertex is nonzero at both of them. The
+    nodes near contact are all nodes of the cells around neighbours of contact nodes.
 
     Args:
         P: interpolation (n, n_linear).
@@ -197,10 +236,9 @@ class _ContactRows:
         contact_nodes: local numbers of the nodes that contact may constrain.
 
     Attributes:
-        nodes: (k,), local and ascending: nodes of all cells around nodes that share a vertex
-            function with a contact node.
-        rows: (k block,), global numbers of these nodes' unknowns.
-        P: these rows of the interpolation.
+        nodes: local numbers (k,) of the nodes near contact, in ascending order.
+        rows: global numbers (k block,) of these nodes' unknowns.
+        P: rows of the interpolation that belong to these unknowns.
     """
 
     def __init__(self, P: PETSc.Mat, space: fem.FunctionSpace, contact_nodes: Indices) -> None:
@@ -231,7 +269,15 @@ class _ContactRows:
 
 
 class _NodeBlockInverse:
-    """Inverse of the diagonal blocks of Pi (K + B) Pi + (1 - Pi), for a `PETSc.PC` in Python."""
+    """Smoother that inverts the diagonal blocks of an operator, as the context of a `PETSc.PC`.
+
+    The operator is Pi (K + B) Pi + (1 - Pi), with the projection Pi that removes constrained
+    components and the matrix B of springs between nodes.
+
+    Args:
+        K: stiffness (n, n).
+        block: number of unknowns of a node.
+    """
 
     def __init__(self, K: PETSc.Mat, block: int) -> None:
         self._K, self._block = K, block
@@ -246,7 +292,7 @@ class _NodeBlockInverse:
         self._constrained_inverse: Array = np.empty((0, block, block))
 
     def update(self, projection: ConstraintProjection, springs: PETSc.Mat | None) -> None:
-        """Compute the blocks at constrained nodes, and at those with springs, again."""
+        """Recompute the inverse blocks at constrained nodes and at nodes with springs."""
         nodes, stiffness = ((), 0.0) if springs is None else diagonal_blocks(springs, self._block)
         self._nodes, free, weighted = projection.constrained_blocks(nodes)
         blocks = np.linalg.inv(self._inverse_blocks()[self._nodes])
@@ -260,18 +306,26 @@ class _NodeBlockInverse:
         y.array.reshape(-1, self._block)[self._nodes] = image
 
     def _inverse_blocks(self) -> Array:
-        """Return the inverse blocks (nodes, block, block) of K; PETSc's memory, read only."""
+        """Return the inverse diagonal blocks (nodes, block, block) of K.
+
+        The array is PETSc's memory and must not be changed.
+        """
         inverse: Array = self._K.invertBlockDiagonal()
         return inverse.reshape(-1, self._block, self._block)
 
 
 class Multigrid:
-    """Two levels for one free matrix, and the set-up of PETSc's multigrid preconditioner.
+    """Two-level multigrid preconditioner for one matrix under supports and contact constraints.
 
-    The smoother is a Chebyshev polynomial of degree 2 with the inverse blocks of nodes. The coarse
-    level takes one cycle of algebraic multigrid that knows the rigid motions. A blocked K
-    multiplies twice as fast. The operator is Pi (K + B) Pi + (1 - Pi), with springs B of
-    `constrain`.
+    The operator is Pi (K + B) Pi + (1 - Pi). The projection Pi removes components that supports or
+    `constrain` constrain, and B has the springs of `constrain`. The smoother is a Chebyshev
+    polynomial of degree 2 with the inverse diagonal blocks of nodes. The coarse level uses one
+    cycle of algebraic multigrid that knows the rigid motions. Products are twice as fast if K is
+    stored in blocks.
+
+    Args:
+        K: matrix (n, n) without supports.
+        supports: free unknowns of the space.
 
     Raises:
         ValueError: if a node has no stiffness.
@@ -287,8 +341,8 @@ class Multigrid:
         self._smoother = _NodeBlockInverse(self.block_matrix, self._block)
         self._linear = LinearLevel(K, supports, self._projection)
         self._smoother.update(self._projection, None)
-        self._coarse_projectors: Array | None = None  # for which the coarse matrix was assembled
-        self._aggregate_projectors: Array | None = None  # and for which its aggregates were chosen
+        self._coarse_projectors: Array | None = None  # used in the coarse matrix
+        self._aggregate_projectors: Array | None = None  # used to choose aggregates
         self._coarse: PETSc.Mat | None = None
         self._preconditioner: PETSc.PC | None = None
         self._has_eigenvalues = False
@@ -310,21 +364,21 @@ class Multigrid:
             smoother = self._preconditioner.getMGSmoother(1)
             operators = smoother.getOperators()
             for operator in operators:
-                operator.stateIncrease()  # or PETSc keeps the old eigenvalues
+                operator.stateIncrease()  # otherwise PETSc keeps the old eigenvalues
             smoother.setUp()
-            # PETSc would keep the vectors of the estimate
+            # without a reset, PETSc would keep the vectors of the eigenvalue estimate
             smoother.reset()
             smoother.setOperators(*operators)
             self._has_eigenvalues = True
 
     def refresh(self) -> None:
-        """Mark all that depends on K stale, after K has changed."""
+        """Have everything that depends on K computed again, after K has changed."""
         self._linear.discard_matrix()
         self._has_eigenvalues = False
         self._discard_coarse_matrix(with_aggregates=True)
 
     def re_estimate_eigenvalues(self) -> None:
-        """Estimate the smoother's eigenvalues for the present constraints."""
+        """Estimate the smoother's eigenvalues again, for the present constraints."""
         self._has_eigenvalues = False
         self.set_up_levels()
 
@@ -350,17 +404,18 @@ class Multigrid:
         stiffnesses: Array,
         springs: PETSc.Mat | None = None,
     ) -> None:
-        """Constrain directions at contact nodes, besides the supports, by projection or springs.
+        """Constrain directions at contact nodes, in addition to the supports.
 
-        The coarse matrix is assembled again if the projectors have changed at more than a tenth of
-        the constrained nodes.
+        The directions are constrained by the projection, or by springs if these are given. The
+        coarse matrix is assembled again if the projectors have changed at more than a tenth of the
+        constrained nodes.
 
         Args:
-            nodes: (m,), local numbers, the same in each call.
-            projectors: (m, dim, dim), onto the constrained directions.
-            stiffnesses: (m,), of the constrained directions.
-            springs: (n, n), which constrain the directions in place of the projection; given in
-                all calls or in none.
+            nodes: local numbers (m,) of the nodes, the same in each call.
+            projectors: projectors (m, dim, dim) onto the constrained directions.
+            stiffnesses: stiffnesses (m,) of the constrained directions.
+            springs: matrix (n, n) of springs that constrain the directions in place of the
+                projection. It must be given in all calls or in none.
         """
         self._constrained.springs = springs
         if springs is None:
@@ -394,7 +449,11 @@ class Multigrid:
         destroy_objects(self.operator, self._linear.interpolation)
 
     def _discard_coarse_matrix(self, with_aggregates: bool) -> None:
-        """Have the coarse matrix assembled again, and its aggregates chosen again on demand."""
+        """Discard the coarse matrix, so that it is assembled again when it is needed.
+
+        Args:
+            with_aggregates: whether the aggregates of algebraic multigrid are chosen again.
+        """
         if with_aggregates and self._coarse is not None and self._preconditioner is not None:
             self._preconditioner.getMGCoarseSolve().reset()
         self._coarse = None

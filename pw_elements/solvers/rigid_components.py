@@ -1,4 +1,4 @@
-"""Rigid motions of the connected components of a mesh, and whether anything resists them."""
+"""Rigid motions of the connected components of a mesh, and the resistance to these motions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,9 +15,10 @@ from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import connected_components
 from pw_elements.solvers.matrices import Supports, null_space, qr_triangle
 
-# Force of one component on another, over the largest stiffness, that is more than round-off
+# Force of one component on another, relative to the largest stiffness, above which it is more than
+# round-off
 _COUPLING_TOLERANCE = 1e-11
-# Stiffness of a rigid motion, over that of an arbitrary one, below which the motion is free
+# Stiffness of a rigid motion, relative to that of an arbitrary motion, below which it is free
 _FREE_STIFFNESS = 1e-8
 
 
@@ -25,14 +26,14 @@ _FREE_STIFFNESS = 1e-8
 class RigidComponents:
     """Connected components of a mesh, sorted by their centres, and rigid motions of their nodes.
 
-    The k modes of a component are its translations, and its rotations about its centre divided by
-    its length, so that displacements are of the translations' size. A field that is no
-    displacement has its constants for modes.
+    The k modes of a component are its translations and its rotations about its centre. Rotations
+    are divided by the component's length, so that displacements are about as large as in
+    translations. For a field that is no displacement, the modes are constants.
     """
 
-    component_of_node: Indices  # (nodes,), ghosts too
+    component_of_node: Indices  # (nodes,), including ghosts
     centre: Array  # (components, dim), mean position of each component's nodes
-    length: Array  # (components,), radius of gyration of each component's nodes
+    length: Array  # (components,), radius of gyration of their nodes
     modes: Array  # (owned nodes, block, k), displacement of each node in its component's modes
     comm: MPI.Comm
 
@@ -66,11 +67,11 @@ class RigidComponents:
         """Return a matrix with one column for each mode of each component.
 
         Args:
-            values: (owned nodes, block, k), of each node in its component's modes.
-            n_other_modes: number of empty columns that follow.
+            values: values (owned nodes, block, k) at each node in the k modes of its component.
+            n_other_modes: number of empty columns to append.
 
         Returns:
-            (owned dofs, k components + n_other_modes).
+            Matrix (owned dofs, k components + n_other_modes).
         """
         n, block, k = values.shape
         mode = np.broadcast_to(
@@ -89,17 +90,22 @@ class RigidComponents:
         transposed: bool = False,
         n_other_modes: int = 0,
     ) -> sp.csr_array:
-        """Return displacements at prescribed dofs and forces at free ones, in all modes.
+        """Return a matrix that shows how supports and stiffness resist each rigid mode.
+
+        The column of a mode has its displacements at prescribed unknowns. At free unknowns it has
+        the forces that the mode causes, which are the stiffness times the displacements of free
+        unknowns, divided by the largest diagonal entry of the stiffness.
 
         Args:
-            K: stiffness (n, n); forces are K m over the largest diagonal entry.
-            free: (owned dofs,), of the displacements.
-            rows: (owned dofs,), local rows of K, if K has more unknowns than these displacements.
-            transposed: take forces K^T m.
-            n_other_modes: number of empty columns that follow.
+            K: stiffness (n, n).
+            free: mask (owned dofs,) of the free displacements.
+            rows: local rows (owned dofs,) of the displacements in K; None if K has no other
+                unknowns.
+            transposed: whether to compute forces with the transpose of K.
+            n_other_modes: number of empty columns to append.
 
         Returns:
-            (owned dofs, modes + n_other_modes).
+            Matrix (owned dofs, modes + n_other_modes).
         """
         rows = np.arange(len(free), dtype=np.int32) if rows is None else rows
         multiply = K.multTranspose if transposed else K.mult
@@ -128,9 +134,14 @@ class RigidComponents:
         return sp.csr_array(sp.hstack([*columns, sp.csr_array((len(rows), n_other_modes))]))
 
     def _has_coupled_components(self, forces: Callable[[Array], Array], stiffness: float) -> bool:
-        """Return whether components exert forces on each other, through springs for example.
+        """Return whether components exert forces on each other, for example through springs.
 
-        Such components cannot all be moved in one product with K.
+        The forces of such components cannot be computed for all components in one product with the
+        stiffness.
+
+        Args:
+            forces: function that returns the forces of displacements (owned nodes, block).
+            stiffness: largest diagonal entry of the stiffness.
         """
         if len(self.centre) == 1:
             return False
@@ -142,7 +153,14 @@ class RigidComponents:
 
 
 def has_free_rigid_motion(K: PETSc.Mat, supports: Supports) -> bool:
-    """Return whether neither supports nor stiffness resist some rigid motion of a component."""
+    """Return whether a rigid motion exists that neither supports nor stiffness resist.
+
+    Rigid motions are those of the connected components of the mesh.
+
+    Args:
+        K: stiffness (n, n) without supports.
+        supports: free unknowns of the space.
+    """
     components = RigidComponents.from_space(supports.space)
     resistance = qr_triangle(components.resistance(K, supports.free), components.comm)
     return len(null_space(resistance, _FREE_STIFFNESS)) > 0

@@ -1,4 +1,4 @@
-"""Output of states: fields, time series, plots, files and reports of progress."""
+"""Output of contact states as fields, time series, plots and files, and reports of progress."""
 
 from pw_elements.contact.output.fields import ContactFields
 from pw_elements.contact.output.identity import (

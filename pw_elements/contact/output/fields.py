@@ -1,11 +1,11 @@
-"""Results of a state as functions on the body: forces, pressures, gap, slip and status.
+"""Results of a contact state as functions on the body: forces, pressures, gap, slip and status.
 
     fields = ContactFields.from_state(states[-1], body)
     fields.pressure, fields.gap, fields.status
 
-Given the trial space in place of the body, the fields have no pressures. The module guarantees that
-pressures times their areas are the normal nodal forces. It assumes a state of the same mesh, space
-and number of processes.
+If the trial space is given in place of the body, the fields have no pressures. The module
+guarantees that each pressure times its area equals the normal nodal force. It assumes that the
+state was computed on the same mesh, with the same space and the same number of processes.
 """
 
 from collections.abc import Sequence
@@ -52,29 +52,35 @@ from pw_elements.spaces import (
     test_space,
 )
 
-# Largest distance of a node's positions in a state and in the space, over the largest coordinate
+# Largest distance between a node's positions in a state and in the space, relative to the largest
+# coordinate
 _MAX_NODE_DISTANCE = 1e-9
-# Quadrature degree of squares of stresses and pressures, both linear
+# Quadrature degree that integrates squares of stresses and pressures, which are linear in a cell
 _INDICATOR_DEGREE = 2
 STATE_REMEDY = "solve_contact gives a list of states, ContactProblem.step one of them"
-# Least part of a node's area that has to face the other side for pressures. Where the pressure is
-# linear, they are off by up to 0.3 % at a quarter, 1 % at a twentieth, and 10 % at a 200th
+# Least fraction of a node's area that has to face the other side; below it the node has no
+# pressure. For a linear pressure, the error of nodal values is up to 0.3 % at a fraction of 1/4,
+# 1 % at 1/20, and 10 % at 1/200
 _MIN_COVERED_FRACTION = 0.1
 
 
 @dataclass(frozen=True)
 class SideResults:
-    """Results at the nodes (k) of one side of a pair; pressures are NaN without a body.
+    """Results at the k nodes of one side of a contact pair.
+
+    Pressures and tractions are NaN if no body is given.
 
     Args:
-        normal: (k, dim), into the body of the side; zero where a node faces nothing.
-        gap: (k,).
-        slip: (k, dim), of the nodes on the pair's own side.
-        friction: (k,), friction coefficients.
-        status: (k,).
-        normal_force: (k,), normal forces, compression positive.
-        pressure: (k,), NaN where too little of a node's area faces a closed pair.
-        traction: (k, dim), tangential; NaN where the pressure is NaN.
+        normal: unit normals (k, dim) that point into the body of this side; zero at nodes that
+            face nothing.
+        gap: gaps (k,).
+        slip: slips (k, dim) of the nodes on the pair's own side.
+        friction: friction coefficients (k,).
+        status: contact status (k,) of each node, as in `ContactFields`.
+        normal_force: normal nodal forces (k,), compression positive.
+        pressure: pressures (k,); NaN where the pair is closed and too little of a node's area faces
+            the other side.
+        traction: tangential tractions (k, dim); NaN where the pressure is NaN.
     """
 
     normal: Array
@@ -88,7 +94,10 @@ class SideResults:
 
     @property
     def tension_ratio(self) -> float:
-        """Largest tensile nodal force over the largest compressive one; 0 without compression."""
+        """Ratio of the largest tensile to the largest compressive nodal force.
+
+        The ratio is zero if no nodal force is compressive.
+        """
         max_compression = self.normal_force.max(initial=0.0)
         return (
             float(max(0.0, -self.normal_force.min(initial=0.0)) / max_compression)
@@ -99,22 +108,26 @@ class SideResults:
 
 @dataclass(frozen=True)
 class OppositeSurface:
-    """The deformable surface (k nodes) that the m nodes of a pair face; the same on every process.
+    """The deformable surface with k nodes that the m nodes of a contact pair face.
 
-    Its nodes receive areas in the same way as forces: see the guide's page on theory ("Two
-    bodies"). Means over the pair's nodes are weighted with integrals of the products of both
-    weights.
+    All processes hold the same values. The pair's nodal areas are transferred to the nodes of this
+    surface in the same way as the nodal forces: see the guide's page on theory ("Two bodies"). A
+    mean of nodal values of the pair at a node of this surface is weighted with the integrals of the
+    node's weight function times those of the pair's nodes.
 
     Args:
-        node: (k,), global numbers.
-        facing_area: (k,), integrals of the nodes' weights over the part that faces the pair.
-        means: (k, m), matrix of means over the pair's nodes; zero rows where nothing is faced.
-        force_transfer: (k, m), parts of the pair's forces that each node receives.
-        pair_fraction: (m,), fraction of the areas of the pair's nodes that faces the surface.
-        opposite_fraction: (k,), fraction of the nodes' areas that faces the pair; zero without a
-            body.
-        weight_area: (m,), areas of the pair's nodes.
-        surface: nodes of the surface; None without a body.
+        node: global numbers (k,) of the surface's nodes.
+        facing_area: integrals (k,) of the nodes' weight functions over the part of the surface that
+            faces the pair.
+        means: matrix (k, m) that takes nodal values of the pair to their means at the nodes of the
+            surface; the rows of nodes that do not face the pair are zero.
+        force_transfer: matrix (k, m) with the part of each nodal force of the pair that each node
+            of the surface receives.
+        pair_fraction: fraction (m,) of the area of each node of the pair that faces the surface.
+        opposite_fraction: fraction (k,) of the area of each node of the surface that faces the
+            pair; zero if no body is given.
+        weight_area: areas (m,) of the pair's nodes.
+        surface: nodes of the surface; None if no body is given.
     """
 
     node: Indices
@@ -130,9 +143,9 @@ class OppositeSurface:
         """Return the results at the nodes of the surface.
 
         Args:
-            pair: of the state.
-            weight_area: (m,), areas of the deformed pair's nodes, for true pressures; by default
-                those of the undeformed pair.
+            pair: state of the contact pair.
+            weight_area: areas (m,) of the pair's nodes in the deformed body, which give true
+                pressures. By default, areas in the undeformed body are used.
         """
         area = self.weight_area if weight_area is None else weight_area
         area_vectors = -np.asarray(
@@ -163,21 +176,22 @@ class OppositeSurface:
 def make_pair_sides(
     number: int, state: ContactState, body: Body | None, space: fem.FunctionSpace
 ) -> tuple[SurfaceNodes | None, OppositeSurface | None]:
-    """Return a pair's own surface nodes, with a body, and the deformable surface that it faces.
+    """Return the nodes of a pair's own surface and the deformable surface that the pair faces.
 
-    Areas of the own surface are those of the part that faces the opposite one, and NaN where this
-    part is too small for a pressure; nodes that face nothing have their whole areas, and no forces.
-    At large sliding the own surface has whole areas.
+    The first value is None if no body is given, the second one if the pair faces no deformable
+    surface. A node's area on the own surface is the area that faces the opposite surface, and NaN
+    where it is too small for a pressure. Nodes that face nothing keep their whole areas and have
+    no forces. At large sliding all nodes of the own surface keep their whole areas.
 
     Args:
-        number: of the pair.
-        state: with the pair.
-        body: None without pressures.
-        space: of the displacements.
+        number: number of the pair.
+        state: state that contains the pair.
+        body: the body, or None if no pressures are needed.
+        space: space of the displacements.
 
     Raises:
-        ValueError: if a node belongs to no facet with all of its nodes in the pair, or two nodes of
-            the opposite surface coincide.
+        ValueError: if a node of the pair belongs to no facet whose nodes are all in the pair, or if
+            two nodes of the opposite surface coincide.
     """
     pair, is_deformed = state.pairs[number], state.smallness is None
     surface = None if body is None else _make_pair_surface(number, pair, body, space)
@@ -261,11 +275,14 @@ def _integrate_undeformed_sides(
     master_trace: Trace,
     is_axisymmetric: bool,
 ) -> tuple[sp.csr_array, sp.csr_array]:
-    """Return integrals (k, m) of opposite weights times the pair's weights and their duals.
+    """Return two matrices (k, m) of integrals over the contact surface.
+
+    The first one has integrals of the weight functions of the k opposite nodes times those of the
+    pair's m nodes, the second one times the dual functions of the pair's weights.
 
     Args:
-        space: of the displacements.
-        pair: with its m nodes and the k opposite ones.
+        space: space of the displacements.
+        pair: state of the pair, with its m nodes and the k opposite ones.
         slave_trace: trace of the pair's side.
         master_trace: trace of the opposite side.
         is_axisymmetric: whether the body is axisymmetric.
@@ -296,7 +313,7 @@ def _integrate_undeformed_sides(
 def _make_pair_surface(
     number: int, pair: PairState, body: Body, space: fem.FunctionSpace
 ) -> SurfaceNodes:
-    """Return the surface nodes of a pair, or raise ValueError if a node has no facet."""
+    """Return the surface nodes of a pair, or raise ValueError if a node belongs to no facet."""
     surface = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.node))
     if not np.array_equal(surface.node, pair.node):
         isolated = pair.position[~np.isin(pair.node, surface.node)]
@@ -309,7 +326,10 @@ def _make_pair_surface(
 
 
 def make_pair_results(surface: SurfaceNodes, pair: PairState) -> SideResults:
-    """Return the results at a pair's own nodes; zero at open nodes whose area is NaN."""
+    """Return the results at a pair's own nodes.
+
+    Pressures and tractions are zero at open nodes whose area is NaN.
+    """
     has_no_pressure = np.isnan(surface.weight_area) & (pair.status == OPEN)
     pressure, traction = (
         np.where(has_no_pressure, 0.0, surface.pressure(force).T).T
@@ -321,54 +341,63 @@ def make_pair_results(surface: SurfaceNodes, pair: PairState) -> SideResults:
 
 @dataclass(frozen=True)
 class ContactFields:
-    """A state as functions: vectors in the trial space, scalars in the space of its components.
+    """Results of a contact state as finite element functions.
 
-    Fields of the contact surface are zero elsewhere, except for the gap, which is NaN, because zero
-    would mean contact. ParaView draws NaN in a separate colour and ignores it in ranges. Where
-    nodes match, the opposite nodes have the same scalars and the reversed vectors.
+    Vectors are functions in the trial space, scalars in the scalar space of its components.
 
-    Nodes of a deformable surface have pressures and tractions of their own forces, over the areas
-    that face the pair (see `OppositeSurface`). The contact law is not stated there: gap and slip
-    are means over the pair's nodes that they face, and the status is the most frequent one; nodes
-    that face two pairs have the forces of both, and the other fields of the pair that they face
-    most. On both sides, pressures and tractions are NaN at loaded nodes whose area faces the other
-    side by less than a tenth: the forces are right there, but not their quotients by such an area.
-    At large sliding the areas are those of the pair's own nodes, transferred in the same way as
-    their forces.
+    Fields of the contact surface are zero elsewhere, except for the gap, which is NaN there,
+    because zero would mean contact. ParaView draws NaN in a separate colour and ignores it in
+    ranges. Where the nodes of two sides match, both nodes have the same scalars and opposite
+    vectors.
 
-    Pressures are forces over areas and need the body (thickness, circumference); they are None if
-    only the space is given. `SurfaceNodes` explains the three measures of pressure. Pressures are
-    nodal values: interpolated by the *test* functions, linearly between nodes where the weights are
-    linear, they integrate to the total force. The functions here interpolate by the trial
-    functions, so that their integrals are only close to it.
+    At the nodes of an opposite deformable surface, pressures and tractions are the forces on these
+    nodes divided by the areas that face the pair (see `OppositeSurface`). The contact law is
+    imposed at the pair's own nodes only. At an opposite node, gap and slip are means over the
+    pair's nodes that it faces, and the status is the most frequent status of these nodes. If a node
+    faces two pairs, its force is the sum of both; all other fields are those of the pair that it
+    faces with the larger area. On both sides, pressures and tractions are NaN at loaded nodes if
+    less than a tenth of the node's area faces the other side. The nodal forces are right there, but
+    their quotients by such a small area are not. At large sliding the areas are those of the pair's
+    own nodes, transferred to the opposite nodes in the same way as the forces.
 
-    Pressures are nominal: over areas of the undeformed surface. At large strains the true pressure
-    of node i, with its test function w_i and the deformation gradient F = I + grad u, is
+    Pressures are forces divided by areas. They need the body, for its thickness or circumference,
+    and are None if only the space is given. `SurfaceNodes` explains the three measures of pressure.
+    Pressures are nodal values. If they are interpolated by the *test* functions (linearly between
+    nodes where the weights are linear), they integrate to the total force. The functions here
+    interpolate by the trial functions, so that their integrals are only close to the total force.
 
-        p_i = force_normal_i / integral of w_i |det F F^-T N| dA.
+    Pressures are nominal, that is, relative to areas of the undeformed surface. At large strains
+    the true pressure of node i is
+
+        p_i = force_normal_i / integral of w_i |det F F^-T N| dA,
+
+    with the node's test function w_i, the deformation gradient F = I + grad u and the unit normal N
+    of the undeformed surface.
 
     Args:
-        displacement: vector.
-        force: vector, "contact_force": of the surface on the body at each node.
-        gap: scalar; NaN off the contact surface and at nodes that nothing faces.
-        slip: vector, of this increment.
+        displacement: vector of displacements.
+        force: vector "contact_force", the force of the surface on the body at each node.
+        gap: scalar; NaN off the contact surface and at nodes that face nothing.
+        slip: vector of the slip in this increment.
         status: scalar, OPEN (0), STICK (1), SLIP (2) or HELD (3); OPEN off the surface.
-        pressure: scalar, compression positive: the normal nodal force over the integral of the
-            node's test function (measure 2); NaN where this integral is zero.
-        tributary_pressure: scalar, the normal nodal force over the node's tributary area (measure
-            3); equal to `pressure` at nodes of a deformable surface, whose weights are linear.
-        traction: vector, the tangential force of the surface on the body over the area of
-            `pressure`.
-        surfaces: `SurfaceNodes` of each pair, () without body; at small sliding with the areas that
-            face a deformable surface.
-        opposite: of each pair the deformable surface that it faces, or None; its `results` of a
-            `PairState` are arrays (k, ...) at the nodes there, on every process.
-        body_pressure: scalar, the pressure unknown of hybrid bodies, in the whole body; else None.
-            Where materials meet it has the value of one of them.
-        hybrid: mixed trial space of a hybrid body; else None.
-        true_pressure: scalar, as above, with the thickness of the body; None unless the state is
-            one of `ContactProblem.of_residual` and the body is given. NaN where `pressure` is NaN.
-        body: the body, if it was given; else None.
+        pressure: scalar, compression positive. It is the normal nodal force divided by the integral
+            of the node's test function (measure 2), and NaN where this integral is zero.
+        tributary_pressure: scalar, the normal nodal force divided by the node's tributary area
+            (measure 3). It equals `pressure` at nodes of an opposite deformable surface, where the
+            weights are linear.
+        traction: vector, the tangential force of the surface on the body divided by the area that
+            `pressure` uses.
+        surfaces: `SurfaceNodes` of each pair, with the areas that face a deformable surface at
+            small sliding; an empty tuple without a body.
+        opposite: for each pair the deformable surface that it faces, or None. The method `results`
+            of this `OppositeSurface` returns arrays (k, ...) for its k nodes on every process.
+        body_pressure: scalar, the pressure unknown of a hybrid body, in the whole body; None for
+            other bodies. Where materials meet it has the value of one of them.
+        hybrid: mixed trial space of a hybrid body; None for other bodies.
+        true_pressure: scalar, the true pressure defined above, with the thickness of the body; NaN
+            where `pressure` is NaN. It is None unless the body is given and the state was computed
+            by `ContactProblem.of_residual`.
+        body: the body, if it was given; None otherwise.
     """
 
     displacement: fem.Function
@@ -392,13 +421,13 @@ class ContactFields:
         """Create functions with the values of a state; collective.
 
         Args:
-            state: of a contact problem on the space.
-            body: of the contact problem, or its trial space, for all fields without pressures.
+            state: state of a contact problem on the trial space.
+            body: body of the contact problem; or its trial space, if no pressures are needed.
 
         Raises:
             TypeError: for arguments of the wrong type.
-            ValueError: for a state of another space, or, with a body, if a node belongs to no facet
-                that has all of its nodes in the pair.
+            ValueError: for a state of another space. If the body is given, also for a contact node
+                that belongs to no facet whose nodes are all in the pair.
         """
         space = displacement_space(body)
         check_state(state, space)
@@ -439,7 +468,7 @@ class ContactFields:
         """Set the functions to the values of another state of the same problem; collective.
 
         Args:
-            state: of the same problem.
+            state: another state of the same problem.
 
         Raises:
             ValueError: for a state of another space or with other pairs.
@@ -455,7 +484,7 @@ class ContactFields:
             pair.opposite_node.tolist() for pair in pairs
         ]:
             raise ValueError("the state has other contact nodes than the fields")
-        if state.smallness is None:  # sides have slid: they face each other elsewhere
+        if state.smallness is None:  # after large sliding, other parts of the sides face each other
             sides = [make_pair_sides(k, state, self.body, space) for k in range(len(pairs))]
             object.__setattr__(self, "opposite", tuple(opposite for _, opposite in sides))
         as_function(space, state.displacement, out=self.displacement)
@@ -490,7 +519,10 @@ class ContactFields:
             self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
 
     def _make_deformed_surfaces(self, pairs: Sequence[PairState]) -> list[SurfaceNodes]:
-        """Return the pairs' own surfaces with deformed areas, or none without true pressures."""
+        """Return the pairs' own surfaces with the areas of the deformed body.
+
+        The list is empty if there are no true pressures.
+        """
         if self.true_pressure is None or self.body is None:
             return []
         space, u = self.displacement.function_space, self.displacement
@@ -506,9 +538,10 @@ class ContactFields:
     def _fill_opposite(
         self, pairs: Sequence[PairState], deformed_surfaces: Sequence[SurfaceNodes]
     ) -> None:
-        """Set the values at opposite nodes that belong to no pair.
+        """Set the values at nodes of opposite surfaces that are not nodes of a pair themselves.
 
-        A node that faces several pairs gets the values of the pair that it faces most.
+        A node that faces several pairs gets the values of the pair that it faces with the largest
+        area.
         """
         space = self.displacement.function_space
         max_facing = np.zeros(len(self.gap.x.array))
@@ -544,19 +577,22 @@ class ContactFields:
     def indicator(self) -> fem.Function:
         """Return an error indicator per cell, for the refinement of contact surfaces.
 
-        Stresses have larger errors than nodal forces, so that their difference is about the error
-        of the stresses. Over the part of the pairs' own surfaces in cell K,
+        Stresses have larger errors than nodal forces. The difference between the normal stress and
+        the pressure from nodal forces is therefore about the error of the stress. The indicator
+        eta_K of a cell K follows from
 
-            eta_K^2 = integral of (n·sigma n + p)^2,
+            eta_K^2 = integral of (n·sigma n + p)^2
 
-        with the nodal pressures p interpolated by the weight functions. The root of the sum of
-        squares is the total error, in stress times root of area. It is zero in cells off these
-        surfaces, and where a node has no pressure.
+        over the part of the pairs' own surfaces that belongs to the cell. Here n is the outward
+        normal, sigma the stress, and p the nodal pressure, interpolated by the weight functions.
+        The square root of the sum of all eta_K^2 is the total error, in units of stress times
+        square root of area. The indicator is zero in cells off these surfaces, and in cells with a
+        node that has no pressure.
 
         Raises:
-            ValueError: without the body, of a hybrid one, and at large strains, where the material
-                of a body is not that of the residual; where nodes have no weight, such as the
-                corners of the standard 10-node tetrahedron.
+            ValueError: if the body was not given or is hybrid; at large strains, since the body's
+                material is not that of the residual; or if the weight functions of some nodes are
+                zero, such as those of the corners of the standard 10-node tetrahedron.
         """
         if self.body is None or self.pressure is None or self.hybrid or self.true_pressure:
             raise ValueError(
@@ -580,7 +616,7 @@ class ContactFields:
         p, n = fem.Function(weights), ufl.FacetNormal(mesh)
         p.x.array[:] = self.pressure.x.array
         stress = self.body.stress(self.displacement)
-        components = range(len(n))  # in axisymmetry stress has a hoop, too
+        components = range(len(n))  # an axisymmetric stress has a hoop component
         normal_stress = sum(n[i] * stress[i, j] * n[j] for i in components for j in components)
         cells = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
         squares = assemble_vector((normal_stress + p) ** 2 * ufl.TestFunction(cells) * ds)
@@ -589,7 +625,7 @@ class ContactFields:
         return eta
 
     def functions(self) -> list[fem.Function]:
-        """Return all functions, in the order of the attributes."""
+        """Return all functions that are not None, in the order of the attributes."""
         return [value for value in vars(self).values() if isinstance(value, fem.Function)]
 
 
@@ -599,9 +635,15 @@ def _set_nodal_values(
     values: Sequence[npt.NDArray],
     elsewhere: float = 0.0,
 ) -> None:
-    """Set a function to values (m,) or (m, dim) at the nodes of pairs, and to a constant elsewhere.
+    """Set a function to nodal values of contact pairs, and to a constant elsewhere.
 
-    Matching nodes that face a pair get the same scalars and the reversed vectors.
+    Opposite nodes that match nodes of a pair get the same scalars and the opposite vectors.
+
+    Args:
+        function: function to set; nothing is done for None.
+        pairs: states of the pairs.
+        values: values (m,) or (m, dim) at the m nodes of each pair.
+        elsewhere: value at all other nodes.
     """
     if function is None:
         return
@@ -619,13 +661,16 @@ def _set_nodal_values(
 
 
 def _find_local_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
-    """Return local numbers (m,) of nodes, with ghosts; -1 for other processes' nodes and none."""
+    """Return local numbers (m,) of nodes, including ghosts, for global numbers (m,).
+
+    The local number is -1 if the node is not on this process, or if the global number is negative.
+    """
     local = space.dofmap.index_map.global_to_local(np.maximum(nodes, 0))
     return np.where(nodes < 0, -1, local)
 
 
 def displacement_space(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
-    """Return the space of displacements of a body or a trial space, or raise an error."""
+    """Return the space of displacements of a body or a trial space; reject other arguments."""
     kinds = (Body, fem.FunctionSpace)
     arguments.check_type("body", body, kinds, "it has to be a Body, or its trial space")
     if not isinstance(body, Body):
@@ -634,7 +679,7 @@ def displacement_space(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
 
 
 def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
-    """Raise an error unless a state belongs to a space of displacements; collective."""
+    """Raise an error unless a state belongs to the given space of displacements; collective."""
     first_node, end_node = space.dofmap.index_map.local_range
     x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
     with collective_errors(space.mesh.comm):

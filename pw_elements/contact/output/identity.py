@@ -1,13 +1,14 @@
-"""Fingerprint of a problem: values of its form, surfaces and laws at fixed probes.
+"""Fingerprint of a contact problem, which shows whether a file belongs to the problem.
 
-Fingerprints are compared with a tolerance, so that neither the partition of the mesh nor the
-signature of a form, which depends on the version of UFL, matters. Loads, prescribed values and
+A fingerprint consists of values of the problem's form, surfaces and laws at fixed probes. Two
+fingerprints are compared with a tolerance. The partition of the mesh therefore does not matter, nor
+does the signature of a form, which depends on the version of UFL. Loads, prescribed values and
 motions are left out, since they change from step to step.
 
-The probes of a form are smooth displacements and smooth weights: the fingerprint has the sums over
-all equations of the form at these displacements times these weights. Constants and functions of the
-form are compared by their values, except for those that loads have changed; these have the values
-of the file while the form is evaluated.
+The probes of a form are smooth displacements and smooth weights. The form is evaluated at each of
+these displacements, multiplied by each of these weights, and summed over all equations. Constants
+and functions of the form are compared by their values, except for those that loads have changed.
+While the form is evaluated, the latter are set to the values in the file.
 
 The module guarantees that the problem is unchanged after an evaluation. It assumes that forms,
 surfaces and laws are functions of their arguments alone.
@@ -39,15 +40,16 @@ from pw_elements.contact.interface import (
 from pw_elements.contact.model import ContactPair, PairState
 from pw_elements.spaces import SubSpace, gather_from_owners, list_fields
 
-# Largest difference of two fingerprints, over the values of their part, that counts as round-off
+# Largest difference between two fingerprints, relative to the values compared, that counts as
+# round-off
 _ROUND_OFF = 1e-8
-# Smooth probes are cosines: change of the phase over the body along each axis, and the phase at the
-# lower corner, of each probe
+# Smooth probes are cosines. For each probe, change of the phase along each axis from one end of the
+# body to the other, and phase at the body's lower corner
 _PHASE_CHANGES = (
     2 * np.pi * np.array([[0.31, 0.17, 0.23], [0.83, -0.57, 0.41], [-0.47, 1.13, 0.89]])
 )
 _FIRST_PHASES = np.array([0.4, 1.1, 2.3])
-# Size of probing displacements over the body's diagonal, which makes strains of a few per cent
+# Size of probing displacements relative to the body's diagonal: strains are a few per cent
 _PROBE_DISPLACEMENT = 0.005
 # Parts of a problem that a user may declare as changed
 CHANGEABLE_PARTS = (
@@ -55,7 +57,8 @@ CHANGEABLE_PARTS = (
     *("residual", "stiffness", "supports", "surface"),
 )
 _RESIDUAL_SUFFIX = " of the residual"
-# Least scale of one row of values, over the largest value of all rows: sums have round-off
+# Least scale of one row of values, relative to the largest value of all rows, since sums have
+# round-off
 _MIN_ROW_SCALE = 1e-3
 
 FingerprintValues = dict[str, npt.NDArray]
@@ -66,12 +69,14 @@ class ResidualCoefficients:
     """Constants and functions of a residual, except for its unknown.
 
     Args:
-        constants: in the order in which they were made.
-        functions: in the order in which they were made.
-        history: functions whose values belong to a state.
-        changed_constants: whether a load has changed each since the problem was made, or before the
-            state was saved from which the problem continues.
-        changed_functions: the same for the functions' values on this process.
+        constants: constants of the residual, in the order of their creation.
+        functions: functions of the residual, in the order of their creation.
+        history: functions whose values are stored with each state.
+
+    Attributes:
+        changed_constants: for each constant, whether a load has changed it since the problem was
+            created. If the problem continues from a saved state, changes before that state count.
+        changed_functions: for each function, whether a load has changed its values on this process.
     """
 
     constants: list[fem.Constant]
@@ -88,7 +93,13 @@ class ResidualCoefficients:
     def from_form(
         cls, form: ufl.Form, u: fem.Function, history: Sequence[fem.Function]
     ) -> "ResidualCoefficients":
-        """Collect the coefficients of a form with the unknown u."""
+        """Return the constants and functions of a form, without its unknown u.
+
+        Args:
+            form: the residual.
+            u: unknown function.
+            history: functions whose values are stored with each state.
+        """
         functions = [f for f in form.coefficients() if isinstance(f, fem.Function) and f is not u]
         history_functions = [f for f in functions if any(f is h for h in history)]
         return cls(
@@ -99,7 +110,7 @@ class ResidualCoefficients:
 
     @contextmanager
     def record_changes(self) -> Iterator[None]:
-        """Record which constants and functions change in a block that applies a load."""
+        """Record which constants and functions change within a `with` block that applies a load."""
         old_constants = [np.array(coefficient.value) for coefficient in self.constants]
         old_functions = [coefficient.x.array.copy() for coefficient in self.functions]
         yield
@@ -123,18 +134,20 @@ class ResidualCoefficients:
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """Fingerprint of a problem, by the names of its parts.
+    """Fingerprint of a problem, with one entry for each named part of the problem.
 
     Args:
-        parts: values that do not depend on the constants and functions of a residual.
-        residual: probe of the residual, whose values depend on them; None with a stiffness.
+        parts: values that do not depend on the constants and functions of a residual, by the names
+            of the parts.
+        residual_probe: probe that evaluates the residual, with its constants and functions; None if
+            the problem is defined by a stiffness matrix.
     """
 
     parts: FingerprintValues
     residual_probe: "ResidualProbe | None" = None
 
     def evaluate(self) -> FingerprintValues:
-        """Return all values that a file needs to identify the problem; collective."""
+        """Return all values that identify the problem in a file, by name; collective."""
         if self.residual_probe is None:
             return self.parts
         values = self.residual_probe.evaluate_coefficients()
@@ -143,12 +156,13 @@ class Fingerprint:
     def refuse_other_problem(
         self, path: Path, stored: Mapping[str, npt.NDArray], changed: Collection[object]
     ) -> None:
-        """Raise ValueError unless a file's fingerprint is this problem's; collective.
+        """Raise ValueError if a file contains the fingerprint of another problem; collective.
 
         Args:
-            path: of the file.
-            stored: the values of `evaluate` when the file was written, the same on all processes.
-            changed: names of `CHANGEABLE_PARTS`, constants and functions that may differ.
+            path: path of the file.
+            stored: values that `evaluate` returned when the file was written, the same on all
+                processes.
+            changed: parts that may differ: names from `CHANGEABLE_PARTS`, constants and functions.
         """
         values, ignored = dict(self.parts), {name for name in changed if isinstance(name, str)}
         if self.residual_probe is not None:
@@ -176,15 +190,15 @@ def _refuse_difference(
     changed: Collection[str],
     note: str = "",
 ) -> None:
-    """Raise ValueError if one entry of a fingerprint differs from a file's and must not.
+    """Raise ValueError if an entry of a fingerprint differs from the file, but may not differ.
 
     Args:
-        path: of the file.
-        name: of the entry.
-        values: of this problem, None without any.
-        stored: of the file, None without any.
-        changed: names of parts and coefficients that may differ.
-        note: end of the message.
+        path: path of the file.
+        name: name of the entry.
+        values: values of this problem; None if it has no entry of this name.
+        stored: values in the file; None if it has no entry of this name.
+        changed: names of parts, constants and functions that may differ.
+        note: text at the end of the error message.
     """
     part = name.partition("#")[0]
     kind = part.partition(" of ")[0]
@@ -214,7 +228,10 @@ def _refuse_difference(
 
 
 def check_changed_parts(changed: object) -> None:
-    """Raise TypeError or ValueError unless `changed` lists changeable parts or coefficients."""
+    """Raise TypeError or ValueError unless all items of `changed` are valid.
+
+    Valid items are names from `CHANGEABLE_PARTS`, constants and functions.
+    """
     remedy = "give a list of names, constants and functions"
     arguments.check_type("changed", changed, (list, tuple, set, frozenset), remedy)
     assert isinstance(changed, Collection)
@@ -226,9 +243,10 @@ def check_changed_parts(changed: object) -> None:
 
 
 def _relative_difference(values: npt.NDArray, stored: npt.NDArray) -> float:
-    """Return the largest difference of any row of values, over the size of the row.
+    """Return the largest relative difference of all rows of values.
 
-    A row's size counts as at least a part of that of all rows.
+    The difference of each row is divided by the size of the row, but at least by 0.001 times the
+    largest stored value.
     """
     rows, stored_rows = np.atleast_2d(values), np.atleast_2d(stored)
     min_scale = _MIN_ROW_SCALE * np.abs(stored_rows[np.isfinite(stored_rows)]).max(initial=0.0)
@@ -238,7 +256,7 @@ def _relative_difference(values: npt.NDArray, stored: npt.NDArray) -> float:
 
 
 def _version_note(stored: Mapping[str, npt.NDArray]) -> str:
-    """Return a note if the file was written with another version of DOLFINx."""
+    """Return a note if the file was written with another version of DOLFINx, otherwise ""."""
     version = str(stored.get("version", ""))
     if version == dolfinx.__version__:
         return ""
@@ -255,15 +273,15 @@ def fingerprint_problem(
     column: Indices,
     space: fem.FunctionSpace,
 ) -> FingerprintValues:
-    """Return the fingerprint of mesh, spaces, supports and pairs; collective.
+    """Return the fingerprint of mesh, spaces, supports and contact pairs; collective.
 
     Args:
-        interface: of the pairs.
-        pairs: as the user states them.
-        states: of the pairs of the undeformed body.
-        column: (n,), number of each unknown of this process among the free ones; -1 where it is
-            prescribed, -2 where others give it.
-        space: of the unknowns.
+        interface: the contact nodes of all pairs.
+        pairs: contact pairs as given by the user.
+        states: states of the pairs on the undeformed body.
+        column: number (n,) of each unknown of this process among the free unknowns. It is -1 for a
+            prescribed unknown, and -2 for an unknown that follows from other unknowns.
+        space: space of the unknowns.
     """
     probes, topology = _Probes(space), space.mesh.topology
     elements = [(field.space.element.basix_element, field.space.dofmap) for field in probes.fields]
@@ -302,7 +320,7 @@ def fingerprint_problem(
 def fingerprint_stiffness(K: PETSc.Mat, space: fem.FunctionSpace) -> FingerprintValues:
     """Return sums of smooth weights times a stiffness (n, n) times smooth unknowns; collective.
 
-    Sums of displacements and pressures are separate, since their units differ.
+    Displacements and pressures have separate sums, since their units differ.
     """
     probes, image = _Probes(space), K.createVecLeft()
     numbers = {}
@@ -319,11 +337,11 @@ def fingerprint_stiffness(K: PETSc.Mat, space: fem.FunctionSpace) -> Fingerprint
 
 
 class ResidualProbe:
-    """Fingerprint of a residual: its values at smooth unknowns, and those of its coefficients.
+    """Fingerprint of a residual: values of the residual at smooth unknowns, and its coefficients.
 
     Args:
-        system: of the residual.
-        coefficients: its constants and functions.
+        system: compiled residual, with its unknown function.
+        coefficients: constants and functions of the residual.
     """
 
     def __init__(self, system: ResidualSystem, coefficients: ResidualCoefficients) -> None:
@@ -331,9 +349,9 @@ class ResidualProbe:
         self._space: fem.FunctionSpace = system.u.function_space
 
     def evaluate_coefficients(self) -> FingerprintValues:
-        """Return constants, means and sums of functions, by name; collective.
+        """Return values of constants, and means and sums of functions, by name; collective.
 
-        Entries "changed#..." say which of them loads have changed.
+        Entries "changed#..." say which constants and functions have been changed by loads.
         """
         coefficients, comm = self._coefficients, self._space.mesh.comm
         numbers: FingerprintValues = {"version": np.array(dolfinx.__version__)}
@@ -355,8 +373,9 @@ class ResidualProbe:
         """Return sums of smooth weights times the residual at smooth unknowns; collective.
 
         Args:
-            values: of `evaluate_coefficients`, of this problem or a file. While the residual is
-                evaluated, constants have these values and functions their means.
+            values: result of `evaluate_coefficients` for this problem, or from a file. While the
+                residual is evaluated, constants are set to these values and functions to these
+                means.
         """
         coefficients, u, probes = self._coefficients, self._system.u, _Probes(self._space)
         constants = [
@@ -387,7 +406,14 @@ class ResidualProbe:
     def list_changed_names(
         self, stored: Mapping[str, npt.NDArray], changed: Collection[object]
     ) -> set[str]:
-        """Return the names of constants and functions that may differ from a file's."""
+        """Return the names of constants and functions that may differ from those of a file.
+
+        These are the ones that loads have changed, here or in the file, and those in `changed`.
+
+        Args:
+            stored: fingerprint of the file.
+            changed: constants and functions that the user has declared as changed.
+        """
         coefficients, names = self._coefficients, set()
         for kind, items in (
             ("constant", coefficients.constants),
@@ -404,7 +430,7 @@ class ResidualProbe:
         return names
 
     def mark_changed(self, stored: Mapping[str, npt.NDArray]) -> None:
-        """Mark as changed by loads the coefficients that are so marked in a file."""
+        """Mark the constants and functions as changed by loads that a file marks so."""
         coefficients = self._coefficients
         coefficients.changed_constants |= _stored_flags(
             stored, "constants", len(coefficients.constants)
@@ -417,13 +443,13 @@ class ResidualProbe:
 def _stored_flags(
     stored: Mapping[str, npt.NDArray], name: str, count: int
 ) -> npt.NDArray[np.bool_]:
-    """Return flags (count,) of a file; False where it has none."""
+    """Return the flags (count,) of a name from a file; all False if the file has none."""
     flags = stored.get(f"changed#{name}", np.empty(0))
     return flags.astype(bool) if flags.shape == (count,) else np.zeros(count, dtype=bool)
 
 
 class _Probes:
-    """Smooth functions of position, as vectors of all unknowns of a space."""
+    """Vectors of all unknowns of a space that are smooth functions of position."""
 
     def __init__(self, space: fem.FunctionSpace) -> None:
         self.comm: MPI.Comm = space.mesh.comm
@@ -433,15 +459,15 @@ class _Probes:
         ]
 
     def weighted_sums(self, values: Array) -> Array:
-        """Return sums (fields, probes) of values (n,) times the probes, over all processes."""
+        """Return sums (fields, probes) of values (n,) times each probe; collective."""
         sums = np.array([[np.dot(v, values) for v in vectors] for vectors in self.vectors])
         self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
         return sums
 
     def small_unknowns(self) -> list[Array]:
-        """Return probing unknowns (n,), each of one field.
+        """Return vectors (n,) of unknowns, each of which is nonzero in one field only.
 
-        Displacements are small enough to invert no cell.
+        The displacements are so small that no cell is inverted.
         """
         _, diagonal = _bounding_box(self.fields[0].space)
         sizes = [_PROBE_DISPLACEMENT * diagonal, 1.0]
@@ -450,7 +476,7 @@ class _Probes:
 
 
 def _bounding_box(space: fem.FunctionSpace) -> tuple[Array, float]:
-    """Return the lower corner (3,) of the body's box, and its diagonal."""
+    """Return the lower corner (3,) and the diagonal's length of the body's bounding box."""
     x, comm = space.mesh.geometry.x, space.mesh.comm
     ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
     comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
@@ -458,7 +484,10 @@ def _bounding_box(space: fem.FunctionSpace) -> tuple[Array, float]:
 
 
 def _smooth_functions(space: fem.FunctionSpace) -> list[Array]:
-    """Return values (owned unknowns,) of smooth functions that differ between components."""
+    """Return the values (owned unknowns,) of each smooth probe of a space.
+
+    A probe has different values for each component of a vector.
+    """
     lower, diagonal = _bounding_box(space)
     owned, block = space.dofmap.index_map.size_local, space.dofmap.index_map_bs
     x = (space.tabulate_dof_coordinates()[:owned] - lower) / diagonal
@@ -470,14 +499,14 @@ def _smooth_functions(space: fem.FunctionSpace) -> list[Array]:
 
 
 def _owned_values(function: fem.Function) -> Array:
-    """Return a function's values (owned nodes, block)."""
+    """Return the values (owned nodes, block) of a function at the nodes of this process."""
     dofmap = function.function_space.dofmap
     owned, block = dofmap.index_map.size_local, dofmap.index_map_bs
     return np.asarray(function.x.array[: owned * block].reshape(owned, block))
 
 
 def _function_mean(function: fem.Function) -> Array:
-    """Return the mean (block,) of a function's values; collective."""
+    """Return the mean (block,) of a function's values on all processes; collective."""
     values, comm = _owned_values(function), function.function_space.mesh.comm
     total = np.append(values.sum(axis=0), float(len(values)))
     comm.Allreduce(MPI.IN_PLACE, total, MPI.SUM)
@@ -485,12 +514,15 @@ def _function_mean(function: fem.Function) -> Array:
 
 
 def _function_sums(function: fem.Function) -> Array:
-    """Return sums of a function's values, of their squares, and of values times probes."""
+    """Return sums of a function's values, of their squares, and of values times smooth probes.
+
+    The sums include all processes.
+    """
     space, values = function.function_space, _owned_values(function).ravel()
     sums = [values.sum(), np.linalg.norm(values) ** 2]
     try:
         sums += [np.dot(values, probe) for probe in _smooth_functions(space)]
-    except RuntimeError:  # values without points, of a mixed space for example
+    except RuntimeError:  # values that belong to no points, such as those of a mixed space
         sums += [0.0] * len(_PHASE_CHANGES)
     total = np.array(sums)
     space.mesh.comm.Allreduce(MPI.IN_PLACE, total, MPI.SUM)
@@ -499,7 +531,7 @@ def _function_sums(function: fem.Function) -> Array:
 
 @contextmanager
 def _temporary_values(changes: Sequence[tuple[npt.NDArray, npt.NDArray | float]]) -> Iterator[None]:
-    """Set arrays to values in a block, and restore them after it."""
+    """Set arrays to values within a `with` block, and restore them afterwards."""
     old_values = [array.copy() for array, _ in changes]
     try:
         for array, values in changes:

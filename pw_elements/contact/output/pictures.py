@@ -1,6 +1,6 @@
-"""Plot a state: pressure and shear along the contact line, or over the contact face.
+"""Plots of a contact state: pressure and shear along the contact line or on the contact face.
 
-Labels have no units unless one is given:
+Labels have no units unless the user adds them:
 
     axes = plot(states[-1], body)
     axes.set(xlabel="x [mm]", ylabel="traction [MPa]")
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 _PRESSURE_COLOUR = "#0072B2"
 _SHEAR_COLOUR = "#D55E00"
-# Arrows that are shorter than this part of the longest one are left out
+# Arrows shorter than this fraction of the longest one are left out
 _MIN_ARROW_LENGTH = 1e-3
 
 
@@ -53,32 +53,34 @@ def plot(
 ) -> Axes:
     """Plot pressure and shear of one pair with Matplotlib; collective.
 
-    In the plane and in axisymmetry the plot runs along the contact line: it has the pressure, the
-    shear traction on the body in the direction of the line, the bounds ± mu p of the shear, and the
-    status of each node. In space the pressure is a colour on the undeformed face, viewed along the
-    mean normal, arrows are shear tractions, and a line surrounds the nodes that stick.
+    For plane and axisymmetric bodies the curves run along the contact line. They show the pressure
+    p, the shear traction on the body in the direction of the line, and the friction bounds ± mu p
+    of the shear, with the friction coefficient mu. Markers show the status of each node. In space,
+    the undeformed face is viewed along its mean normal. Its colour shows the pressure, arrows show
+    shear tractions, and a line surrounds the nodes that stick.
 
-    Pressures are nodal forces divided by the integrals of the nodes' weight functions (measure 2 of
-    `SurfaceNodes`) over the undeformed surface, in units of the modulus. At large strains they are
-    labelled nominal; `ContactFields` has the true ones.
+    Pressures are nodal forces divided by the integrals of the nodes' weight functions on the
+    undeformed surface (measure 2 of `SurfaceNodes`), in units of the modulus. At large strains
+    these pressures are labelled nominal; `ContactFields` has the true pressures.
 
     Args:
-        state: with the contact forces.
-        body: of the contact problem.
-        pair: number of the pair, from 0.
-        axes: to plot into; by default those of a new figure.
-        along: coordinate (0 or 1) that is the abscissa of a line; by default the arc length from
-            the end with the least coordinates. Not for faces in space.
+        state: contact state to plot.
+        body: body of the contact problem.
+        pair: number of the pair, counted from 0.
+        axes: Matplotlib axes to plot into; by default the axes of a new figure.
+        along: coordinate (0 or 1) for the abscissa of a contact line. By default the abscissa is
+            the arc length from the end with the smallest coordinates. Not available for faces in
+            space.
         opposite: whether to plot the results of the deformable surface that the pair faces.
-        unit: of tractions, for the labels, such as "MPa".
+        unit: unit of tractions in the labels, such as "MPa".
 
     Returns:
-        The axes. Each process has its own; let one process save the figure.
+        The axes. Each process has axes of its own; let one process save the figure.
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for a pair, coordinate or opposite surface that does not exist, and for the
-            reasons of `ContactFields.from_state`.
+        ValueError: for a pair, coordinate or opposite surface that does not exist, and whenever
+            `ContactFields.from_state` raises it.
     """
     import matplotlib.pyplot as plt
 
@@ -109,7 +111,7 @@ def plot(
 def _select_side(
     number: int, state: ContactState, body: Body, opposite: bool
 ) -> tuple[SurfaceNodes, SideResults]:
-    """Return nodes and results of a pair's part, or of the opposite surface."""
+    """Return the surface nodes and results of a pair's own side, or of its opposite surface."""
     slave, master = make_pair_sides(number, state, body, body.spaces.displacements.trial)
     pair = state.pairs[number]
     if not opposite:
@@ -160,7 +162,7 @@ def _plot_line(
 
 
 def _plot_face(axes: Axes, surface: SurfaceNodes, side: SideResults, name: str, unit: str) -> None:
-    """Plot pressure, shear and the edges of contact and stick over a contact face."""
+    """Plot pressure, shear and the edges of the contact and stick regions on a contact face."""
     from matplotlib.lines import Line2D
     from matplotlib.tri import Triangulation
 
@@ -174,7 +176,7 @@ def _plot_face(axes: Axes, surface: SurfaceNodes, side: SideResults, name: str, 
     colours = axes.tripcolor(
         pressure_face, np.where(has_pressure, pressure, 0.0), shading="gouraud", cmap="Blues"
     )
-    colour_bar = axes.inset_axes((1.04, 0.0, 0.04, 1.0))  # of the height of the face
+    colour_bar = axes.inset_axes((1.04, 0.0, 0.04, 1.0))  # as high as the face
     axes.figure.colorbar(colours, cax=colour_bar, label=name + (f" [{unit}]" if unit else ""))
     legend = []
     edges = (((OPEN,), "edge of contact", "--"), ((STICK, HELD), "edge of stick", "-"))
@@ -215,13 +217,14 @@ def _plot_face(axes: Axes, surface: SurfaceNodes, side: SideResults, name: str, 
 
 
 def _order_line_nodes(edges: Indices) -> list[Indices]:
-    """Return the nodes of each connected part of a line in their order.
+    """Return the nodes of each connected part of a line, in their order along the line.
 
     Args:
-        edges: (edges, 3), numbers of both ends and of the mid-side node of each edge.
+        edges: node numbers (edges, 3) of each edge: both ends and the mid-side node.
 
     Returns:
-        Numbers of all nodes of a part; of a closed line the first one once more at the end.
+        For each part, the numbers of its nodes. For a closed line, the first number is repeated at
+        the end.
     """
     segments = np.concatenate([edges[:, [1, 0]], edges[:, [0, 2]]]).T
     graph = sp.csr_array((np.ones(segments.shape[1]), segments), shape=(segments.max() + 1,) * 2)
@@ -230,7 +233,7 @@ def _order_line_nodes(edges: Indices) -> list[Indices]:
     chains = []
     for part in np.unique(part_of_node[segments]):
         nodes = np.flatnonzero(part_of_node == part)
-        # nodes are sorted by position: start at the first end, or anywhere on a closed line
+        # nodes are sorted by position: start at the first end, or at any node of a closed line
         start = nodes[n_neighbours[nodes].argmin()]
         chain, _ = csgraph.depth_first_order(graph, start)
         chains.append(chain if n_neighbours[start] == 1 else np.append(chain, start))

@@ -1,7 +1,8 @@
-"""Report the progress of a contact computation, to the log and to the user's function.
+"""Reports on the progress of a contact computation, to the log and to a function of the user.
 
-The module guarantees that nothing is counted if nobody listens, and that an error of the user's
-function on one process is raised on all. It assumes that all processes report together.
+The module guarantees that nodes are counted only if there is a reader: an enabled log or a user's
+function. An error in the user's function on one process is raised on all processes. The module
+assumes that all processes report together.
 """
 
 import logging
@@ -22,16 +23,18 @@ from pw_elements.progress import log_on_root
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a contact computation after an iteration, or at the end of an increment.
+    """Progress of a contact computation after an iteration, or at the end of an increment.
+
+    After an iteration, nodes are counted in the iteration's active set.
 
     Args:
-        increment: number of the increment, from 0, as in the errors of `solve_contact`.
-        iteration: number of linear systems solved in this increment.
-        violation: largest violation of the laws of contact and friction, over its tolerance.
-        open: number of open nodes of all pairs; after an iteration, in its active set.
-        stick: number of sticking nodes.
-        slip: number of slipping nodes.
-        state: at the end of the increment; None after an iteration.
+        increment: number of the increment, counted from 0 as in the errors of `solve_contact`.
+        iteration: number of linear systems solved in this increment so far.
+        violation: largest violation of the laws of contact and friction, divided by its tolerance.
+        open: number of open nodes of all pairs.
+        stick: number of sticking nodes of all pairs.
+        slip: number of slipping nodes of all pairs.
+        state: contact state at the end of the increment; None after an iteration.
     """
 
     increment: int
@@ -50,21 +53,21 @@ Callback: TypeAlias = Callable[[Progress], object]
 
 
 class ProgressReporter:
-    """Log the progress of one increment and call the user's function with it; collective.
+    """Log the progress of one increment, and pass it to the user's function; collective.
 
     Args:
         comm: communicator of the mesh.
-        increment: number of the increment, from 0.
-        callback: function of the user, None without any.
+        increment: number of the increment, counted from 0.
+        callback: function of the user, or None.
 
     Attributes:
-        violation: of the last solution, as in `Progress`.
+        violation: violation of the last solution, as in `Progress`.
     """
 
     def __init__(self, comm: MPI.Comm, increment: int, callback: Callback | None) -> None:
         self._comm, self._increment, self._callback = comm, increment, callback
         self.violation = 0.0
-        # whether any process listens to iterations, and to increments
+        # whether any process wants reports of iterations, and of increments
         is_logged = logging.getLogger("pw_elements.contact").isEnabledFor
         levels = (logging.DEBUG, logging.INFO)
         is_wanted = [bool(callback or (comm.rank == 0 and is_logged(level))) for level in levels]
@@ -73,7 +76,7 @@ class ProgressReporter:
         )
 
     def report_iteration(self, iteration: int, active: ActiveSet, violation: float) -> None:
-        """Log an iteration and call the user's function, if any process listens."""
+        """Log an iteration and call the user's function, if any process wants this report."""
         if not self._reports_iterations:
             return
         counts = self._comm.allreduce(np.bincount(active.status, minlength=HELD + 1))
@@ -82,7 +85,12 @@ class ProgressReporter:
         self._log_and_call(logging.DEBUG, message, progress)
 
     def report_increment(self, state: ContactState, seconds: float) -> None:
-        """Log the end of the increment and call the user's function, if any process listens."""
+        """Log the end of the increment and call the user's function, if any process wants this.
+
+        Args:
+            state: state at the end of the increment.
+            seconds: time that the increment took.
+        """
         if not self._reports_increments:
             return
         status = np.concatenate([pair.status for pair in state.pairs])
@@ -102,13 +110,21 @@ class ProgressReporter:
         counts: npt.NDArray[np.intp],
         state: ContactState | None = None,
     ) -> Progress:
-        """Return the progress with the numbers of nodes of each status."""
+        """Return a progress report with the number of nodes of each status on all processes."""
         sticking = int(counts[STICK] + counts[HELD])
         numbers_of_nodes = int(counts[OPEN]), sticking, int(counts[SLIP])
         return Progress(self._increment, iteration, violation, *numbers_of_nodes, state)
 
     def _log_and_call(self, level: int, message: str, progress: Progress) -> None:
-        """Log a message and call the user's function; raise its error on all processes."""
+        """Log a message and call the user's function.
+
+        An error of the user's function is raised on all processes.
+
+        Args:
+            level: level of the log message.
+            message: the log message.
+            progress: argument of the user's function.
+        """
         log_on_root(self._comm, level, f"increment {self._increment}: {message}", ".contact")
         with collective_errors(self._comm):
             if self._callback is not None:

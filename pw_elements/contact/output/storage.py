@@ -1,10 +1,10 @@
-"""Write and read states: NumPy archives of plain numbers, independent of the partition.
+"""Files of contact states: NumPy archives of plain numbers, independent of the partition.
 
-A file has values at the nodes of each function with the positions of these nodes, the results of
-each contact pair, the fingerprint of the problem, and a digest of all of them. The module
-guarantees that a file is complete or not there at all, and that a state is read for the problem of
-its fingerprint alone, on any number of processes. It assumes that nodes of one position differ in
-the midpoints of their cells.
+A file has the nodal values of each function with the positions of the nodes, the results of each
+contact pair, the fingerprint of the problem, and a digest of all these arrays. The module
+guarantees that a file is either complete or not written at all. A state can be read on any number
+of processes, but only for the problem that has the file's fingerprint. The module assumes that
+nodes at the same position belong to cells with different midpoints.
 """
 
 import io
@@ -44,9 +44,9 @@ from pw_elements.files import ForeignEntry, replacing_file
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import list_fields
 
-# Arrays of nodal values, and the arrays of the positions of their nodes
+# Names of arrays with nodal values, and of the arrays with the positions of these nodes
 _NODES_OF_FIELD = {"displacement": "nodes", "pressure": "pressure_nodes"}
-# Attributes of a state that are written as they are, and those that are records of numbers
+# Attributes of a state that are written unchanged, and attributes that are records of numbers
 _PLAIN_ATTRIBUTES = ("iterations", "unique", "increment", "free_motions")
 _RECORD_TYPES = {
     "residuals": Residuals,
@@ -59,13 +59,13 @@ _FILE_KIND = "pw_elements contact state"
 _FORMAT = f"{_FILE_KIND} 8"
 # Name of a file's first array, the digest of all others, which marks even an unfinished state
 _DIGEST_NAME = f"{_FILE_KIND}, digest"
-# Bytes at the start of a file that have the name of its first array
+# Number of bytes at the start of a file within which the name of its first array is found
 _HEAD_SIZE = 200
-# Prefix of the arrays of the problem's fingerprint
+# Prefix of the names of arrays that belong to the problem's fingerprint
 _FINGERPRINT_PREFIX = "problem "
-# Largest plausible displacement over the body's diagonal
+# Largest plausible displacement relative to the body's diagonal
 _MAX_DISPLACEMENT = 1e6
-# Largest distance of a node from its position in the file, over the body's extent
+# Largest distance between a node and its position in the file, relative to the body's extent
 _MAX_NODE_DISTANCE = 1e-8
 
 
@@ -76,14 +76,16 @@ def write_state(
     history: Sequence[fem.FunctionSpace],
     fingerprint: Fingerprint,
 ) -> None:
-    """Write a state to a file, completely or not at all; process 0 writes.
+    """Write a state to a file, completely or not at all.
+
+    Process 0 collects all values and writes the file.
 
     Args:
-        path: of the file.
-        state: a solution of the problem.
-        space: of the unknowns.
-        history: spaces of the functions that belong to a state.
-        fingerprint: of the problem.
+        path: path of the file.
+        state: solution of the problem.
+        space: space of the unknowns.
+        history: spaces of the functions whose values are stored with each state.
+        fingerprint: fingerprint of the problem.
 
     Raises:
         ValueError: if the state is not a solution.
@@ -141,21 +143,24 @@ def read_state(
     stiffness: PETSc.Mat,
     changed: Collection[object] = (),
 ) -> ContactState:
-    """Read a state of a problem: process 0 reads the file and distributes the values.
+    """Read a state of a problem from a file.
+
+    Process 0 reads the file and distributes the values.
 
     Args:
-        path: of the file.
-        space: of the unknowns.
-        history: spaces of the functions that belong to a state.
-        fingerprint: of the problem.
+        path: path of the file.
+        space: space of the unknowns.
+        history: spaces of the functions whose values are stored with each state.
+        fingerprint: fingerprint of the problem.
         undeformed_state: the problem's undeformed state.
         contact_pairs: the problem's contact pairs.
-        stiffness: (n, n), from which the largest plausible force follows.
-        changed: names of parts of the problem that may differ.
+        stiffness: stiffness (n, n), from which the largest plausible force is computed.
+        changed: parts of the problem that may differ: names from `CHANGEABLE_PARTS`, constants and
+            functions.
 
     Raises:
         OSError: if the file cannot be read.
-        ValueError: if it holds no state, or that of another problem.
+        ValueError: if the file contains no state, or the state of another problem.
     """
     path, comm, functions = check_path(path), space.mesh.comm, _list_functions(space, history)
     dim = space.mesh.geometry.dim
@@ -219,7 +224,12 @@ def read_state(
 
 
 def _renumber_nodes(pairs: Sequence[dict[str, Any]], global_nodes: npt.NDArray[np.intp]) -> None:
-    """Replace node numbers of pairs, which are rows of the file, by present global numbers."""
+    """Replace node numbers of pairs in place: row numbers of the file become global numbers.
+
+    Args:
+        pairs: fields of the pairs' states.
+        global_nodes: global number of each row of the file.
+    """
     for pair, name in product(pairs, ("node", "faced_node", "opposite_node")):
         rows = pair[name]
         if rows.dtype.kind not in "iu" or rows.max(initial=-1) >= len(global_nodes):
@@ -230,11 +240,11 @@ def _renumber_nodes(pairs: Sequence[dict[str, Any]], global_nodes: npt.NDArray[n
 def _read_file(
     path: Path, dim: int
 ) -> tuple[dict[str, npt.NDArray], dict[str, Any], list[dict[str, Any]]]:
-    """Return a file's arrays, the numbers of the state, and the fields of its pairs.
+    """Return a file's arrays, the numbers of the state, and the fields of the state's pairs.
 
     Raises:
         OSError: if the file cannot be read.
-        ValueError: if it holds no state of space dimension `dim`, or is damaged.
+        ValueError: if the file is damaged, or contains no state in `dim` dimensions.
     """
     try:
         _refuse_irregular_file(path, "it is not read")
@@ -258,14 +268,14 @@ def _read_file(
             {name: arrays[f"{name}_{k}"] for name in PairState.__dataclass_fields__}
             for k in range(header["pairs"])
         ]
-    except Exception as error:  # of any type: the file may have any bytes
+    except Exception as error:  # of any type, since the file may contain any bytes
         reason = str(error) or type(error).__name__
         raise ValueError(f"{path} holds no contact state: {reason}") from None
     return arrays, header, pairs
 
 
 def check_path(path: str | Path) -> Path:
-    """Return a path, or raise TypeError or ValueError unless the argument is one."""
+    """Return the argument as a `Path`, or raise TypeError or ValueError if it is no path."""
     arguments.check_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
     if "\0" in str(path):
         raise ValueError(f"the path {str(path)!r} has a null character, which no file's name has")
@@ -275,7 +285,10 @@ def check_path(path: str | Path) -> Path:
 def _list_functions(
     space: fem.FunctionSpace, history: Sequence[fem.FunctionSpace]
 ) -> list[tuple[str, str, fem.FunctionSpace]]:
-    """Return names of value and position arrays, and the space, of all functions of a state."""
+    """Return the name of the values, the name of the positions and the space of each function.
+
+    The functions are those of a state: the unknowns and the history.
+    """
     fields = zip(_NODES_OF_FIELD.items(), list_fields(space), strict=False)
     functions = [
         (f"history_{number}", f"history_nodes_{number}", function_space)
@@ -287,7 +300,7 @@ def _list_functions(
 
 
 def _fill_ghosts(space: fem.FunctionSpace, owned: Array) -> Array:
-    """Return the values of a function on this process, with ghosts, from the owned ones."""
+    """Return a function's values on this process, including ghosts, from the owned values."""
     function = fem.Function(space)
     function.x.array[: len(owned)] = owned
     function.x.scatter_forward()
@@ -301,17 +314,22 @@ def _distribute_values(
     values: Array | None,
     space: fem.FunctionSpace,
 ) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Return the values at this process' owned nodes, and on process 0 the row of each global node.
+    """Distribute nodal values of a file from process 0 to the owners of the nodes.
 
     Args:
-        path: of the file.
-        name: of the values.
-        stored_positions: (nodes, 2 dim), `_node_positions` in the file, on process 0.
-        values: (nodes, block), in the file, on process 0.
-        space: of the function.
+        path: path of the file.
+        name: name of the values.
+        stored_positions: on process 0, positions (nodes, 2 dim) in the file, as returned by
+            `_node_positions`; None elsewhere.
+        values: on process 0, values (nodes, block) in the file; None elsewhere.
+        space: space of the function.
+
+    Returns:
+        The values at the nodes that this process owns; and on process 0 the row of the file for
+        each global node number.
 
     Raises:
-        ValueError: if the nodes are not those of the space, or values are not real and finite.
+        ValueError: if the nodes are not those of the space, or a value is not real and finite.
     """
     comm, nearest = space.mesh.comm, np.empty(0, dtype=np.intp)
     parts_of_ranks, values_of_ranks = comm.gather(_node_positions(space)), None
@@ -338,9 +356,10 @@ def _distribute_values(
 
 
 def _node_positions(space: fem.FunctionSpace) -> Array:
-    """Return position and mean midpoint of the adjacent cells of each owned node, (nodes, 2 dim).
+    """Return an array (nodes, 2 dim) that identifies the nodes that this process owns.
 
-    Together they distinguish nodes that coincide, such as those of two bodies that touch.
+    A row has the position of the node and the mean midpoint of the adjacent cells. The midpoint
+    distinguishes nodes that coincide, such as those of two bodies that touch.
     """
     owned, dim = space.dofmap.index_map.size_local, space.mesh.geometry.dim
     x = space.tabulate_dof_coordinates()[:owned, :dim]
@@ -348,13 +367,18 @@ def _node_positions(space: fem.FunctionSpace) -> Array:
 
 
 def _refuse_irregular_file(path: Path, consequence: str) -> None:
-    """Raise FileExistsError, with the consequence, for a folder, device and so on."""
+    """Raise FileExistsError if the path is a folder, a device or another irregular file.
+
+    Args:
+        path: path to check.
+        consequence: what is not done with such a file, for the error message.
+    """
     if path.exists() and not path.is_file():
         raise FileExistsError(f"{path} is no regular file: {consequence}")
 
 
 def _compute_digest(arrays: Mapping[str, npt.NDArray]) -> npt.NDArray[np.uint8]:
-    """Return the digest of arrays with their names, types and shapes."""
+    """Return a digest of arrays, including their names, types and shapes."""
     digest = blake2b(digest_size=16)
     for name, values in sorted(arrays.items()):
         digest.update(f"{name} {values.dtype} {values.shape} ".encode())
@@ -363,18 +387,21 @@ def _compute_digest(arrays: Mapping[str, npt.NDArray]) -> npt.NDArray[np.uint8]:
 
 
 def _write_file(path: Path, arrays: dict[str, npt.NDArray]) -> None:
-    """Write arrays to a file, the digest first; replace states alone."""
+    """Write arrays to a file, the digest first.
+
+    An existing file is replaced only if it is a state.
+    """
     digest_and_arrays = {_DIGEST_NAME: arrays.pop("digest"), **arrays}
     with replacing_file(path, _holds_state) as stream:
         np.savez_compressed(stream, allow_pickle=False, **digest_and_arrays)
 
 
 def _holds_state(path: Path) -> bool:
-    """Return whether a file is a state, finished or not: such files may be replaced."""
+    """Return whether a file is a complete or unfinished state, which may be replaced."""
     with path.open("rb") as stream:
         head = stream.read(_HEAD_SIZE)
     if not head or f"{_DIGEST_NAME}.npy".encode() in head:
         return True
-    with suppress(Exception), np.load(path, allow_pickle=False) as archive:  # of earlier formats
+    with suppress(Exception), np.load(path, allow_pickle=False) as archive:  # earlier format
         return str(json.loads(str(archive["state"]))["format"]).startswith(_FILE_KIND)
     return False

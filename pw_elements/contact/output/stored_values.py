@@ -1,9 +1,9 @@
-"""Check the values in a state's file like arguments of the user.
+"""Checks of the values in a state's file, which are treated like arguments of the user.
 
-A digest shows that a file has been damaged. But whoever changes a file on purpose can write another
-digest, so that the values are checked, too: they have the right type and shape, are real, finite
-and in range, and do not contradict each other. The module assumes an undeformed state of the
-problem for comparison.
+A digest shows whether a file has been damaged. Whoever changes a file on purpose, however, can
+write a new digest. Therefore the values themselves are checked: they must have the right type and
+shape, be real, finite and in range, and not contradict each other. The module assumes that an
+undeformed state of the problem is available for comparison.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,18 +25,19 @@ from pw_elements.contact.model import (
 from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK
 from pw_elements.solvers import SolverReport
 
-# Largest difference of two displacements of one node, over the largest displacement
+# Largest difference between two stored displacements of one node, relative to the largest
+# displacement
 _DISPLACEMENT_TOLERANCE = 1e-9
-# Largest difference of the length of a unit vector from one
+# Largest difference between the length of a unit vector and one
 _UNIT_TOLERANCE = 1e-6
 _MAX_COUNT = 2**62
 
 
 def check_state_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
-    """Raise ValueError unless the numbers of a file are those of a state.
+    """Raise ValueError unless the numbers in a file can belong to a contact state.
 
     Args:
-        numbers: of the file, by the names of a state's attributes.
+        numbers: numbers in the file, by the names of a state's attributes.
         dim: dimension of space.
     """
     for name in ("iterations", "increment", "pairs"):
@@ -74,7 +75,12 @@ def check_state_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
 
 
 def check_real_arrays(arrays: Mapping[str, npt.NDArray], text_names: Sequence[str]) -> None:
-    """Raise ValueError for arrays that are not of real numbers, except for those of text."""
+    """Raise ValueError if an array does not consist of real numbers.
+
+    Args:
+        arrays: arrays by name.
+        text_names: names of arrays that contain text and are not checked.
+    """
     for name, values in arrays.items():
         if name not in text_names and values.dtype.kind not in "fiub":
             raise ValueError(f"{name} is of the type {values.dtype}: it must have real numbers")
@@ -88,14 +94,15 @@ def check_pair_results(
     displacement: npt.NDArray,
     max_scale: ResidualScale,
 ) -> None:
-    """Raise ValueError unless the results of pairs belong to a problem's contact nodes.
+    """Raise ValueError unless the results of all pairs belong to the problem's contact nodes.
 
     Args:
-        pairs: values of the fields of `PairState`, with present global node numbers.
-        undeformed_state: of the problem.
+        pairs: for each pair the values of the fields of `PairState`, with global node numbers of
+            the present mesh.
+        undeformed_state: undeformed state of the problem.
         contact_pairs: the problem's contact pairs.
-        numbers: of the file, checked by `check_state_numbers`.
-        displacement: (nodes, dim), by global numbers.
+        numbers: numbers in the file, checked by `check_state_numbers`.
+        displacement: displacements (nodes, dim) by global node numbers.
         max_scale: largest plausible force and length.
     """
     dim = displacement.shape[1]
@@ -121,7 +128,14 @@ def _check_pair(
     displacement: npt.NDArray,
     max_scale: ResidualScale,
 ) -> None:
-    """Raise ValueError unless the results of a pair belong to its contact nodes."""
+    """Raise ValueError unless the results of one pair belong to its contact nodes.
+
+    Args:
+        values: values of the fields of `PairState`.
+        undeformed: state of the pair on the undeformed body.
+        displacement: displacements (nodes, dim) by global node numbers.
+        max_scale: largest plausible force and length.
+    """
     for name, expected in vars(undeformed).items():
         array = values[name]
         if array.shape != expected.shape or array.dtype != expected.dtype:
@@ -165,26 +179,29 @@ def _check_pair(
 
 
 def check_size(name: str, size: float, max_size: float) -> None:
-    """Raise ValueError for a size that is larger than the largest plausible one."""
+    """Raise ValueError if a size exceeds the largest plausible one."""
     if not size <= max_size:
         raise ValueError(f"{name} is {size:.3g}, more than {max_size:.3g}, which is not plausible")
 
 
 def _check_count(name: str, value: object) -> None:
-    """Raise ValueError unless a value is a whole number in range."""
+    """Raise ValueError unless a value is a nonnegative integer of plausible size."""
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < _MAX_COUNT:
         raise ValueError(f"{name} is {value!r}: it must be a whole number >= 0")
 
 
 def _check_list(name: str, value: object) -> list[Any]:
-    """Return a list, or raise TypeError."""
+    """Return the value if it is a list; raise TypeError otherwise."""
     arguments.check_type(name, value, list, "it must be a list")
     assert isinstance(value, list)
     return value
 
 
 def _check_fields(name: str, value: object, kind: type) -> dict[str, Any]:
-    """Return the fields of a dataclass `kind`, or raise ValueError if their names differ."""
+    """Return the value, a dictionary with the field names of the dataclass `kind`.
+
+    An error is raised if it is no dictionary, or if its names differ from those of the fields.
+    """
     names = [field.name for field in fields(kind)]
     if not isinstance(value, dict) or sorted(value) != sorted(names):
         raise ValueError(f"{name} does not have the fields {', '.join(names)}")
@@ -192,7 +209,7 @@ def _check_fields(name: str, value: object, kind: type) -> dict[str, Any]:
 
 
 def _check_record(name: str, value: object, kind: type) -> None:
-    """Raise an error unless the fields of a dataclass are numbers that are not negative."""
+    """Raise an error unless a value has nonnegative numbers for all fields of a dataclass."""
     for part, number in _check_fields(name, value, kind).items():
         if arguments.check_number(f"{part} of {name}", number) < 0:
             raise ValueError(f"{part} of {name} is {number}: it must not be negative")

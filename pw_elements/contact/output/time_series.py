@@ -1,9 +1,9 @@
-"""Write states as a time series of functions on the body, which ParaView opens.
+"""Files with contact states as a time series of functions on the body, for ParaView.
 
     write("punch.bp", states, body)
 
-The module guarantees that a file is complete or not there at all, and that an error of one process
-ends all of them.
+The module guarantees that a file is either complete or not written at all, and that an error on one
+process ends the call on all processes.
 """
 
 import errno
@@ -31,11 +31,12 @@ from pw_elements.spaces import quadratic_element
 _FOLDER_CONTENT = "a time series of contact fields"
 # Components of vectors in a file, in any dimension
 _VTX_COMPONENTS = 3
-# Bytes of a file's description
+# Estimated bytes that a file needs for its description
 _DESCRIPTION_SIZE = 100_000
-# Seconds that processes wait for each other after an error of one, and between two tests
+# Seconds for which processes wait for each other after an error on one of them, and seconds between
+# two tests whether all have arrived
 _MAX_WAIT, _TEST_INTERVAL = 60.0, 0.01
-# Errors of file systems that cannot reserve space
+# Error numbers by which file systems report that they cannot reserve space
 _NO_ALLOCATION_ERRORS = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
@@ -51,25 +52,25 @@ def write(
         states = solve_contact(K, loads, supports, [floor, punch], U)
         write("punch.bp", states, body)
 
-    The file (in fact a folder) is in ADIOS2's VTX format, which keeps quadratic functions and
-    curved cells: open it with ParaView's "ADIOS2 VTX Reader". An existing file of this name is
-    replaced when the new one is complete, if all of its content has been written by this function.
-    If a process is killed, the old file stays, and a hidden folder beside it, which the next call
-    there removes.
+    The file, in fact a folder, has ADIOS2's VTX format, which keeps quadratic functions and curved
+    cells. Open it with ParaView's "ADIOS2 VTX Reader". If a file with this name exists, and was
+    written by this function alone, it is replaced once the new file is complete. If a process is
+    killed, the old file remains, together with a hidden folder beside it. The next call of this
+    function with the same path removes this folder.
 
     Args:
-        path: ends in ".bp".
-        states: of one problem, or one of them.
-        body: see `ContactFields`; without pressures if it is the space.
-        times: of the states, increasing; by default the numbers of their increments.
+        path: path of the file, which ends in ".bp".
+        states: one state, or several states of one problem.
+        body: body of the contact problem; or its trial space, and then the file has no pressures.
+        times: increasing times of the states; by default the numbers of their increments.
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for a path without this ending, no states, times that do not increase or are not
-            one per state, states of another space, and elements without quadratic Lagrange
-            functions.
+        ValueError: if the path does not end in ".bp", there are no states, times do not increase or
+            are not one per state, a state belongs to another space, or the element has no quadratic
+            Lagrange functions.
         RuntimeError: if DOLFINx was built without ADIOS2.
-        OSError: if something else is there, which is not replaced, or the disk is full.
+        OSError: if the path exists and was not written by this function, or if the disk is full.
     """
     path, space = check_path(path), displacement_space(body)
     states = arguments.as_list(states)
@@ -105,9 +106,13 @@ def write(
 
 
 def _estimate_size(fields: ContactFields, n_steps: int) -> int:
-    """Return the approximate size of a series in bytes, on all processes.
+    """Return the approximate size in bytes of a time series; collective.
 
-    Each step has numbers, positions and values of all nodes, and the nodes of all cells.
+    Each step contains numbers, positions and values of all nodes, and the nodes of all cells.
+
+    Args:
+        fields: functions to write.
+        n_steps: number of time steps.
     """
     space = fields.displacement.function_space
     n_nodes, cells = len(space.tabulate_dof_coordinates()), space.dofmap.list
@@ -118,14 +123,14 @@ def _estimate_size(fields: ContactFields, n_steps: int) -> int:
 
 
 def _check_disk_space(folder: Path, size: int, path: Path) -> None:
-    """Raise OSError unless there is room for a file of a size.
+    """Raise OSError unless the disk has room for a file of the given size.
 
-    Without this check ADIOS2's processes would wait for the one whose write fails.
+    Without this check, ADIOS2 on all other processes would wait for the one that fails to write.
 
     Args:
-        folder: in which a file of that size is made and removed.
-        size: in bytes.
-        path: of the file, for the message.
+        folder: folder in which a file of that size is created and removed again.
+        size: size in bytes.
+        path: path of the file to be written, for the error message.
     """
     try:
         with TemporaryFile(dir=folder) as file:
@@ -139,7 +144,11 @@ def _check_disk_space(folder: Path, size: int, path: Path) -> None:
 
 @contextmanager
 def _raise_errors_together(comm: MPI.Comm) -> Iterator[None]:
-    """Raise an error of ADIOS2 on some processes on all; abort if others wait within ADIOS2."""
+    """Raise an error of ADIOS2 within a `with` block on all processes.
+
+    If only some processes have an error, and the others wait for them within ADIOS2, all processes
+    are aborted.
+    """
     error: Exception | None = None
     try:
         yield
@@ -160,7 +169,7 @@ def _raise_errors_together(comm: MPI.Comm) -> Iterator[None]:
 def _check_series(
     path: Path, states: Sequence[ContactState], times: Sequence[float], space: fem.FunctionSpace
 ) -> None:
-    """Raise an error unless states, times and space can be written to the path."""
+    """Raise an error unless the states can be written to the path with these times and space."""
     if not hasattr(io, "VTXWriter"):
         raise RuntimeError(
             "this DOLFINx was built without ADIOS2, which is needed to write files for ParaView"

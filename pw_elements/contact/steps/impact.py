@@ -1,9 +1,9 @@
 """Impact on rigid surfaces: central differences with nodal unilateral contact and Coulomb friction.
 
-The guide's page on theory has the scheme, its energy and its stability ("Impact"). The module
-guarantees that no contact node penetrates at the end of a step, and that kinetic and strain energy
-change by the work of loads and contact to round-off. It assumes a symmetric stiffness, a diagonal
-mass, small displacements and rigid surfaces.
+The guide's page on theory describes the scheme, its energy and its stability ("Impact"). The module
+guarantees that no contact node penetrates a surface at the end of a step. It also guarantees that
+the sum of kinetic and strain energy changes by the work of loads and contact, up to round-off. It
+assumes a symmetric stiffness, a diagonal mass, small displacements and rigid surfaces.
 """
 
 from collections.abc import Callable, Sequence
@@ -47,21 +47,22 @@ from pw_elements.spaces import AssemblyRecord
 
 Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 
-# Default time step over the critical one
+# Default time step relative to the critical one
 _DEFAULT_STEP_RATIO = 0.9
 # Estimated seconds of one step for each entry of the stiffness
 _SECONDS_PER_ENTRY = 3e-9
-# Relative difference of masses of one node, and of step counts, that counts as round-off
+# Relative difference between masses of one node, and between numbers of steps, that counts as
+# round-off
 _ROUND_OFF = 1e-9
-# Bisections that find a slip beside the slip that supports prescribe to round-off
+# Number of bisections that determine, to round-off, a slip combined with a prescribed slip
 _N_BISECTIONS = 60
-# Largest penetration at the start, over the extent of the contact nodes, that counts as round-off
+# Largest initial penetration, relative to the extent of the contact nodes, that counts as round-off
 _MAX_INITIAL_DEPTH = 1e-6
 
 
 @dataclass(frozen=True)
 class NodalContact:
-    """Contact forces and slip in one time step, of the contact nodes (m) of this process."""
+    """Contact forces and slip of this process' m contact nodes in one time step."""
 
     force_normal: Array  # (m,)
     force_tangential: Array  # (m, dim)
@@ -71,7 +72,7 @@ class NodalContact:
 
     @property
     def force(self) -> Array:
-        """Force (m, dim) of the surface on the body."""
+        """Total force (m, dim) of the surface on the body at each node."""
         return self.force_normal[:, None] * self.normal + self.force_tangential
 
 
@@ -86,18 +87,20 @@ def solve_nodal_contact(
     cone: FrictionCone,
     step: float,
 ) -> NodalContact:
-    """Return the forces by which a step ends without penetration, with slip by Coulomb's law.
+    """Return contact forces and slip of a step that ends without penetration.
+
+    Friction follows Coulomb's law.
 
     Args:
-        motion: (m, dim), displacements of the nodes in the step without contact.
-        gap: (m,), at the start of the step, from the surfaces at its end.
-        normal: (m, dim), of the surfaces.
-        shift: (m, dim), displacements of the surfaces in the step.
-        is_supported: (m, dim), components that supports prescribe, whose slip friction does not
-            change.
-        friction_acts: (m, dim), components that supports prescribe and along which friction acts
-            against their slip.
-        mass: (m,), of the nodes.
+        motion: displacements (m, dim) of the nodes in the step if there were no contact.
+        gap: gaps (m,) between the nodes at the start of the step and the surfaces at its end.
+        normal: unit normals (m, dim) of the surfaces.
+        shift: displacements (m, dim) of the surfaces in the step.
+        is_supported: mask (m, dim) of components that supports prescribe; friction does not change
+            the slip in these components.
+        friction_acts: mask (m, dim) of components that supports prescribe and in which friction
+            opposes the prescribed slip.
+        mass: masses (m,) of the nodes.
         cone: friction laws of the nodes.
         step: the time step.
     """
@@ -128,15 +131,16 @@ def solve_nodal_contact(
 
 
 def _remaining_slip_ratio(prescribed: Array, slip: Array, max_reduction: Array) -> Array:
-    """Return the part (n,) of a free slip that friction leaves beside a prescribed slip.
+    """Return the fraction (n,) of a free slip that remains under friction and a prescribed slip.
 
-    Beside a prescribed slip f friction leaves x in [0, v] of a slip v, with
-    v - x = max_reduction x / |(f, x)|.
+    A node has a prescribed slip f, and would have a free slip v perpendicular to it without
+    friction. Friction reduces v to x in [0, v], which satisfies
+    v - x = max_reduction x / |(f, x)|. The fraction is x / v.
 
     Args:
-        prescribed: (n,), sizes f of the prescribed slips.
-        slip: (n,), sizes v of the free slips without friction.
-        max_reduction: (n,), largest reduction of a slip by friction.
+        prescribed: magnitudes f (n,) of the prescribed slips.
+        slip: magnitudes v (n,) of the free slips without friction.
+        max_reduction: largest reduction (n,) of a slip by friction.
     """
     lower, upper = np.zeros_like(slip), slip.copy()
     for _ in range(_N_BISECTIONS):
@@ -148,16 +152,17 @@ def _remaining_slip_ratio(prescribed: Array, slip: Array, max_reduction: Array) 
 
 @dataclass(frozen=True)
 class Energies:
-    """Energies and work (s + 1,) at half steps, the first one half a step before the start.
+    """Energies and work (s + 1,) at the half steps of an impact with s steps.
 
-    The sum of kinetic and strain energy changes by the work alone, to round-off.
+    The first half step is half a time step before the start. The sum of kinetic and strain energy
+    changes by the work alone, up to round-off.
 
     Args:
-        kinetic: kinetic energy v' M v / 2.
-        strain: strain energy u' K u / 2 with the displacements before and after the half step; it
-            may be slightly negative.
+        kinetic: kinetic energy v' M v / 2, with the velocity v and the mass matrix M.
+        strain: strain energy u0' K u1 / 2, with the stiffness K and the displacements u0 before and
+            u1 after the half step; it may be slightly negative.
         load_work: work of the loads since the start.
-        normal_work: work of the normal contact forces since the start: of impacts and of moving
+        normal_work: work of the normal contact forces since the start, in impacts and by moving
             surfaces.
         friction_work: work of friction since the start.
     """
@@ -170,12 +175,12 @@ class Energies:
 
     @property
     def total(self) -> Array:
-        """Sum of kinetic and strain energy."""
+        """Sum of kinetic and strain energy at each half step."""
         return self.kinetic + self.strain
 
     @property
     def imbalance(self) -> float:
-        """Largest difference between the change of energy and the work, over the largest part."""
+        """Largest error of the energy balance, relative to the largest energy or work."""
         work = self.load_work + self.normal_work + self.friction_work
         scale = max(np.abs(part).max() for part in vars(self).values())
         return float(np.abs(self.total - self.total[0] - work).max() / (scale or 1.0))
@@ -183,14 +188,14 @@ class Energies:
 
 @dataclass(frozen=True)
 class PairHistory:
-    """Contact of one pair over s steps, with its m nodes in the order of their positions.
+    """Contact forces of one pair in s steps, with its m nodes sorted by position.
 
     Args:
-        position: (m, dim), undeformed.
-        node: (m,), global numbers in the space, valid for this number of processes.
-        force: (s, m, dim), of the surface on the body at each node, at all times of
+        position: undeformed positions (m, dim) of the nodes.
+        node: global numbers (m,) of the nodes in the space, valid for this number of processes.
+        force: forces (s, m, dim) of the surface on the body at each node, at all times of
             `ImpactHistory` except the last one.
-        translation: (s + 1, dim), of the surface from its initial position.
+        translation: translations (s + 1, dim) of the surface from its initial position.
     """
 
     position: Array
@@ -200,7 +205,7 @@ class PairHistory:
 
     @property
     def total(self) -> Array:
-        """Total force (s, dim) of the surface on the body."""
+        """Total force (s, dim) of the surface on the body, summed over all nodes."""
         return np.asarray(self.force.sum(axis=1))
 
 
@@ -211,15 +216,17 @@ class ImpactHistory:
     Args:
         step: the time step.
         critical_step: largest stable time step without contact.
-        time: (s + 1,), starting at 0.
-        energies: at the half steps before these times.
+        time: times (s + 1,), starting at 0.
+        energies: energies and work, half a step before each of these times.
         pairs: one history per contact pair.
-        displacement: (n,), at the last time; coefficients with the symmetric sibling.
-        velocity: (n,), half a step before the last time.
-        frames: `ContactState`s with the displacements at `frame_times` and the contact forces of
-            the step before, for `ContactFields` and `write`. They are not states of equilibrium:
-            residuals are NaN, and no static increment can continue from them. With the sibling they
-            have the true displacements, but gaps and slips of the coefficients.
+        displacement: displacement vector (n,) at the last time. For the symmetric sibling, its
+            entries are coefficients and no nodal values.
+        velocity: velocity vector (n,) half a step before the last time.
+        frames: `ContactState`s for `ContactFields` and `write`, with the displacements at
+            `frame_times` and the contact forces of the step before. These states are not in
+            equilibrium: their residuals are NaN, and no static increment can continue from them.
+            For the symmetric sibling, the displacements are the true ones, but gaps and slips are
+            computed from the coefficients.
         frame_times: times of the frames.
     """
 
@@ -258,33 +265,36 @@ def solve_impact(
         history.time[:-1], history.pairs[0].total, history.energies.kinetic
 
     Use the symmetric sibling, or the standard element with a positive diagonal mass. Unsymmetric
-    stiffnesses are rejected: eigenvalues in their upper spectrum are complex, and undamped motions
-    grow whatever the step (section V9 of the study).
+    stiffnesses are rejected: the eigenvalues in their upper spectrum are complex, and undamped
+    motions grow for any time step (section V9 of the study).
 
     Args:
-        K: stiffness (n, n), symmetric, all rows and columns free.
-        M: mass (n, n), diagonal and positive, the same for all components of a node, for example
-            of `lumped_mass`.
+        K: symmetric stiffness (n, n), assembled without supports.
+        M: mass (n, n), diagonal, positive and equal for all components of a node, for example as
+            returned by `lumped_mass`.
         reduction: supports; their values are constant in time.
         pairs: contact pairs with rigid surfaces. Their `motions` are ignored.
         space: trial space of the displacements.
-        duration: positive; the last step ends at this time or later.
-        velocity: (n,), at the start; counts as zero where supports prescribe displacements.
+        duration: positive duration; the last step ends at this time or later.
+        velocity: initial velocity (n,); it counts as zero where supports prescribe displacements.
         load: load vector (n,), or a function of time that returns it.
-        paths: for each pair's surface, a function of time that returns its translation (dim,) from
-            its initial position, or None for a surface at rest; by default all are at rest. A
-            single one need not be in a list.
-        displacement: (n,), at the start; by default the values of the supports, zero elsewhere.
-        step: time step; by default 0.9 of the critical one.
-        frames: number of `ContactState`s to keep, evenly spaced up to the last one, for `write`. A
-            warning is logged if strains or rotations in one of them, or at the end, are not small.
+        paths: for each pair's surface, a function of time that returns the translation (dim,) of
+            the surface from its initial position, or None for a surface at rest. By default all
+            surfaces are at rest. For a single pair, the list can be omitted.
+        displacement: initial displacement (n,); by default it has the values of the supports, and
+            is zero elsewhere.
+        step: time step; by default 0.9 times the critical one.
+        frames: number of `ContactState`s to keep for `write`, evenly spaced in time and including
+            the last one. A warning is logged if strains or rotations are not small in one of them
+            or at the end.
         max_steps: largest number of steps.
 
     Raises:
-        TypeError, ValueError: for arguments that do not define such a problem: an unsymmetric
-            stiffness or one with negative eigenvalues, a mass that is not diagonal, positive and
-            isotropic, nodes inside a surface at the start, a step that is not stable or in which a
-            surface moves farther than the size of a facet, or too many steps.
+        TypeError, ValueError: for arguments that do not define such a problem. Examples are a
+            stiffness that is not symmetric or has negative eigenvalues; a mass that is not
+            diagonal, positive and isotropic; nodes inside a surface at the start; an unstable time
+            step; a surface that moves farther than the size of a facet in one step; and too many
+            steps.
         DegenerateMesh: for cells that are flat or inverted.
         FloatingPointError: if the motion is not finite.
     """
@@ -366,25 +376,27 @@ def solve_impact(
 
 
 class _TimeIntegration:
-    """Central differences from displacements and velocities at time zero, with all records.
+    """Time integration by central differences, which records energies, forces and translations.
 
     Args:
         K: stiffness (n, n).
-        mass: (n,), of this process.
-        is_free: (n,), unknowns of this process that no support prescribes.
-        interface: the contact nodes (m).
-        paths: translation (dim,) of each pair's surface as a function of time, None at rest.
-        load: load vector, or a function of time that returns it.
+        mass: masses (n,) of this process' unknowns.
+        is_free: mask (n,) of this process' unknowns that no support prescribes.
+        interface: the m contact nodes.
+        paths: translation (dim,) of each pair's surface as a function of time; None for a surface
+            at rest.
+        load: load vector, or a function of time that returns it; None for no load.
         step: the time step.
-        u: displacements (n,), changed by `advance`.
-        v: velocities (n,), changed by `advance`; half a step before the displacements.
+        u: displacements (n,) at time zero, changed by `advance`.
+        v: velocities (n,) at time zero. They are changed by `advance`, and are then the velocities
+            half a step before the displacements.
 
     Attributes:
-        energies: (5,) at each half step: kinetic and strain energy, and work of load, normal forces
-            and friction since the start.
-        forces: (m, dim) of each step.
-        translations: (pairs, dim), of the surfaces at each time.
-        max_surface_steps: (pairs,), largest translation of each surface in one step.
+        energies: five numbers at each half step: kinetic energy, strain energy, and the work of
+            load, normal forces and friction since the start.
+        forces: contact forces (m, dim) in each step.
+        translations: translations (pairs, dim) of the surfaces at each time.
+        max_surface_steps: largest translation (pairs,) of each surface in one step.
     """
 
     def __init__(
@@ -399,7 +411,7 @@ class _TimeIntegration:
         u: PETSc.Vec,
         v: PETSc.Vec,
     ) -> None:
-        # products by blocks of nodes are faster than those of PETSc's inodes
+        # products with a matrix stored in blocks are faster than with PETSc's inodes
         has_point_blocks = K.getBlockSize() > 1 and not is_blocked(K)
         self._K = K.convert("baij", PETSc.Mat()) if has_point_blocks else K
         self._mass, self._step, self._interface = mass, step, interface
@@ -413,7 +425,7 @@ class _TimeIntegration:
         self.translations = [self._evaluate_paths(0.0)]
         self._u, self._v, self._internal_force = u, v, u.duplicate()
         K.mult(u, self._internal_force)
-        # start half a step earlier, so that the first step is like all others
+        # start with the velocity half a step earlier, so that the first step is like all others
         v.setArray(
             v.array_r
             - step
@@ -436,7 +448,7 @@ class _TimeIntegration:
         self.max_surface_steps = [np.inf] * len(paths)
 
     def advance(self) -> NodalContact:
-        """Advance by one step and return its contact forces."""
+        """Advance by one time step and return its contact forces."""
         interface, dt = self._interface, self._step
         time = dt * len(self.forces)
         load, old_u = self._evaluate_load(time), self._u.array_r.copy()
@@ -488,7 +500,7 @@ class _TimeIntegration:
         return contact
 
     def make_frame(self, displacement: PETSc.Vec, contact: NodalContact) -> ContactState:
-        """Return displacements and contact of the last step as a `ContactState`."""
+        """Return displacements and contact forces of the last step as a `ContactState`."""
         interface, is_closed = self._interface, contact.force_normal > 0
         slip = np.where(is_closed[:, None], contact.slip, 0.0)
         status = np.where(is_closed, np.where(slip.any(axis=1), SLIP, STICK), OPEN).astype(np.int8)
@@ -508,7 +520,7 @@ class _TimeIntegration:
         )
 
     def _record_energies(self, work: Array) -> None:
-        """Record the energies after a step, and the work (3,) in it."""
+        """Record the energies after a step, and add the work (3,) of this step to the total."""
         v = self._v.array_r
         energies = [
             self._mass * v @ v / 2,
@@ -525,7 +537,7 @@ class _TimeIntegration:
         self.energies.append(totals)
 
     def _evaluate_surfaces(self) -> tuple[Array, Array]:
-        """Return gaps and normals of the undeformed nodes at the present surfaces."""
+        """Return gaps (m,) and normals (m, dim) of the undeformed nodes to the moved surfaces."""
         translations = self.translations[-1]
         normal = self._interface.evaluate_normals(translations)
         gap = self._interface.evaluate_gaps(translations)
@@ -533,7 +545,7 @@ class _TimeIntegration:
         return gap, normal
 
     def _evaluate_load(self, time: float) -> Array:
-        """Return the load (n,) of this process at a time."""
+        """Return this process' part (n,) of the load vector at a time."""
         load = self._load
         if isinstance(load, PETSc.Vec):
             return np.asarray(load.array_r)
@@ -562,7 +574,10 @@ class _TimeIntegration:
 
 
 def _nodal_masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
-    """Return masses (n,) of this process, and raise ValueError if components differ."""
+    """Return the masses (n,) of this process' unknowns.
+
+    ValueError is raised if the masses of a node differ between its components.
+    """
     mass = extract_diagonal_mass(M).array_r.copy()
     mass_of_node = mass.reshape(-1, space.dofmap.index_map_bs)
     with collective_errors(space.mesh.comm):
@@ -574,7 +589,7 @@ def _nodal_masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
 
 
 def _find_free_unknowns(reduction: Reduction) -> Mask:
-    """Return which unknowns (n,) of this process no support prescribes."""
+    """Return the mask (n,) of this process' unknowns that no support prescribes."""
     column = find_reduced_columns(reduction.right)
     with collective_errors(reduction.offset.comm.tompi4py()):
         if reduction.inner_flexibility is not None or np.any(column < -1):

@@ -1,12 +1,14 @@
-"""Derivatives of outputs of a load history by its parameters.
+"""Derivatives of outputs of a load history with respect to its parameters.
 
-With the tangent A of the law's active set at the end of increment k, A_k dx_k = b_k dp - P_k dx_k-1
-in the direct mode, and A_k^T l_k = w_k - P_k+1^T l_k+1 in the adjoint mode: see the guide's page on
-theory ("Derivatives"; P. Michaleris, D. A. Tortorelli, C. A. Vidal, 1994,
-doi:10.1002/nme.1620371408).
+At the end of increment k let x_k be the unknowns, A_k the tangent for the present contact status,
+P_k the derivative of the equations with respect to x_k-1, and b_k that of the data with respect to
+a parameter p. The direct mode solves A_k dx_k = b_k dp - P_k dx_k-1. With the weights w_k of the
+outputs, the adjoint mode solves A_k^T l_k = w_k - P_k+1^T l_k+1 for the multipliers l_k. See the
+guide's page on theory ("Derivatives"), and P. Michaleris, D. A. Tortorelli, C. A. Vidal, 1994,
+doi:10.1002/nme.1620371408.
 
-The module guarantees derivatives of the discrete problem, exact to the accuracy of the solver. It
-assumes Coulomb friction, and states at which no node is about to change its status.
+The module guarantees derivatives of the discrete problem that are exact to the accuracy of the
+solver. It assumes Coulomb friction, and states at which no node is about to change its status.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -44,23 +46,25 @@ Parameter: TypeAlias = (
     | tuple[fem.Constant | PETSc.Vec, Any]
 )
 
-# Least distance of a node's force from a change of status, over the largest nodal force
+# Least distance of a node's force from a change of status, relative to the largest nodal force
 _MIN_STATUS_MARGIN = 1e-6
-# Largest violation of the law, over its tolerance, of a state at the end of its increment
+# Largest violation of the contact law, relative to its tolerance, that the state at the end of an
+# increment may have
 _MAX_END_VIOLATION = 10.0
 
 
 @dataclass(frozen=True)
 class HistoryPart:
-    """An increment, or a part of one that has been cut.
+    """An increment, or one part of an increment that was divided into several.
 
     Args:
-        increment: number of the increment, from 0.
+        increment: number of the increment, counted from 0.
         increment_start: state at the start of the increment.
         part_start: state at the start of the part.
         part_end: state at the end of the part.
-        load_factor: part of the increment's loads and motions that is applied at the end.
-        load: of the increment, as it was given to `step`.
+        load_factor: fraction of the increment's loads and motions that is applied at the end of the
+            part.
+        load: load of the increment, as it was given to `step`.
     """
 
     increment: int
@@ -74,7 +78,12 @@ class HistoryPart:
 def iterate_history_parts(
     states: Sequence[ContactState], loads: Sequence[Any]
 ) -> Iterator[HistoryPart]:
-    """Yield all parts of a history of states under loads, one load per increment."""
+    """Yield all parts of a load history in order.
+
+    Args:
+        states: states at the start and at the end of all increments.
+        loads: load of each increment.
+    """
     for k, ((start, end), load) in enumerate(zip(pairwise(states), loads, strict=True)):
         if k and end.substates and start.free_motions != end.free_motions:
             raise ValueError(
@@ -89,12 +98,13 @@ def iterate_history_parts(
 
 @dataclass(frozen=True)
 class StateChange:
-    """Derivative of a state by a parameter, or weights of all of its components.
+    """Derivative of a state with respect to a parameter, or weights of all components of a state.
 
     Args:
-        unknowns: (n,).
-        translations: (pairs, dim), of the surfaces, the same on all processes.
-        force: (m, dim), on the contact nodes of this process.
+        unknowns: derivative or weights (n,) of the unknowns.
+        translations: derivative or weights (pairs, dim) of the surfaces' translations, the same on
+            all processes.
+        force: derivative or weights (m, dim) of the forces on this process' contact nodes.
     """
 
     unknowns: PETSc.Vec
@@ -102,7 +112,7 @@ class StateChange:
     force: Array
 
     def add_multiple(self, factor: float, other: "StateChange") -> "StateChange":
-        """Return the sum of this change and a multiple of another one."""
+        """Return the sum of this change and `factor` times another change."""
         unknowns = self.unknowns.copy()
         unknowns.axpy(factor, other.unknowns)
         return StateChange(
@@ -112,7 +122,7 @@ class StateChange:
         )
 
     def weighted_sum(self, change: "StateChange") -> float:
-        """Return the sum of a change's components with these weights."""
+        """Return the sum of a change's components, weighted with the components of this object."""
         comm = self.unknowns.comm.tompi4py()
         of_forces = comm.allreduce(float(np.sum(self.force * change.force)), MPI.SUM)
         of_translations = float(np.sum(self.translations * change.translations))
@@ -121,13 +131,14 @@ class StateChange:
 
 @dataclass(frozen=True)
 class DataRates:
-    """Derivatives of the data at the end of an increment by a parameter.
+    """Derivatives of the data at the end of an increment with respect to a parameter.
 
     Args:
-        load: (n,), load vector.
-        offset: (n,), prescribed displacements.
-        motions: (pairs, dim), prescribed translations, and forces on the free ones.
-        friction: (pairs,), friction coefficients.
+        load: derivative (n,) of the load vector.
+        offset: derivative (n,) of the prescribed displacements.
+        motions: derivatives (pairs, dim) of prescribed translations, and of prescribed forces where
+            a translation is free.
+        friction: derivatives (pairs,) of the friction coefficients.
     """
 
     load: PETSc.Vec
@@ -137,17 +148,19 @@ class DataRates:
 
 
 class LinearisedEnd:
-    """Equations of an increment, or of a part of one, linearised at its end.
+    """Equations of an increment or of a part of an increment, linearised at its end.
 
     Args:
-        increment: the equations, with equilibrium at the end.
-        end: the solution.
-        K: tangent (n, n), all rows and columns free.
-        reduction: by the supports.
-        by_start: (m, dim - 1, dim), derivatives of slips by the nodes' motions at the start.
+        increment: equations of the increment or part.
+        end: solution of these equations.
+        K: tangent stiffness (n, n), assembled without supports.
+        reduction: reduction by the supports.
+        by_start: derivatives (m, dim - 1, dim) of the nodes' slips with respect to their motions at
+            the start.
 
     Raises:
-        ValueError: if `end` is not a solution, or a status is about to change.
+        ValueError: if `end` is not a solution, if the status of a node is about to change, or if
+            friction acts along a direction in which supports hold a node.
     """
 
     def __init__(
@@ -175,7 +188,7 @@ class LinearisedEnd:
         self._by_friction = np.einsum("nat,nt->na", to_global[:, :, 1:], friction)
 
     def _check_margin(self, end: NewtonState) -> None:
-        """Raise ValueError if a status is about to change, or supports bear friction."""
+        """Raise ValueError if a status is about to change, or if supports carry friction forces."""
         interface, nodes = self._system.interface, end.nodes
         is_closed = nodes.trial_pressure > 0
         on_supports = is_closed & (nodes.held_tangents & (nodes.force[:, 1:] != 0)).any(axis=1)
@@ -211,7 +224,12 @@ class LinearisedEnd:
             )
 
     def propagate_change(self, rates: DataRates, start_change: StateChange) -> StateChange:
-        """Return the change of the end by rates of the data and by the change of the start."""
+        """Return the change of the state at the end.
+
+        Args:
+            rates: derivatives of the data at the end.
+            start_change: change of the state at the start.
+        """
         system = self._system
         load, law, totals, translations, offset = self._right_hand_side(rates)
         start_motion = (
@@ -231,14 +249,17 @@ class LinearisedEnd:
     def propagate_weights(
         self, weights: StateChange, rates_of_parameters: Sequence[DataRates]
     ) -> tuple[Array, StateChange]:
-        """Return derivatives of the weighted end by data, and the weights of the start.
+        """Return derivatives of a weighted sum, and the weights of the state at the start.
+
+        The sum is that of all components of the state at the end, with the given weights.
 
         Args:
-            weights: of the end.
-            rates_of_parameters: rates of the data for each parameter.
+            weights: weights of the state at the end.
+            rates_of_parameters: derivatives of the data with respect to each parameter.
 
         Returns:
-            (parameters,), and the weights of the start.
+            Derivatives (parameters,) of the weighted sum for a fixed state at the start; and its
+            derivative with respect to the state at the start, as weights.
         """
         system, motion = self._system, self._system.interface.motion
         force, right = (
@@ -276,7 +297,13 @@ class LinearisedEnd:
     def _right_hand_side(
         self, rates: DataRates
     ) -> tuple[PETSc.Vec, LinearisedLaw, Array, Array, PETSc.Vec]:
-        """Return reduced load, law, totals, translations and displacements of data rates."""
+        """Return the right-hand side that belongs to derivatives of the data.
+
+        Returns:
+            Derivatives of the reduced load; the linearised law; and derivatives of the total forces
+            on free motions, of the prescribed translations (pairs, dim), and of the prescribed
+            displacements (n,).
+        """
         system, translations = self._system, rates.motions.copy()
         totals = np.array([translations[pair_and_axis] for pair_and_axis in system.free_motions])
         for pair_and_axis in system.free_motions:
@@ -284,7 +311,7 @@ class LinearisedEnd:
         reduction = replace(self._reduction, offset=rates.offset).for_load(self._K, rates.load)
         pair = system.interface.pair
         law = replace(self._law, c=rates.friction[pair, None] * self._by_friction)
-        # surfaces that may turn have angles, too, whose rates are zero
+        # angles of surfaces that may turn have zero derivatives
         n_angles = law.D.shape[2] - translations.shape[1]
         known_motions = np.pad(translations[pair], [(0, 0), (0, n_angles)])
         law = eliminate_known_motions(law, known_motions, system.point_motions(reduction.offset))
@@ -292,7 +319,7 @@ class LinearisedEnd:
 
 
 class ParametricResidual(Protocol):
-    """A residual with its unknown and Dirichlet conditions, whose derivatives are needed."""
+    """A residual that may depend on parameters, with its unknown and Dirichlet conditions."""
 
     form: ufl.Form
     u: fem.Function
@@ -301,21 +328,22 @@ class ParametricResidual(Protocol):
         """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
 
     def prescribed_displacements(self) -> PETSc.Vec:
-        """Return displacements (n,) that the conditions prescribe with present constants."""
+        """Return the displacements (n,) that the conditions prescribe for present constants."""
 
 
 @dataclass(frozen=True)
 class Derivatives:
-    """Derivatives of outputs by parameters, in the direct and in the adjoint mode.
+    """Derivatives of outputs with respect to parameters, in the direct and the adjoint mode.
 
     Args:
         interface: the contact nodes.
-        linearise_end: linearises the equations at the end of a part, and leaves u, constants and
-            conditions at their values there.
-        residual: of the body, None with a stiffness.
-        parts: of the history.
-        outputs: checked outputs.
-        parameters: checked parameters, with their rates (states, ...).
+        linearise_end: function that returns the equations linearised at the end of a part. It
+            leaves the unknown function, the constants and the conditions at their values there.
+        residual: residual of the body; None if the problem is defined by a stiffness matrix.
+        parts: parts of the load history.
+        outputs: outputs, checked by `check_outputs`.
+        parameters: parameters with their rates (states, ...), checked by `check_parameters`. A rate
+            is the derivative of the data of each state with respect to the parameter.
     """
 
     interface: Interface
@@ -326,7 +354,7 @@ class Derivatives:
     parameters: Sequence[tuple[Parameter, Array]]
 
     def compute_direct(self) -> Array:
-        """Return all derivatives (increments, outputs, parameters), in the direct mode."""
+        """Return all derivatives (increments, outputs, parameters), computed in the direct mode."""
         shape = self.parts[-1].increment + 1, len(self.outputs), len(self.parameters)
         derivatives, changes = np.zeros(shape), [self._zero_change()] * len(self.parameters)
         for part in self.parts:
@@ -344,13 +372,13 @@ class Derivatives:
         return derivatives
 
     def compute_adjoint(self, weights: Array) -> Array:
-        """Return the gradient of a weighted sum of all outputs, in the adjoint mode.
+        """Return the gradient of a weighted sum of all outputs, computed in the adjoint mode.
 
         Args:
-            weights: (increments, outputs).
+            weights: weights (increments, outputs) of the outputs at the end of each increment.
 
         Returns:
-            (parameters,).
+            Derivatives (parameters,) of the weighted sum.
         """
         gradient, adjoint_weights = np.zeros(len(self.parameters)), self._zero_change()
         for part in reversed(self.parts):
@@ -384,7 +412,7 @@ class Derivatives:
         )
 
     def _evaluate_rates(self, part: HistoryPart) -> list[DataRates]:
-        """Return the rates of the data at the end of a part, for each parameter."""
+        """Return derivatives of the data at the end of a part with respect to each parameter."""
         rates_of_parameters, number, load_factor = [], part.increment, part.load_factor
         for parameter, rates in self.parameters:
             rate = (1 - load_factor) * rates[number] + load_factor * rates[number + 1]
@@ -404,7 +432,7 @@ class Derivatives:
         return rates_of_parameters
 
     def _constant_rates(self, constant: fem.Constant, rate: Array) -> tuple[PETSc.Vec, PETSc.Vec]:
-        """Return rates (n,) of load and prescribed displacements along the rate of a constant."""
+        """Return derivatives (n,) of load and prescribed displacements along a constant's rate."""
         residual = self.residual
         assert residual is not None  # only residuals have constants
         change, load = (
@@ -414,7 +442,7 @@ class Derivatives:
         if not change.empty():
             load.axpy(-1.0, assemble_vector(change))
         value = constant.value.copy()
-        # differences are exact: conditions are linear in their constants
+        # central differences are exact, since the conditions are linear in their constants
         constant.value = value + rate
         offset = residual.prescribed_displacements()
         constant.value = value - rate
@@ -424,7 +452,10 @@ class Derivatives:
         return load, offset
 
     def _output_weights(self, output: Output) -> StateChange:
-        """Return the weights of a change that give the change of an output, at the present u."""
+        """Return the weights with which the components of a change of state change an output.
+
+        A functional is linearised at the present values of the unknown function.
+        """
         weights = self._zero_change()
         if isinstance(output, ufl.Form):
             assert self.residual is not None
@@ -442,7 +473,10 @@ class Derivatives:
         return weights
 
     def _explicit_derivatives(self, output: Output, part: HistoryPart) -> Array:
-        """Return derivatives (parameters,) of an output by the constants that it contains."""
+        """Return derivatives (parameters,) of an output at a fixed state.
+
+        They are zero for all parameters except constants that the output contains.
+        """
         derivatives = np.zeros(len(self.parameters))
         if isinstance(output, ufl.Form):
             for i, (parameter, rates) in enumerate(self.parameters):
@@ -461,13 +495,13 @@ _NEEDS_RESIDUAL_MESSAGE = (
 def check_outputs(
     outputs: Sequence[Any], n_pairs: int, space: fem.FunctionSpace, allow_forms: bool
 ) -> list[Output]:
-    """Return outputs as a list, or raise an error for an invalid one.
+    """Return the outputs as a list, or raise an error if one is invalid.
 
     Args:
-        outputs: of the user.
+        outputs: outputs given by the user.
         n_pairs: number of contact pairs.
         space: trial space.
-        allow_forms: whether functionals are allowed, which need a residual.
+        allow_forms: whether outputs may be UFL functionals, which need a residual.
     """
     for output in outputs:
         match output:
@@ -495,14 +529,16 @@ def check_parameters(
     space: fem.FunctionSpace,
     allow_forms: bool,
 ) -> list[tuple[Parameter, Array]]:
-    """Return parameters with their rates (states, ...), or raise an error for an invalid one.
+    """Return the parameters with their rates (states, ...), or raise an error if one is invalid.
+
+    The rates are derivatives of the data of each state with respect to the parameter.
 
     Args:
-        parameters: of the user.
+        parameters: parameters given by the user.
         n_states: number of states.
         pairs: contact pairs.
         space: trial space.
-        allow_forms: whether constants are allowed, which need a residual.
+        allow_forms: whether parameters may be constants, which need a residual.
     """
     with_rates: list[tuple[Parameter, Array]] = []
     for parameter in parameters:
@@ -540,7 +576,13 @@ def check_constants(
     outputs: Sequence[Output],
     residual: ParametricResidual,
 ) -> None:
-    """Raise ValueError for a constant on which neither the states nor the outputs depend."""
+    """Raise ValueError if neither the residual nor an output depends on a constant parameter.
+
+    Args:
+        parameters: parameters with their rates.
+        outputs: the outputs.
+        residual: residual of the body.
+    """
     in_outputs = [
         constant
         for output in outputs
@@ -560,7 +602,11 @@ def check_constants(
 
 
 def check_loads(loads: Sequence[Any], n_steps: int, of_residual: bool) -> None:
-    """Raise TypeError or ValueError unless loads are empty or, of a residual, one per step."""
+    """Raise TypeError or ValueError unless the loads fit the problem.
+
+    The list may be empty. Otherwise the problem must be defined by a residual, and the list must
+    have one load per step.
+    """
     remedy = "give a list of functions of the share (0, 1], or nothing"
     arguments.check_type("loads", loads, (list, tuple), remedy)
     if not of_residual and len(loads):
@@ -579,26 +625,35 @@ def check_loads(loads: Sequence[Any], n_steps: int, of_residual: bool) -> None:
 
 
 def _check_vector(name: str, vector: PETSc.Vec, space: fem.FunctionSpace) -> None:
-    """Raise an error unless a vector belongs to the space and is finite."""
+    """Raise an error unless a vector belongs to the space and is finite.
+
+    Args:
+        name: name of the vector, used in error messages.
+        vector: vector (n,) to check.
+        space: trial space.
+    """
     arguments.check_petsc_vector(name, vector, "the space", space)
     if not is_finite(vector):
         raise ValueError(f"{name} is not finite")
 
 
 def _check_number(number: Any, count: int, things: str) -> int:  # noqa: ANN401
-    """Return a number below a count, or raise an error."""
+    """Return a number if it is an integer from 0 to count - 1; raise an error otherwise."""
     if arguments.check_integer("a number", number, 0) >= count:
         raise ValueError(f"number {number} of {count} {things}: they count from 0")
     return int(number)
 
 
 def _parameter_object(parameter: Parameter) -> Any:  # noqa: ANN401
-    """Return the constant, the vector or the name of a parameter."""
+    """Return the constant or vector of a parameter, or "friction" or "motion"."""
     return parameter[0] if isinstance(parameter, tuple) else parameter
 
 
 def _differentiate_by_constant(form: ufl.Form, constant: fem.Constant, rate: Array) -> ufl.Form:
-    """Return the derivative of a form along the rate of a constant; empty without the constant."""
+    """Return the derivative of a form along the rate of a constant.
+
+    The derivative is an empty form if the form does not contain the constant.
+    """
     (domain,) = form.ufl_domains()
     step = ufl.variable(fem.Constant(domain, 0.0))
     shifted = ufl.replace(form, {constant: constant + step * fem.Constant(domain, rate)})

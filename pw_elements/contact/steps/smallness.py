@@ -1,9 +1,9 @@
-"""Checks of a solved increment: warn or refuse where its assumptions do not hold.
+"""Checks of the assumptions of a solved increment, with warnings or errors where they do not hold.
 
-Displacements have to be small, rigid surfaces have to stay outside of the body, and the slip of the
-law has to agree with the slip along the path of material points (`PairState.path_slip`). The
-guide's page on theory explains which motions of rigid surfaces are refused ("Contact"). The module
-assumes a body at small strains and a solution of the increment.
+Displacements have to be small, and rigid surfaces have to stay outside the body. The slip that the
+friction law uses (`PairState.slip`) has to agree with the slip along the path of material points
+(`PairState.path_slip`). The guide's page on theory explains which motions of rigid surfaces are
+refused ("Contact"). The module assumes a body at small strains and a solution of the increment.
 """
 
 import logging
@@ -28,36 +28,38 @@ from pw_elements.progress import log_on_root
 # Number of cells whose gradients are evaluated at once
 _CELLS_AT_ONCE = 4_000
 
-# Strain below which no body is searched for nodes that have been pushed beyond its far side; these
-# have a strain of about one
+# Strain below which no node of a body can have been pushed beyond the far side of the body, since
+# the strain around this node would be about one
 _MIN_CRUSHING_STRAIN = 0.5
-# Largest distance of positions that counts as round-off, over the largest coordinate
+# Largest distance between positions that counts as round-off, relative to the largest coordinate
 _POSITION_ROUND_OFF = 1e-9
-# Step along a surface's path, and depth at which a node is inside the surface, over the smallest
-# facet
+# Step along a surface's path, and depth from which on a node counts as inside the surface, both
+# relative to the smallest facet
 _PATH_STEP = 0.25
 _MIN_SWALLOWED_DEPTH = 1e-3
 _MAX_PATH_STEPS = 10_000
-# Offset of positions, over the smallest facet, that avoids points where a surface has no normal
+# Offset of positions, relative to the smallest facet, that avoids points where a surface has no
+# normal
 _SAMPLE_OFFSET = 1e-7
 
-# Largest difference of the two slips over the larger one
+# Largest difference between the two slips relative to the larger one
 MAX_SLIP_DIFFERENCE = 0.1
-# Difference of the two slips that is allowed in any case: for two sliding bodies, whose slip is a
-# mean over facets, over the shortest facet around a node; for others over the largest displacement
+# Difference between the two slips that is allowed in any case. For two sliding bodies, where slip
+# is a mean over facets, it is relative to the shortest facet around a node; for all other pairs, it
+# is relative to the largest displacement
 _ALLOWED_PER_FACET, _ALLOWED_PER_DISPLACEMENT = 0.05, 1e-6
 
-# Limits of small displacements. Neglected second-order terms change a strain e by e^2/2; a rotation
-# w turns forces by w and causes strains of w^2/2; at half a facet of slip a node would have another
-# partner
+# Limits of small displacements. Neglected second-order terms change a strain e by e^2/2. A rotation
+# w turns forces by w and causes strains of w^2/2. After slip by half a facet, a node would face
+# another node
 _SMALL_LIMITS = Smallness(strain=0.05, rotation=0.05, slip=0.5)
 
 
 def gradient_at_vertices(u: fem.Function) -> fem.Expression:
-    """Return the gradient of displacements at the vertices of cells.
+    """Return the gradient of displacements u as an expression at the vertices of cells.
 
-    On straight simplices with quadratic displacements it is linear, and the norms of its parts are
-    largest there.
+    On straight simplices with quadratic displacements the gradient is linear, so that norms of its
+    symmetric and antisymmetric parts are largest at vertices.
     """
     return fem.Expression(ufl.grad(u), basix.geometry(u.function_space.mesh.basix_cell()))
 
@@ -65,16 +67,16 @@ def gradient_at_vertices(u: fem.Function) -> fem.Expression:
 def measure_largest_gradient(
     gradient: fem.Expression, u: fem.Function, displacement: PETSc.Vec
 ) -> tuple[float, float]:
-    """Return the largest strain and rotation of displacements, over all cells of all processes.
+    """Return the largest strain and the largest rotation in the cells of all processes.
 
-    They are spectral norms of the symmetric and the antisymmetric part of the gradient; the latter
-    is an angle in radians. The hoop strain of axisymmetric bodies is left out, as the stiffness
-    does not show whether a body is axisymmetric.
+    Strain and rotation are the spectral norms of the symmetric and the antisymmetric part of the
+    gradient; the rotation is an angle in radians. The hoop strain of axisymmetric bodies is left
+    out, since the stiffness does not show whether a body is axisymmetric.
 
     Args:
-        gradient: of u, as returned by `gradient_at_vertices`.
+        gradient: gradient of u, as returned by `gradient_at_vertices`.
         u: function that is set to the displacements.
-        displacement: vector (n,) in the numbering of the space of u.
+        displacement: displacement vector (n,) in the numbering of the space of u.
     """
     mesh = u.function_space.mesh
     u.x.array[: displacement.getLocalSize()] = displacement.array_r
@@ -87,22 +89,26 @@ def measure_largest_gradient(
         transposed = np.swapaxes(values, 1, 2)
         symmetric, skew = (values + transposed) / 2, (values - transposed) / 2
         frobenius = np.linalg.norm(symmetric, axis=(1, 2))
-        # the spectral norm is at most the Frobenius norm, and at least this over sqrt(dim)
+        # the spectral norm is at most the Frobenius norm, and at least that norm divided by
+        # sqrt(dim)
         strain = max(strain, float(frobenius.max()) / np.sqrt(dim))
         principal_strains = np.linalg.eigvalsh(symmetric[frobenius >= strain])
         strain = float(np.abs(principal_strains).max(initial=strain))
-        # each component of the axial vector, whose length is the norm, occurs twice
+        # the spectral norm is the length of the axial vector; each component of this vector occurs
+        # twice in the matrix
         angles = np.linalg.norm(skew, axis=(1, 2)) / np.sqrt(2)
         rotation = max(rotation, float(angles.max()))
     return mesh.comm.allreduce(strain, MPI.MAX), mesh.comm.allreduce(rotation, MPI.MAX)
 
 
 def log_large_values(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm) -> None:
-    """Log a warning if a quantity leaves the range of small displacements.
+    """Log a warning if strain, rotation or slip leaves the range of small displacements.
+
+    A quantity that was out of range before causes no further warning.
 
     Args:
-        smallness: of a state.
-        before: of the state before, in which the quantity was still small.
+        smallness: strain, rotation and slip of a state.
+        before: strain, rotation and slip of the previous state.
         when: start of the message.
         comm: communicator of the mesh.
     """
@@ -117,14 +123,14 @@ def log_large_values(smallness: Smallness, before: Smallness, when: str, comm: M
 
 
 class SmallnessCheck:
-    """Check that displacements stay small, and that rigid surfaces stay outside of the body.
+    """Check that displacements stay small, and that rigid surfaces stay outside the body.
 
     Args:
-        interface: the contact nodes (m).
-        space: of the displacements.
+        interface: the m contact nodes.
+        space: space of the displacements.
 
     Attributes:
-        finest: size of the smallest facet of each pair.
+        min_facet_sizes: size of the smallest facet of each pair.
     """
 
     def __init__(self, interface: Interface, space: fem.FunctionSpace) -> None:
@@ -145,7 +151,7 @@ class SmallnessCheck:
         ]
 
     def refuse_prescribed_passing(self, increment: Increment) -> None:
-        """Raise SurfacePassed if prescribed translations lead a surface through the body."""
+        """Raise SurfacePassed if prescribed translations move a rigid surface through the body."""
         start = increment.start
         is_prescribed = np.isfinite(increment.prescribed)
         self._refuse_passing(start, np.where(is_prescribed, increment.prescribed, start.q))
@@ -153,12 +159,12 @@ class SmallnessCheck:
     def check_solution(
         self, increment: Increment, end: NewtonState, before: ContactState
     ) -> Smallness:
-        """Return the smallness of a solution, and log a warning where it leaves the range.
+        """Return largest strain, rotation and slip of a solution, with a warning if too large.
 
         Args:
             increment: the equations of the increment.
-            end: its solution.
-            before: state at its start.
+            end: solution of the increment.
+            before: state at the start of the increment.
 
         Raises:
             SurfacePassed: if a rigid surface has gone through the body or pushes it outwards.
@@ -183,10 +189,10 @@ class SmallnessCheck:
         return smallness
 
     def _measure_slip(self, increment: Increment, end: NewtonState) -> float:
-        """Return the largest slip over the size of facets.
+        """Return the largest slip of a closed node, divided by the size of its facets.
 
-        It is the slip of the increment on rigid surfaces, and since the undeformed state of two
-        bodies.
+        On rigid surfaces, slip is measured from the start of the increment; between two bodies, it
+        is measured from the undeformed state.
         """
         interface, nodes = self._interface, end.nodes
         relative_motion = end.displacement - end.q[interface.pair]
@@ -200,14 +206,23 @@ class SmallnessCheck:
         return float(self._comm.allreduce(max_slip, MPI.MAX))
 
     def _min_outward_cosine(self, normal: Array) -> Array:
-        """Return the least cosine (m,) between vectors (m, dim) and adjacent outward normals."""
+        """Return the least cosine (m,) between a node's vector and its facets' outward normals.
+
+        Args:
+            normal: unit vectors (m, dim) at the nodes.
+        """
         min_cosine = np.full(len(normal), np.inf)
         cosine = np.sum(normal[self._node_of_facet] * self._facet_normal, axis=1)
         np.minimum.at(min_cosine, self._node_of_facet, cosine)
         return min_cosine
 
     def _refuse_passing(self, start: IncrementStart, translations: Array) -> None:
-        """Raise SurfacePassed if surfaces pass the body on the way to translations (pairs, dim)."""
+        """Raise SurfacePassed if a rigid surface passes through the body on its path.
+
+        Args:
+            start: start of the increment, and of the paths.
+            translations: translations (pairs, dim) of the surfaces at the end of the paths.
+        """
         for k, is_rigid in enumerate(self._is_rigid_pair):
             path = translations[k] - start.q[k]
             if is_rigid and np.linalg.norm(path) > _PATH_STEP * self.min_facet_sizes[k]:
@@ -217,16 +232,16 @@ class SmallnessCheck:
                 )
 
     def _find_swallowed(self, k: int, start: IncrementStart, path: Array) -> Mask:
-        """Return the nodes (m,) that a pair's surface swallows on its path from the wrong side.
+        """Return a mask (m,) of the nodes that a rigid surface reaches from the wrong side.
 
-        Each node moves along the reverse path relative to the surface, by half of its gap or at
-        least one step at a time. It is swallowed where it gets inside the surface while the
-        surface's normal points out of the body.
+        Relative to the surface, each node moves along the reverse of the surface's path, by half of
+        its gap or at least one step at a time. The node is swallowed if it gets inside the surface
+        at a point where the surface's normal points out of the body.
 
         Args:
             k: number of the pair.
-            start: of the increment.
-            path: (dim,), straight path of the surface.
+            start: start of the increment.
+            path: straight path (dim,) of the pair's surface.
         """
         interface, in_pair = self._interface, self._interface.pair == k
         surface, facet_size = interface.surfaces[k], self.min_facet_sizes[k]
@@ -247,16 +262,17 @@ class SmallnessCheck:
                 normals[in_pair] = normal
                 is_outwards = self._min_outward_cosine(normals)[in_pair] > MIN_OUTWARD_COSINE
                 is_swallowed[in_pair] |= is_outwards & (depth > _MIN_SWALLOWED_DEPTH * facet_size)
-                # the surface is at least a gap away; take half of it, as gaps may not be distances
+                # the surface is a gap away; take half of it, since a gap may not be a distance
                 stride = np.maximum(np.where(np.isfinite(gap), gap / 2, 0.0), step)
                 last_ratio, path_ratio = path_ratio, np.minimum(path_ratio + stride / length, 1.0)
             is_finished = self._comm.allreduce(bool(last_ratio.min(initial=1.0) >= 1), MPI.LAND)
         return is_swallowed
 
     def _find_nodes_beyond_far_side(self, end: NewtonState) -> Mask:
-        """Return the contact nodes (m,) that are pushed beyond the far side of the body.
+        """Return a mask (m,) of the contact nodes that are pushed beyond the body's far side.
 
-        Nodes on the far side are the last ones along the normal in the undeformed body.
+        The far side consists of the nodes that come last along the contact normal in the undeformed
+        body.
         """
         interface, u = self._interface, self._u  # u was set by `measure_largest_gradient`
         dim, normal = interface.position.shape[1], end.nodes.frame[:, 0]
@@ -278,7 +294,13 @@ class SmallnessCheck:
         return position_along_normal >= far_side - _POSITION_ROUND_OFF * np.abs(far_side)
 
     def _refuse_nodes(self, k: int, is_wrong: Mask, problem: str) -> None:
-        """Raise SurfacePassed, with the positions of the nodes of a mask (m,), if there are any."""
+        """Raise SurfacePassed if there are nodes in a mask (m,), and name their positions.
+
+        Args:
+            k: number of the pair.
+            is_wrong: mask (m,) of the nodes.
+            problem: what the surface does at these nodes, for the error message.
+        """
         positions = self._interface.gather_values(self._interface.position[is_wrong])
         if len(positions):
             raise SurfacePassed(
@@ -289,13 +311,17 @@ class SmallnessCheck:
 
 
 def _find_adjacent_facets(node: Indices, space: fem.FunctionSpace) -> tuple[Indices, Array, Array]:
-    """Return the exterior facets (f,) around nodes (m,) of this process.
+    """Return data (f, ...) of the exterior facets around m nodes of this process.
 
-    A facet counts once for each of its nodes; facets of other processes count, too.
+    A facet occurs once for each of its nodes. Facets that belong to other processes are included.
+
+    Args:
+        node: global numbers (m,) of the nodes.
+        space: space of the displacements.
 
     Returns:
-        Number of the node among the m nodes; outward normal; and size, the largest distance of two
-        nodes of the facet.
+        For each facet, the index of the node among the m nodes; the outward normal; and the size,
+        which is the largest distance between two nodes of the facet.
     """
     mesh, comm = space.mesh, space.mesh.comm
     mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
@@ -314,7 +340,10 @@ def _find_adjacent_facets(node: Indices, space: fem.FunctionSpace) -> tuple[Indi
 
 
 class SlipCheck:
-    """Warn, once for each pair, where the slip of the law differs from the slip along the path.
+    """Warn, once for each pair, where the two measures of slip of `PairState` differ.
+
+    The friction law uses `PairState.slip`; `PairState.path_slip` is the slip along the path of
+    material points.
 
     Args:
         interface: the contact nodes.
@@ -328,7 +357,7 @@ class SlipCheck:
         }
 
     def log_differences(self, state: ContactState) -> None:
-        """Log a warning if the two slips of a node with friction differ too much."""
+        """Log a warning if the two measures of slip differ too much at a node with friction."""
         for k, pair in enumerate(state.pairs):
             difference = measure_slip_difference(pair)
             allowed: Array | float = _ALLOWED_PER_DISPLACEMENT * state.scale.length
@@ -353,5 +382,5 @@ class SlipCheck:
 
 
 def measure_slip_difference(pair: PairState) -> Array:
-    """Return the size (m,) of the difference of the two slips of a pair's nodes."""
+    """Return the length (m,) of `path_slip` minus `slip` at the nodes of a pair."""
     return np.asarray(np.linalg.norm(pair.slip - pair.path_slip, axis=1))

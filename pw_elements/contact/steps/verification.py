@@ -1,15 +1,17 @@
-"""Verify a state: evaluate all conditions anew from displacements, form, surfaces and friction law.
+"""Verification of a state, which evaluates all conditions anew.
 
-The iteration accepts a state by the frames, slips and forces of its own linear equations. This
-module uses nothing of them. It refuses a state that violates a condition by more than the tolerance
-and an allowance for round-off, whatever method has found the state.
+The iteration accepts a state on the basis of the frames, slips and forces in its own linear
+equations. This module uses none of these: it evaluates all conditions from displacements, form,
+surfaces and friction law. It refuses a state that violates a condition by more than the tolerance
+plus an allowance for round-off, whatever method has found the state.
 
-With R = K u - f, or the residual F(u), the force of a contact node is the value of R at the node,
-and R - H r has to vanish in all free equations. Gap and normal are those of the surface at the
-position of the node; slip is the motion of this position along the surface since the start of the
-increment, as defined on the guide's page on theory ("Contact", "Large strains"). For bodies at
-large sliding, gap, normal, slip and H are measured from positions by `interface.facing`, not by the
-kernel of the iteration.
+The residual forces are R = K u - f, with the stiffness K, the displacements u and the load f, or
+the residual F(u) of a nonlinear body. The contact force r of a node is the value of R at the node.
+The force operator H distributes contact forces to all unknowns, and R - H r has to vanish in all
+free equations. Gap and normal are those of the surface at the position of the node. Slip is the
+motion of this position along the surface since the start of the increment, as defined on the
+guide's page on theory ("Contact", "Large strains"). For bodies at large sliding, gap, normal, slip
+and H are measured from positions by `interface.facing`, and not by the kernel of the iteration.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,21 +35,22 @@ from pw_elements.contact.iteration import DISPLACEMENT_ROUND_OFF
 from pw_elements.contact.model import ContactPair, ContactState, NotFound, Residuals
 from pw_elements.contact.nodes import FORCE_TOLERANCE
 
-# Shift of points that shows the noise of a surface's function, over the extent of the nodes
+# Shift of points, relative to the extent of the nodes, that reveals noise in a surface's function
 _NOISE_SHIFT = 1e-12
-# Sine of an angle below which arc and chord do not differ
+# Sine of an angle below which the lengths of arc and chord are equal to round-off
 _MIN_ANGLE_SINE = 1e-8
 
 
 @dataclass(frozen=True)
 class ReferenceSizes:
-    """Scales of residuals and allowances, and the stiffnesses that turn lost lengths into forces.
+    """Scales of residuals, and quantities from which allowances for round-off are computed.
 
     Args:
         force: scale of forces, see `Residuals`.
         length: scale of lengths, see `Residuals`.
-        stiffness: (m,), of the contact nodes of this process.
-        equilibrium: round-off, as a force, in the equations of all other nodes.
+        stiffness: stiffnesses (m,) of this process' contact nodes. A round-off error of a length
+            times the stiffness is the resulting error of a force.
+        equilibrium: round-off error of the forces in the equations of all other nodes.
     """
 
     force: float
@@ -58,15 +61,17 @@ class ReferenceSizes:
 
 @dataclass(frozen=True)
 class MeasuredKinematics:
-    """Kinematics of the contact nodes (m) of this process at the end of an increment.
+    """Kinematics of this process' m contact nodes at the end of an increment.
 
     Args:
-        gap: (m,), infinite where nothing faces a node.
-        normal: (m, dim).
-        slip: (m, dim), along the surface since the start of the increment.
-        noise: (m,), error of the normal by the differences of a surface's function.
-        force_operator: H, (n, m dim), forces on all unknowns from those on the contact nodes.
-        transfer_error: (m,), round-off of the opposite body's part of a node's force, over it.
+        gap: gaps (m,); infinite at nodes that face nothing.
+        normal: unit normals (m, dim) of the surfaces.
+        slip: slips (m, dim) along the surface since the start of the increment.
+        noise: errors (m,) of the normals that are due to noise in a surface's function.
+        force_operator: matrix H (n, m dim) that takes forces on the contact nodes to forces on all
+            unknowns.
+        transfer_error: round-off errors (m,) of the transfer of a node's force to the opposite
+            body, relative to this force.
     """
 
     gap: Array
@@ -80,19 +85,19 @@ class MeasuredKinematics:
 def measure_undeformed(
     interface: Interface, before: ContactState, state: ContactState, remaining_interference: float
 ) -> MeasuredKinematics:
-    """Measure the contact nodes against surfaces at the undeformed body.
+    """Return gaps, normals and slips to surfaces, linearised at the undeformed body.
 
     Args:
         interface: the contact nodes.
         before: state at the start of the increment.
-        state: state at its end.
-        remaining_interference: part of the interference that is not applied yet.
+        state: state at the end of the increment.
+        remaining_interference: fraction of the interference fit that is not applied yet.
     """
     pair, translations = interface.pair, state.translations
     motions = [_node_motions(interface, end.unknowns) for end in (before, state)]
     shifts = [end.translations[pair] for end in (before, state)]
     normal = interface.evaluate_normals(translations)
-    with np.errstate(invalid="ignore"):  # infinite gaps
+    with np.errstate(invalid="ignore"):  # gaps may be infinite
         gap = interface.evaluate_gaps(translations) + np.sum(normal * motions[1], axis=1)
     relative_motion = (motions[1] - shifts[1]) - (motions[0] - shifts[0])
     slip = relative_motion - np.sum(relative_motion * normal, axis=1)[:, None] * normal
@@ -107,13 +112,13 @@ def measure_undeformed(
 def measure_deformed(
     interface: Interface, pairs: Sequence[ContactPair], before: ContactState, state: ContactState
 ) -> MeasuredKinematics:
-    """Measure the contact nodes of a deformed body against rigid surfaces that move, or bodies.
+    """Return gaps, normals and slips of a deformed body to moving rigid surfaces or other bodies.
 
     Args:
         interface: the contact nodes.
         pairs: the contact pairs, with the pivots of their surfaces.
         before: state at the start of the increment.
-        state: state at its end.
+        state: state at the end of the increment.
     """
     motions = [_node_motions(interface, end.unknowns) for end in (before, state)]
     dim = motions[0].shape[1]
@@ -134,7 +139,8 @@ def measure_deformed(
     noise = np.abs(interface.find_closest(in_surface_frame[1] + shift)[1] - normal).max(
         axis=1, initial=0.0
     )
-    # a node that faces nothing at one end slips along the surface of the other end
+    # a node that faces nothing either before or after the increment slips along the surface that it
+    # faces at the other time
     is_faced = np.isfinite(gap_0) & np.isfinite(gap)
     normal_0 = np.where(is_faced[:, None], normal_0, normal)
     closest_points = [
@@ -144,7 +150,7 @@ def measure_deformed(
     chord = closest_points[1] - closest_points[0]
     angle = _angle_between(normal_0, normal)
     if dim == 2:
-        # a node in contact stays on its side of the surface, which may turn more than once
+        # a node in contact stays on its side of the surface, even if this turns more than once
         normals_in_space = [
             np.einsum("nab,nb->na", rotation, n)
             for rotation, n in zip(rotations, (normal_0, normal), strict=True)
@@ -154,7 +160,8 @@ def measure_deformed(
             J.any(axis=(1, 2)), _angle_between(*normals_in_space) - surface_rotation, angle
         )
     is_curved = np.abs(np.sin(angle)) > _MIN_ANGLE_SINE
-    # arc over the chord's tangential part, which vanishes after half a turn
+    # length of the arc divided by that of the chord's tangential part, which vanishes after half a
+    # turn
     ratio_of_chord = np.where(np.abs(angle) < 1.0, 1.0, np.nan)
     arc_ratio = np.where(is_curved, angle / np.where(is_curved, np.sin(angle), 1.0), ratio_of_chord)
     slip = arc_ratio[:, None] * (chord - np.sum(chord * normal, axis=1)[:, None] * normal)
@@ -168,7 +175,10 @@ def measure_deformed(
 
 
 def _angle_between(start: Array, end: Array) -> Array:
-    """Return angles (m,) from unit vectors (m, dim) to others, signed in the plane."""
+    """Return angles (m,) between unit vectors (m, dim).
+
+    In the plane, angles from `start` to `end` are signed, counter-clockwise positive.
+    """
     cosine = np.sum(start * end, axis=1)
     if start.shape[1] == 2:
         return np.asarray(np.arctan2(start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0], cosine))
@@ -179,9 +189,18 @@ def _angle_between(start: Array, end: Array) -> Array:
 def _measure_sliding_bodies(
     interface: Interface, before: ContactState, state: ContactState, measured: MeasuredKinematics
 ) -> MeasuredKinematics:
-    """Return kinematics with the nodes of pairs of sliding bodies filled in, and with their H."""
+    """Return kinematics with measured values for all nodes of pairs of sliding bodies.
+
+    The force operator of the result includes the opposite bodies.
+
+    Args:
+        interface: the contact nodes.
+        before: state at the start of the increment.
+        state: state at the end of the increment.
+        measured: kinematics of all other nodes, which are changed in place.
+    """
     dim, n_nodes = interface.position.shape[1], len(interface.node)
-    # parts of unit forces that master nodes receive: value, contact node and global node
+    # fractions of unit forces that master nodes receive: value, contact node and global node
     entries = []
     for k, mortar in interface.mortars.items():
         points = np.flatnonzero(interface.pair == k)
@@ -218,7 +237,7 @@ def check_stiffness_sign(K: PETSc.Mat, interface: Interface, remedy: str) -> Non
     Args:
         K: stiffness (n, n) of the undeformed body.
         interface: the contact nodes.
-        remedy: correction of the input, for the message.
+        remedy: advice on how to correct the input, for the error message.
     """
     first_node = interface.field.space.dofmap.index_map.local_range[0]
     diagonal = K.getDiagonal().array_r[interface.field.owned_unknowns[interface.node - first_node]]
@@ -234,9 +253,9 @@ def check_stiffness_sign(K: PETSc.Mat, interface: Interface, remedy: str) -> Non
 def make_torque_function(
     interface: Interface, pairs: Sequence[ContactPair], state: ContactState
 ) -> Callable[[Array], Array]:
-    """Return a function that takes forces (m, dim) at the contact nodes and returns torques (m,).
+    """Return a function that computes torques (m,) from forces (m, dim) at the contact nodes.
 
-    Torques are about the present pivots of the nodes' surfaces.
+    The torque of a node's force is about the present pivot of the surface that the node faces.
     """
     motion = _node_motions(interface, state.unknowns)
     pivots, spins = zip(*(pair.pivot_and_spin(motion.shape[1]) for pair in pairs), strict=True)
@@ -256,12 +275,12 @@ def verify_state(
     totals: Array,
     torque: Callable[[Array], Array] | None = None,
 ) -> ContactState:
-    """Return the state with residuals and allowances that have been computed anew.
+    """Return the state with residuals and allowances that are computed anew.
 
-    Arguments are those of `measure_residuals`.
+    The arguments are those of `measure_residuals`.
 
     Raises:
-        NotFound: on all processes, if a condition is violated by more than the tolerance and its
+        NotFound: on all processes, if a condition is violated by more than the tolerance plus its
             allowance.
     """
     residuals, allowance = measure_residuals(
@@ -290,21 +309,22 @@ def measure_residuals(
     """Return the residuals of a state, and the allowances for round-off and noise.
 
     Args:
-        state: of a converged iteration.
-        kinematics: of its contact nodes, measured anew.
-        unbalanced: K u - f or F(u), (n,), in free numbering.
+        state: state that the iteration has found.
+        kinematics: kinematics of the state's contact nodes, measured anew.
+        unbalanced: residual forces (n,) of all unknowns without contact: the stiffness times the
+            displacements minus the load, or the residual.
         interface: the contact nodes.
         reduction: supports and condensation.
         sizes: scales of forces and lengths.
-        totals: forces and torques that are given on the state's free motions.
-        torque: returns torques (m,) of forces (m, dim); None where no surface turns.
+        totals: prescribed total forces and torques of the surfaces' free motions.
+        torque: function that computes torques (m,) from forces (m, dim); None if no surface turns.
     """
     comm = interface.comm
     has_equation = interface.equation >= 0
     (state_force,) = interface.extract_local_values(state.pairs, "force_vector")
     nodal_force = interface.field.extract(unbalanced).array_r.reshape(-1, state_force.shape[1])
     first_node = interface.field.space.dofmap.index_map.local_range[0]
-    # a supported component of R is a reaction; the friction in it is known from the state alone
+    # a supported component of the residual is a reaction; friction there is known from the state
     force = np.where(has_equation, nodal_force[interface.node - first_node], state_force)
     values, allowances = _measure_law(
         state, kinematics, force, has_equation | (state_force != 0), interface, sizes
@@ -342,13 +362,13 @@ def _measure_law(
     interface: Interface,
     sizes: ReferenceSizes,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return residuals (m,) of contact and friction, and their allowances for round-off.
+    """Return residuals (m,) of contact and friction by name, and their allowances for round-off.
 
     Args:
-        state: of a converged iteration.
-        kinematics: of its contact nodes.
-        force: (m, dim), on the contact nodes.
-        friction_acts: (m, dim), components along which friction acts.
+        state: state that the iteration has found.
+        kinematics: kinematics of the state's contact nodes.
+        force: forces (m, dim) on the contact nodes.
+        friction_acts: mask (m, dim) of components in which friction acts.
         interface: the contact nodes.
         sizes: scales of forces and lengths.
     """
@@ -376,7 +396,7 @@ def _measure_law(
     force_size = np.linalg.norm(force, axis=1)
     force_round_off = c * length_round_off + kinematics.noise * force_size
     force_round_off = np.full(len(c), _max_over_ranks(interface.comm, force_round_off)) / F
-    # forces are exact to the tolerance, lengths to the tolerance of forces over the stiffness
+    # forces are exact to the tolerance; lengths, to the tolerance of forces divided by stiffness
     length_round_off = length_round_off / L + np.divide(
         FORCE_TOLERANCE * F, c * L, where=c > 0, out=0 * c
     )
@@ -402,7 +422,7 @@ def _measure_balance(
     torque: Callable[[Array], Array] | None,
     force_round_off: float,
 ) -> tuple[Array, Array]:
-    """Return residuals (free,) of the balances of free motions, and their allowances."""
+    """Return residuals and allowances (free,) of the force and torque balances of free motions."""
     comm, dim = interface.comm, force.shape[1]
     values, allowances = np.zeros(len(state.free_motions)), np.zeros(len(state.free_motions))
     for number, ((pair, axis), total) in enumerate(zip(state.free_motions, totals, strict=True)):
@@ -429,7 +449,15 @@ def _max_unbalanced_force(
     interface: Interface,
     reduction: Reduction,
 ) -> float:
-    """Return the largest force in free equations that is not a contact force."""
+    """Return the largest force in a free equation that contact forces do not balance.
+
+    Args:
+        unbalanced: residual forces (n,) without contact.
+        operator: matrix H (n, m dim) that takes contact forces to forces on all unknowns.
+        force: contact forces (m, dim).
+        interface: the contact nodes.
+        reduction: supports and condensation.
+    """
     node_forces = operator.createVecRight()
     node_forces.setArray(force.ravel())
     remainder = unbalanced.copy()
@@ -444,7 +472,7 @@ def _max_unbalanced_force(
 
 
 def _node_motions(interface: Interface, unknowns: PETSc.Vec) -> Array:
-    """Return motions G u (m, dim) of the contact nodes."""
+    """Return motions (m, dim) of the contact nodes, computed from the unknowns (n,)."""
     return np.array((interface.motion * unknowns).array_r.reshape(interface.position.shape))
 
 
