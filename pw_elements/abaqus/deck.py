@@ -497,7 +497,7 @@ class Deck:
                 yield block, position[of_block]
 
     def _members_in_ranges(self, block: SetBlock) -> Indices:
-        """Return the positions of nodes or elements in a block's ranges; record gaps for `notes`."""
+        """Return positions of nodes or elements in a block's ranges; record gaps for `notes`."""
         existing_keys = self.node_keys if block.set_kind == "NSET" else self.element_keys
         chunks = [np.empty(0, dtype=np.int64)]
         if not block.ranges:
