@@ -92,7 +92,7 @@ def replace_file(path: Path, content: bytes, is_ours: Callable[[Path], bool] | N
 
 
 def remove_file(path: Path) -> None:
-    """Remove a file of the library, if it exists."""
+    """Remove a file if it exists."""
     with suppress(FileNotFoundError):
         os.unlink(path)
 
@@ -201,7 +201,7 @@ class FolderReplacement:
 
 @contextmanager
 def replacing_folder(path: Path, kind: str) -> Iterator[FolderReplacement]:
-    """Yield a `FolderReplacement`, whose folder replaces that at the path when the block ends.
+    """Yield a `FolderReplacement`; when the block ends, its folder replaces the one at the path.
 
     Raises:
         ForeignEntry: If the path holds something that must not be replaced.
@@ -457,7 +457,10 @@ def _restore_replaced(container: Path) -> None:
 
 
 def _remove_container(container: Path) -> None:
-    """Remove an unfinished folder and the marked folder in it, of which only listed entries."""
+    """Remove an unfinished folder and the folder in it that is being written.
+
+    Of a marked folder, only the entries that the mark lists are removed.
+    """
     with os.scandir(container) as entries:
         paths = [Path(entry.path) for entry in entries if entry.name != MARK_NAME]
     for path in paths:

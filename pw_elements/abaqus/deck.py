@@ -96,8 +96,8 @@ class SurfacePart(NamedTuple):
 class Deck:
     """Nodes, elements, sets and surfaces of an input file.
 
-    Each node or element has a key, which is unique in all parts. Its position is the index of the
-    key in ascending order. Sets contain positions.
+    Each node or element has a key, which is unique in the whole file. Its position is the index of
+    the key in ascending order. Sets contain positions.
 
     Attributes:
         node_keys: keys (n,) of the nodes in ascending order.
@@ -497,7 +497,7 @@ class Deck:
                 yield block, position[of_block]
 
     def _members_in_ranges(self, block: SetBlock) -> Indices:
-        """Return positions of nodes or elements in a block's ranges; record gaps for `notes`."""
+        """Return positions of nodes or elements in a block's ranges; record gaps in ranges."""
         existing_keys = self.node_keys if block.set_kind == "NSET" else self.element_keys
         chunks = [np.empty(0, dtype=np.int64)]
         if not block.ranges:
@@ -525,7 +525,7 @@ class Deck:
         return np.unique(np.concatenate(chunks))
 
     def _nodes_of_elements(self, elements: Indices) -> Indices:
-        """Return the positions of all nodes of elements, given by their positions."""
+        """Return the positions of all nodes of the elements at given positions."""
         keys = [np.empty(0, dtype=np.int64)]
         for type_index, nodes in enumerate(self.nodes):
             keys.append(

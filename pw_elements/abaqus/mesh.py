@@ -245,7 +245,7 @@ class _CellTable:
         return self.deck.describe_key(self._keys[node])
 
     def _check_nodes(self) -> None:
-        """Raise ValueError for repeated nodes or cells, or for an edge with two mid-side nodes."""
+        """Raise ValueError for repeated nodes or cells, or different mid-side nodes of an edge."""
         path, corners = self.deck.path, len(DOLFINX_CORNERS[self.cell])
         rows = np.sort(self.nodes, axis=1)
         cell, column = np.nonzero((np.diff(rows, axis=1) == 0) & (rows[:, 1:] >= 0))

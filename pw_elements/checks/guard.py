@@ -83,7 +83,7 @@ def collective_errors(comm: MPI.Comm) -> Iterator[dict[str, object]]:
     _errors_of_open_blocks.append(known_errors)
     try:
         yield shared
-        if MPI.COMM_WORLD.size > 1:  # a single process has nothing to compare
+        if MPI.COMM_WORLD.size > 1:  # digests raise deferred errors
             digest = int.from_bytes(_compute_digest(shared)[:7])
     except BaseException as caught:
         own_error = caught
@@ -236,7 +236,7 @@ def check_same_arguments(function: Function) -> Function:
 
 
 def defer_errors_if_parallel(check: Callable[[Any], None]) -> Callable[[Any], None]:
-    """Decorate the `__post_init__` of a dataclass to defer its errors if processes are several.
+    """Decorate the `__post_init__` of a dataclass to defer its errors if there are many processes.
 
     Materials, motions and contact pairs are created on each process separately. An error might be
     raised on one process only, for which the other processes would wait. Instead, the object keeps
@@ -331,7 +331,7 @@ def call_user_function(
     Call it in a block of `collective_errors`.
 
     Args:
-        comm: communicator whose rank the error message names.
+        comm: communicator of the processes. The error message contains the rank of this process.
         name: name of the function, used in the error message.
         function: the user's function.
         *args: positional arguments of the function.

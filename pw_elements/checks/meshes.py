@@ -269,10 +269,11 @@ class _SurfaceChecks:
         return np.concatenate(self._comm.allgather(values))
 
     def check_hanging_nodes(self) -> None:
-        """Raise DegenerateMesh for hanging nodes: smaller facets on a larger one with its vertices.
+        """Raise DegenerateMesh if nodes are hanging.
 
-        Bodies in contact with non-matching meshes share no vertices and are accepted. Curved facets
-        are not checked.
+        Nodes are hanging where smaller facets lie on a larger one and share its vertices. Bodies in
+        contact with non-matching meshes share no vertices and are accepted. Curved facets are not
+        checked.
         """
         if len(centres := self._gather(self._facet_centres[self._find_torn_facets()])):
             raise DegenerateMesh(
@@ -283,7 +284,7 @@ class _SurfaceChecks:
     def _find_torn_facets(self) -> Indices:
         """Return the facets of this process on which smaller facets of its neighbours lie.
 
-        All corners of such a facet are also corners of the smaller facets.
+        All corners of the larger facet are also corners of the smaller facets.
         """
         vertex, first_row = np.unique(self.vertex, return_index=True)
         x, is_owned = (

@@ -89,9 +89,9 @@ class Body:
 
         int 2 mu eps(u) : eps(w) - p div w = load(w),    int -q (div u + p/lambda) = 0,
 
-    with strain eps, shear modulus mu and Poisson's ratio nu. 1/lambda = (1 - 2 nu) / (2 mu nu) is
-    zero for nu = 1/2. The argument `u` of `strain` and `stress` then has to contain both fields,
-    such as a function of the mixed space.
+    with strain eps, Poisson's ratio nu, shear modulus mu and Lamé's constant lambda. The quotient
+    1/lambda = (1 - 2 nu) / (2 mu nu) is zero for nu = 1/2. The argument `u` of `strain` and
+    `stress` then has to contain both fields, such as a function of the mixed space.
 
     Args:
         spaces: trial and test space of the displacements, or of displacements and pressure.
@@ -105,10 +105,10 @@ class Body:
             quadrilaterals and hexahedra, and 8 for curved cells, axisymmetry and varying data.
 
     Raises:
-        ValueError: if the state does not suit the dimension; the mesh is a surface in space or
-            crosses the axis of rotation; an incompressible material is used without hybrid spaces
-            and not in plane stress; hybrid spaces are used in plane stress or with nu <= 0; or
-            the thickness is not positive.
+        ValueError: if the state does not suit the dimension; if the mesh is a surface in space or
+            crosses the axis of rotation; if an incompressible material, except in plane stress,
+            is used without hybrid spaces; if hybrid spaces are used in plane stress or with
+            nu <= 0; or if the thickness is not positive.
         DegenerateMesh: if cells are flat, inverted, folded or overlapping, or nodes are hanging.
     """
 
@@ -319,7 +319,7 @@ class Body:
 
     @check_same_arguments
     def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
-        """Return the linear form of the load of a traction on a part of the boundary, Eq. (12).
+        """Return the linear form of the load by a traction on a part of the boundary, Eq. (12).
 
         A form may contain one surface measure only. For several loads, assemble a vector of each
         form and add the vectors.
@@ -348,7 +348,7 @@ class Body:
 
     @check_same_arguments
     def body_load(self, force: Vector) -> ufl.Form:
-        """Return the linear form of the load of a body force, Eq. (12).
+        """Return the linear form of the load by a body force, Eq. (12).
 
         Args:
             force: force per volume (dim,), as numbers or an expression.
@@ -409,7 +409,7 @@ class Body:
         )
 
     def _depth(self) -> Scalar:
-        """Return the volume per measure of the mesh: thickness, 2 pi r, or 1 for a solid body."""
+        """Return the volume per area of a plane mesh (thickness or 2 pi r), or 1 for a solid."""
         if self.state is StressState.AXISYMMETRIC:
             return 2 * np.pi * ufl.SpatialCoordinate(self.spaces.mesh)[0]
         if self.state is StressState.SOLID:
@@ -419,7 +419,7 @@ class Body:
     def _integrate_bilinear(
         self, integrand: Expr, exact_degree: int, parallelepiped_degree: int = 3
     ) -> ufl.Form:
-        """Integrate a product of trial and test functions.
+        """Return the form of a product of trial and test functions, integrated over the body.
 
         Args:
             integrand: integrand of the form.
@@ -435,7 +435,7 @@ class Body:
     def _integrate(
         self, integrand: Expr, exact_degree: int, parallelepiped_degree: int = 5
     ) -> ufl.Form:
-        """Integrate over the body with the degree of quadrature that the cells need.
+        """Return the form of an integrand, with the degree of quadrature that the cells need.
 
         Args:
             integrand: integrand of the form.
@@ -464,7 +464,7 @@ class Body:
         return parallelepiped_degree if has_parallel_cells(self.spaces.mesh) else 5
 
     def _as_constant(self, value: Scalar) -> Expr:
-        """Turn a number into a `fem.Constant`, so that its changes do not recompile the form."""
+        """Turn a number into a `fem.Constant`, so that other numbers need no new compiled form."""
         if not arguments.is_number(value):
             return value
         return fem.Constant(self.spaces.mesh, float(value))
@@ -480,9 +480,9 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     """Lump a mass matrix: return the diagonal matrix (n, n) of its row sums.
 
     Each row sum is the integral of density times a test function. With piecewise-linear weight
-    functions it is positive: at vertices and mid-side nodes it is A/12 and A/4 on a 6-node triangle
-    of area A, and V/32 and 7V/48 on a 10-node tetrahedron of volume V, for density 1. On the
-    standard 6-node triangle it is zero at the vertices.
+    functions it is positive. For density 1, it is A/12 at vertices and A/4 at mid-side nodes of a
+    6-node triangle of area A, and V/32 at vertices and 7V/48 at mid-side nodes of a 10-node
+    tetrahedron of volume V. On the standard 6-node triangle it is zero at the vertices.
 
     In explicit dynamics, combine the lumped mass with a symmetric stiffness, preferably that of
     `Sibling`, whose mass matrix has positive row sums, too. With the unsymmetric stiffness of

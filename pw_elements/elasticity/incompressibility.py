@@ -58,7 +58,7 @@ def max_bulk_over_shear(mesh: Mesh) -> float:
     """Return the largest ratio of bulk to shear modulus at which no pressure is needed on a mesh.
 
     Up to this ratio, the stiffness of displacements alone with piecewise-linear weight functions is
-    far from singular.
+    far from singular. It is infinite for types of cells on which the stiffness never is singular.
     """
     if not has_straight_cells(mesh):
         return MAX_RATIO_CURVED

@@ -43,9 +43,9 @@ class Sibling:
         M = lumped_mass(sibling.matrix(M_standard), U)
 
     For the mass matrix M_standard, `lumped_mass` computes the row sums of T M_standard T^T. They
-    are the integrals of density times basis function: at vertices and mid-side nodes A/12 and A/4
-    on a triangle of area A, and V/40 and 3V/20 on a tetrahedron of volume V, for density 1. A
-    uniform body force therefore accelerates all nodes alike.
+    are the integrals of density times basis function. For density 1, they are A/12 at vertices and
+    A/4 at mid-side nodes of a triangle of area A, and V/40 at vertices and 3V/20 at mid-side nodes
+    of a tetrahedron of volume V. A uniform body force therefore accelerates all nodes alike.
 
     Contact functions recognise a stiffness that `matrix` returned. `solve_contact`,
     `ContactProblem` and `solve_impact` then apply the contact law to the coefficients, with the

@@ -45,7 +45,9 @@ T = TypeVar("T", PETSc.Mat, PETSc.Vec)
 
 @dataclass(frozen=True)
 class AssemblyRecord:
-    """Record of how a matrix or vector was made, to refuse matrices that do not fit together.
+    """Record of how a matrix or vector was assembled, attached to the PETSc object.
+
+    Functions use the records to refuse matrices and vectors that do not fit together.
 
     Args:
         form: compiled form; None if the matrix or vector was not assembled by this library.
@@ -229,10 +231,11 @@ def add_sub_cell_rules(form: ufl.Form) -> ufl.Form:
 
 
 def add_estimated_degrees(form: ufl.Form) -> ufl.Form:
-    """Return a form whose measures without a quadrature degree get the degree that UFL estimates.
+    """Return a form in which all measures have a quadrature degree.
 
-    A derivative of the returned form has the same quadrature points as the form. Newton's method
-    needs this for quadratic convergence.
+    A measure without a degree gets the degree that UFL estimates. A derivative of the returned form
+    then has the same quadrature points as the form itself, which Newton's method needs for
+    quadratic convergence.
     """
 
     def metadata_with_degree(part: ufl.Integral) -> dict[str, Any]:
@@ -299,7 +302,7 @@ def _estimated_degree(integral: ufl.Integral) -> int:
 
 
 def _expand_for_ffcx(integral: ufl.Integral) -> list[ufl.Integral]:
-    """Return the integrals that FFCx compiles, in which only functions are differentiated."""
+    """Return the integrals that FFCx compiles, with derivatives applied only to functions."""
     data = compute_form_data(
         ufl.Form([integral]), do_apply_integral_scaling=True, do_append_everywhere_integrals=False
     )

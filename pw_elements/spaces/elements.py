@@ -68,7 +68,7 @@ def vertex_rule() -> tuple[Array, Array]:
 
 
 class TwelveCellElement(basix.ufl._BasixElement):
-    """Piecewise-linear element on tetrahedra, the mean over three cuts into sub-cells.
+    """Piecewise-linear element on tetrahedra: the mean of the elements of three cuts of the cell.
 
     Points of FFCx's own quadrature rules are refused, because these rules suit a single cut only.
     """
@@ -227,7 +227,7 @@ def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._Elem
 
 
 class _HalvedTensorElement(basix.ufl._BasixElement):
-    """Macro element on intervals, quadrilaterals and hexahedra, tabulated as products of hats.
+    """Macro element on intervals, quadrilaterals and hexahedra, with products of hat functions.
 
     FFCx tabulates through this class, because Basix 0.9 computes wrong derivatives of macro
     elements on these cells: in each upper half it subtracts in unsigned arithmetic, and a slope of

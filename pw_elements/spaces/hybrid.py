@@ -73,7 +73,7 @@ class SubSpace:
 
     @classmethod
     def displacements(cls, space: fem.FunctionSpace) -> "SubSpace":
-        """Return the displacements: the first field of a hybrid space, or any other whole space."""
+        """Return the sub-space of the displacements, or the whole space if it is not hybrid."""
         if is_hybrid(space):
             return cls._from_field(space, 0)
         index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
@@ -170,7 +170,7 @@ def equilibration_scale(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
 
 
 def list_fields(space: fem.FunctionSpace) -> list[SubSpace]:
-    """Return the fields of a space: displacements and pressure of a hybrid space, or the space."""
+    """Return displacements and pressure of a hybrid space, or the single field of another space."""
     fields = [SubSpace.displacements(space)]
     return [*fields, SubSpace.pressure(space)] if is_hybrid(space) else fields
 
@@ -179,8 +179,8 @@ def tie_pressures(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) 
     """Assemble the matrix (n, n_r) that makes a split pressure continuous within each part.
 
     The columns belong to the free displacements, and to one pressure for each pair of a vertex and
-    a part with a cell at this vertex. There is no such column if the pressure is prescribed in one
-    of these cells.
+    a part with cells at this vertex. If the pressure at the vertex is prescribed in one of these
+    cells, the pair has no column.
 
     Args:
         space: hybrid space with a pressure that is discontinuous between cells.

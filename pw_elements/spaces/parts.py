@@ -32,7 +32,7 @@ def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask
     The function does not communicate; call it in a block of `collective_errors`.
 
     Args:
-        comm: communicator whose rank error messages name.
+        comm: communicator of the processes. Error messages contain the rank of this process.
         name: name of the marker, used in error messages.
         marker: the user's function, from points (3, n) to a mask (n,).
         x: points (3, n), one in each column.
@@ -56,12 +56,12 @@ def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask
 
 
 def local_numbers(comm: MPI.Comm, name: str, selection: Any, count: int) -> LocalIndices:  # noqa: ANN401
-    """Convert a user's selection of entities to their distinct local numbers.
+    """Return the distinct local numbers of the entities in a user's selection.
 
     The function does not communicate; call it in a block of `collective_errors`.
 
     Args:
-        comm: communicator whose rank error messages name.
+        comm: communicator of the processes. Error messages contain the rank of this process.
         name: name of the entities, used in error messages.
         selection: local numbers (m,) of the selected entities, or a mask (count,) of all local
             entities.
@@ -140,7 +140,9 @@ def _locate_local_nodes(
 
 
 def require_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndices:
-    """Return the local numbers of `locate_nodes`, on all processes together.
+    """Return the local numbers of a space's nodes in a part that must not be empty; collective.
+
+    The arguments are those of `locate_nodes`.
 
     Raises:
         ValueError: if no process has a node in the part.
@@ -183,7 +185,7 @@ def locate_exterior_facets(mesh: Mesh, where: Part, skip_interior: bool = True) 
 
 
 class _MarkerRecorder:
-    """Evaluation of a user's marker, with a record of its values to compare the processes.
+    """Evaluation of a user's marker, with a record of its values for comparison among processes.
 
     Args:
         comm: communicator of the processes.
