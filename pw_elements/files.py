@@ -92,7 +92,7 @@ def replace_file(path: Path, content: bytes, is_ours: Callable[[Path], bool] | N
 
 
 def remove_file(path: Path) -> None:
-    """Remove a file if it exists."""
+    """Remove the file at a path, if there is one."""
     with suppress(FileNotFoundError):
         os.unlink(path)
 

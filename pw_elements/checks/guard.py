@@ -236,7 +236,7 @@ def check_same_arguments(function: Function) -> Function:
 
 
 def defer_errors_if_parallel(check: Callable[[Any], None]) -> Callable[[Any], None]:
-    """Decorate the `__post_init__` of a dataclass to defer its errors if there are many processes.
+    """Decorate the `__post_init__` of a dataclass to defer its errors on several processes.
 
     Materials, motions and contact pairs are created on each process separately. An error might be
     raised on one process only, for which the other processes would wait. Instead, the object keeps

@@ -25,7 +25,7 @@ class TaggedMesh(NamedTuple):
     tags of all combinations that contain it.
 
     Args:
-        mesh: the mesh.
+        mesh: mesh with these cells and facets.
         cell_tags: tags of cells; `cell_tags.find(1)` returns the local cells with tag 1.
         facet_tags: tags of facets; `facet_tags.find(1)` returns the local facets with tag 1.
         names: tags of each named set of "cells" and of "facets", such as
