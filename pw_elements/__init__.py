@@ -1,10 +1,10 @@
 """Quadratic finite elements with piecewise-linear weight functions, for DOLFINx.
 
-The trial functions are the standard quadratic ones; the test (weight) functions are
-continuous and linear on the sub-cells of the once refined cell. Idea and equations:
-M. Klisiński, Ch. Luo, E. Postek, "Discussion on application of piece-wise linear weight
-functions in 2D contact problems" (2001); as a function space it is the P1-iso-P2 element
-of M. Bercovier and O. Pironneau (1979), https://doi.org/10.1007/BF01399555.
+The trial functions are the standard quadratic functions. The test (weight) functions are
+continuous, and linear on the sub-cells of each cell refined once. The idea and the equations are
+from M. Klisiński, Ch. Luo, E. Postek, "Discussion on application of piece-wise linear weight
+functions in 2D contact problems" (2001). The space of the weight functions is the P1-iso-P2
+element of M. Bercovier and O. Pironneau (1979), https://doi.org/10.1007/BF01399555.
 """
 
 import re

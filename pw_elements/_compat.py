@@ -1,4 +1,4 @@
-"""Differences between DOLFINx 0.9 and later versions, and functions that petsc4py lacks."""
+"""Bridge the differences between DOLFINx versions, and add functions that petsc4py lacks."""
 
 from ctypes import CDLL, byref, c_int64
 
@@ -16,7 +16,7 @@ __all__ = ["cell_nodes", "interpolation_points", "is_petsc_option_used", "single
 
 
 def cell_nodes(mesh: Mesh) -> LocalIndices:
-    """Return the geometry nodes (cells, nodes per cell) of all cells, ghosts included."""
+    """Return the geometry nodes (cells, nodes per cell) of all local cells, including ghosts."""
     geometry = mesh.geometry
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
 
@@ -28,7 +28,7 @@ def interpolation_points(space: fem.FunctionSpace) -> Array:
 
 
 def is_petsc_option_used(name: str) -> bool:
-    """Return whether PETSc has read an option, given by its name with prefix."""
+    """Return whether PETSc has read an option; `name` is its full name with the prefix."""
     is_used = c_int64(0)  # large enough for PetscBool
     CDLL(PETSc.__file__).PetscOptionsUsed(None, name.encode(), byref(is_used))
     return bool(is_used.value)
@@ -44,9 +44,9 @@ def single_entry_matrix(
 
     Args:
         columns: global column (n,) of the entry in each row of this process; -1 for an empty row.
-        sizes: local and global numbers of rows, and of columns.
-        comm: communicator.
-        values: entries (n,), or one for all rows.
+        sizes: local and global number of rows, then local and global number of columns.
+        comm: communicator of the matrix.
+        values: entries (n,) of the rows, or one value for all rows.
     """
     has_entry = columns >= 0
     pointers = np.concatenate([[0], np.cumsum(has_entry)]).astype(PETSc.IntType)

@@ -1,4 +1,4 @@
-"""Types of NumPy arrays by the type of their entries, and arrays with derivatives."""
+"""Type aliases of NumPy arrays, and an array class for automatic differentiation."""
 
 from collections.abc import Sequence
 from typing import TypeAlias
@@ -9,14 +9,14 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
-# Numbers of nodes, facets or cells on a process, of DOLFINx' type
+# Local numbers of nodes, facets or cells, with the integer type that DOLFINx uses for them
 LocalIndices = npt.NDArray[np.int32]
 
 
 class AutoDiffArray:
-    """Numbers (n,) with derivatives (n, k): automatic differentiation in forward mode."""
+    """Numbers (n,) and their derivatives (n, k), for automatic differentiation in forward mode."""
 
-    __array_ufunc__ = None  # so that NumPy arrays leave mixed operations to this class
+    __array_ufunc__ = None  # makes NumPy leave operations of both array types to this class
 
     def __init__(self, value: Array, derivative: Array) -> None:
         self.value, self.derivative = value, derivative
@@ -55,11 +55,11 @@ class AutoDiffArray:
     __radd__, __rmul__ = __add__, __mul__
 
 
-# Operands of formulas, with or without derivatives
+# Operands of arithmetic expressions, with or without derivatives
 Numbers: TypeAlias = AutoDiffArray | Array | float
 
 
 def stack_values_and_derivatives(numbers: Sequence[AutoDiffArray]) -> tuple[Array, Array]:
-    """Return values (q, j) and derivatives (q, j, k) of j arrays (q,) with derivatives (q, k)."""
+    """Stack j arrays (q,) with derivatives (q, k); return values (q, j), derivatives (q, j, k)."""
     parts = ([v.value for v in numbers], [v.derivative for v in numbers])
     return np.stack(parts[0], axis=1), np.stack(parts[1], axis=1)

@@ -3,17 +3,19 @@
 The library and the study create, replace and delete files through this module only.
 
 - A file is written under a temporary name in the same folder and then renamed. At any moment the
-  path holds either the old or the new file; after an error, the old one.
-- A folder is written in the same way and then exchanged with the old one. An existing folder is
-  replaced only if its mark, a file named ".pw-elements", lists its whole content.
+  path holds either the old or the new file. After an error it holds the old file.
+- A folder is written under a temporary name, too, and then exchanged with the old folder. An
+  existing folder is replaced only if its mark, a file named ".pw-elements", lists its whole
+  content.
 - Unfinished files and folders have names that end in ".pw-elements-unfinished". The process that
-  writes them holds a lock, which ends with the process. The next process that writes in the same
-  folder removes unfinished ones without a lock, and leaves those of running processes (in other
-  containers, too) alone. On file systems without locks, they are kept.
+  writes an unfinished file or folder holds a lock on it, which ends with the process. The next
+  process that writes in the same folder removes unfinished files and folders without a lock. Those
+  with a lock belong to running processes, possibly in other containers, and are kept. On file
+  systems without locks, all unfinished files and folders are kept.
 
-If the system cannot exchange two folders (some network file systems), a process that is killed
-between two renames leaves no folder at the path. The next process that writes there restores the
-old one.
+Some network file systems cannot exchange two folders. There, a process that is killed between two
+renames leaves no folder at the path, and the next process that writes there restores the old
+folder.
 """
 
 import ctypes
@@ -38,7 +40,8 @@ _UNFINISHED_PATTERN = re.compile(rf"\.[0-9a-f]{{16}}{re.escape(_UNFINISHED_SUFFI
 _REPLACED_NAME = ".replaced"
 _SCRATCH_NAME = ".scratch"
 _CONTAINER_KIND = "unfinished"  # kind of the temporary folder that holds the new folder
-_MAX_CREATION_ATTEMPTS = 10  # to lock a new file before another process removes it
+# Attempts to create and lock a new file: another process may remove the file before it is locked
+_MAX_CREATION_ATTEMPTS = 10
 _MAX_NAMES_IN_MESSAGE = 3
 # Constants of Linux' renameat2(2)
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
@@ -46,7 +49,7 @@ _EXCHANGE_UNSUPPORTED = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
 class ForeignEntry(FileExistsError):
-    """The path holds a file or folder that the library did not write, and must not replace."""
+    """A path holds a file or folder that the library did not write and must not replace."""
 
 
 @contextmanager
@@ -56,12 +59,13 @@ def replacing_file(
     """Open a file that replaces the file at a path, or creates it, when the block ends.
 
     Args:
-        path: Path of the file, in an existing folder; for a link, its target is replaced.
-        is_ours: Whether an existing file may be replaced; without it, any regular file may be.
+        path: Path of the file, in an existing folder. If it is a link, its target is replaced.
+        is_ours: Function that returns whether the existing file at a path may be replaced. By
+            default any regular file may be replaced.
 
     Raises:
-        ForeignEntry: If the path holds something else.
-        OSError: If the file cannot be written; the old one is unchanged then.
+        ForeignEntry: If the path holds something that must not be replaced.
+        OSError: If the file cannot be written. The old file is unchanged in this case.
     """
     path = path.resolve()
     check_file_replaceable(path, is_ours)
@@ -82,30 +86,32 @@ def replacing_file(
 
 
 def replace_file(path: Path, content: bytes, is_ours: Callable[[Path], bool] | None = None) -> None:
-    """Write a file completely or not at all, see `replacing_file`."""
+    """Write a file completely or not at all; the arguments are those of `replacing_file`."""
     with replacing_file(path, is_ours) as stream:
         stream.write(content)
 
 
 def remove_file(path: Path) -> None:
-    """Remove a file of the library, if it exists."""
+    """Remove the file at a path, if there is one."""
     with suppress(FileNotFoundError):
         os.unlink(path)
 
 
 class FolderReplacement:
-    """Replacement of the folder at a path by a new one, or its creation.
+    """Creation of a folder at a path, or replacement of the existing folder by a new one.
 
-    Call `start`, fill `folder` and call `commit`, on one process; `abandon` removes a folder that
-    has not been committed. `replacing_folder` does all three.
+    Call `start`, write files into `folder`, and call `commit`, all on one process. `abandon`
+    removes a new folder that has not been committed. The context manager `replacing_folder` makes
+    these calls.
 
     Args:
-        path: Path of the folder, in an existing folder; for a link, its target is replaced.
-        kind: Description such as "a site"; folders of another kind are not replaced.
-        durable: Whether the content has to survive a loss of power, which costs time per file.
+        path: Path of the folder, in an existing folder. If it is a link, its target is replaced.
+        kind: Description of the folder, such as "a site". Folders of another kind are not
+            replaced.
+        durable: Whether the content has to survive a loss of power. This costs time for each file.
 
     Attributes:
-        folder: New folder, to be filled; it has the same name.
+        folder: New folder, to be filled. Its name is that of `path`.
         scratch: Folder for temporary files.
     """
 
@@ -134,11 +140,11 @@ class FolderReplacement:
                 raise
 
     def commit(self) -> None:
-        """Move the new folder to the path, and delete the old one.
+        """Move the new folder to the path, and delete the old folder.
 
         Raises:
             ForeignEntry: If the path now holds something that must not be replaced.
-            OSError: If the folder cannot be moved; the old one is unchanged then.
+            OSError: If the new folder cannot be moved. The old folder is unchanged in this case.
         """
         with _report_target_in_errors(self.path):
             entries = sorted(_list_entries(self.folder))
@@ -150,7 +156,7 @@ class FolderReplacement:
             if os.path.lexists(self.path) and not _list_entries(self.path):
                 _remove_marked_folder(
                     self.path, []
-                )  # an exchange could move files that are added now
+                )  # an exchange could move files that are being added at this moment
             if not os.path.lexists(self.path):
                 os.rename(self.folder, self.path)
             else:
@@ -158,7 +164,7 @@ class FolderReplacement:
         self.abandon()
 
     def _exchange_with_target(self) -> None:
-        """Exchange the new folder with the old one; undo it if the old one must not be replaced."""
+        """Exchange the new with the old folder; undo this if the old one must not be replaced."""
         replaced = self.folder
         if not _exchange_folders(self.folder, self.path):
             replaced = self.folder.with_name(_REPLACED_NAME)
@@ -179,7 +185,10 @@ class FolderReplacement:
             raise
 
     def abandon(self) -> None:
-        """Remove a folder that has not been committed; remains are removed by a later process."""
+        """Remove a folder that has not been committed.
+
+        Files that cannot be removed now are removed by the next process that writes there.
+        """
         if self._container is None:
             return
         container, descriptor = self._container
@@ -192,11 +201,11 @@ class FolderReplacement:
 
 @contextmanager
 def replacing_folder(path: Path, kind: str) -> Iterator[FolderReplacement]:
-    """Yield a folder to be filled, which replaces the folder at a path when the block ends.
+    """Yield a `FolderReplacement`; when the block ends, its folder replaces the one at the path.
 
     Raises:
         ForeignEntry: If the path holds something that must not be replaced.
-        OSError: If the folder cannot be written; the old one is unchanged then.
+        OSError: If the new folder cannot be written. The old folder is unchanged in this case.
     """
     replacement = FolderReplacement(path, kind)
     replacement.start()
@@ -211,7 +220,7 @@ def check_file_replaceable(path: Path, is_ours: Callable[[Path], bool] | None = 
     """Check that a path is free or holds a regular file that may be replaced.
 
     Raises:
-        ForeignEntry: Names the obstacle.
+        ForeignEntry: If the path holds anything else; the message names it.
     """
     path = path.resolve()
     if not os.path.lexists(path):
@@ -226,10 +235,13 @@ def check_file_replaceable(path: Path, is_ours: Callable[[Path], bool] | None = 
 
 
 def check_folder_replaceable(path: Path, kind: str) -> None:
-    """Check that a path is free or holds an empty folder, or one of this kind without other files.
+    """Check that a folder may be created or replaced at a path.
+
+    The path has to be free, or hold an empty folder, or a folder of the same kind that contains
+    only the entries listed in its mark.
 
     Raises:
-        ForeignEntry: Names the obstacle.
+        ForeignEntry: If the path holds anything else; the message names it.
     """
     path = path.resolve()
     if not os.path.lexists(path):
@@ -255,12 +267,13 @@ def check_folder_replaceable(path: Path, kind: str) -> None:
 def claim_folder(
     path: Path, kind: str, may_adopt: Callable[[Path], bool] = lambda _: False
 ) -> None:
-    """Create a marked folder whose files are replaced one by one, or accept an existing one.
+    """Create a marked folder for files that are replaced one by one, or accept an existing one.
 
     Args:
-        path: Path of the folder, created with its parents.
-        kind: Description of the folder, kept in its mark.
-        may_adopt: Whether a folder without a mark may be marked; empty ones always are.
+        path: Path of the folder. Missing parent folders are created.
+        kind: Description of the folder, which is stored in its mark.
+        may_adopt: Function that returns whether an existing folder without a mark may be marked.
+            Empty folders always are.
 
     Raises:
         ForeignEntry: If the path holds something else.
@@ -281,15 +294,15 @@ def claim_folder(
 def remove_unfinished(folder: Path) -> None:
     """Remove unfinished files and folders of killed processes from a folder.
 
-    If a folder was about to be replaced, the old one is restored. Files that cannot be removed, or
-    belong to another user, are kept.
+    If a process was killed while it replaced a folder, the old folder is restored. Files that
+    cannot be removed, or that belong to another user, are kept.
     """
     try:
         with os.scandir(folder) as entries:
             unfinished = [
                 Path(entry.path) for entry in entries if _UNFINISHED_PATTERN.fullmatch(entry.name)
             ]
-    except OSError:  # the caller's writing fails with the same error
+    except OSError:  # the caller meets the same error when it writes
         return
     for path in unfinished:
         with suppress(OSError):
@@ -297,7 +310,7 @@ def remove_unfinished(folder: Path) -> None:
 
 
 def _remove_if_abandoned(path: Path) -> None:
-    """Remove an unfinished file or folder unless a process holds its lock (raise OSError then)."""
+    """Remove an unfinished file or folder; raise OSError if a process holds its lock."""
     status = os.lstat(path)
     if status.st_uid != os.geteuid():
         return
@@ -306,7 +319,7 @@ def _remove_if_abandoned(path: Path) -> None:
     locked_file = path
     if path.is_dir():
         with suppress(OSError):
-            os.rmdir(path)  # its process was killed before it made the mark
+            os.rmdir(path)  # its process was killed before it wrote the mark
             return
         locked_file = path / MARK_NAME
     descriptor = os.open(locked_file, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
@@ -323,7 +336,7 @@ def _remove_if_abandoned(path: Path) -> None:
 
 @contextmanager
 def _report_target_in_errors(path: Path) -> Iterator[None]:
-    """Replace the temporary file name in OSError by the path that was to be written."""
+    """Replace the name of a temporary file in an OSError by the path of the final file."""
     try:
         yield
     except OSError as error:
@@ -335,7 +348,7 @@ def _report_target_in_errors(path: Path) -> Iterator[None]:
 
 
 def _create_locked(folder: Path) -> tuple[Path, int]:
-    """Create an unfinished file in a folder; return it with its locked descriptor."""
+    """Create an unfinished file in a folder; return its path and its locked descriptor."""
     for _ in range(_MAX_CREATION_ATTEMPTS):
         path = folder / f".{secrets.token_hex(8)}{_UNFINISHED_SUFFIX}"
         descriptor = _open_locked(path)
@@ -345,7 +358,7 @@ def _create_locked(folder: Path) -> tuple[Path, int]:
 
 
 def _make_container(path: Path) -> tuple[Path, int]:
-    """Make an unfinished folder beside a path; return it with the locked descriptor of its mark."""
+    """Make an unfinished folder beside a path; return its path and its mark's locked descriptor."""
     for _ in range(_MAX_CREATION_ATTEMPTS):
         container = path.with_name(f".{secrets.token_hex(8)}{_UNFINISHED_SUFFIX}")
         os.mkdir(container)
@@ -394,12 +407,15 @@ def _open_new(path: Path) -> int:
 
 
 def _try_lock(descriptor: int) -> bool:
-    """Lock a new file; return False if another process has locked or removed it."""
+    """Lock a new file; return whether this succeeded before another process locked or removed it.
+
+    Also return True on file systems without locks.
+    """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:  # a file system without locks, where unfinished files are kept
+    except OSError:  # on file systems without locks, unfinished files are kept
         return True
     return os.fstat(descriptor).st_nlink > 0
 
@@ -441,7 +457,10 @@ def _restore_replaced(container: Path) -> None:
 
 
 def _remove_container(container: Path) -> None:
-    """Remove an unfinished folder; of a marked folder in it, only entries that the mark lists."""
+    """Remove an unfinished folder and the folder in it that is being written.
+
+    Of a marked folder, only the entries that the mark lists are removed.
+    """
     with os.scandir(container) as entries:
         paths = [Path(entry.path) for entry in entries if entry.name != MARK_NAME]
     for path in paths:
@@ -456,10 +475,10 @@ def _remove_container(container: Path) -> None:
 
 
 def _remove_marked_folder(folder: Path, entries: list[str]) -> None:
-    """Remove the listed entries of a folder, and itself; raise OSError if others are left."""
+    """Remove the listed entries of a folder, then the folder; raise OSError if it is not empty."""
     for entry in sorted(
         _list_entries(folder) & {*entries}, reverse=True
-    ):  # the content of a folder first
+    ):  # the content of a folder before the folder
         (os.rmdir if entry.endswith("/") else os.unlink)(folder / entry)
     if not _list_entries(folder):
         remove_file(folder / MARK_NAME)
@@ -467,7 +486,10 @@ def _remove_marked_folder(folder: Path, entries: list[str]) -> None:
 
 
 def _list_entries(folder: Path, prefix: str = "") -> set[str]:
-    """Return relative paths of a folder's content without its mark; folders end with a slash."""
+    """Return the relative paths of a folder's content, except its mark.
+
+    Paths of sub-folders end with a slash. Unfinished files are left out.
+    """
     relative_paths = set()
     with os.scandir(folder) as entries:
         for entry in entries:
@@ -497,7 +519,10 @@ def _write_mark(folder: Path, kind: str, entries: list[str]) -> None:
 
 
 def _read_mark(folder: Path) -> dict[str, Any]:
-    """Return the mark of a folder; {} if it has none, kind None if it is not one of ours."""
+    """Return the mark of a folder as a mapping.
+
+    It is empty if the folder has no mark. Its "kind" is None if the library did not write it.
+    """
     try:
         mark = json.loads((folder / MARK_NAME).read_bytes())
     except FileNotFoundError:

@@ -4,7 +4,7 @@
     axes = draw(mesh, body.von_mises(u), u, scale=100, label="von Mises stress [MPa]")
     axes.figure.savefig("bracket.png", dpi=150)
 
-Solid bodies are drawn in parallel projection. Only Matplotlib is needed, and no display. For
+Solid bodies are drawn in parallel projection. The functions need Matplotlib, but no display. For
 sections, animations and large meshes, write files for ParaView.
 """
 
@@ -39,16 +39,20 @@ SUB_TRIANGLES = {
         *([5, 8, 7], [5, 7, 2], [8, 6, 3], [8, 3, 7]),
     ],
 }
-"""Sub-triangles of a triangle of 6 and a quadrilateral of 9 nodes, in Basix' order."""
+"""Nodes of the sub-triangles of a cell, by its number of nodes: 6 (triangle), 9 (quadrilateral).
+
+Nodes are numbered in Basix' order.
+"""
 _CELL_OF_FACET_NODES = {6: basix.CellType.triangle, 9: basix.CellType.quadrilateral}
 _OUTLINE_NODES = {6: [0, 5, 1, 3, 2, 4], 9: [0, 4, 1, 6, 3, 7, 2, 5]}
-# Number of parts of each edge of a facet in space; the triangles between have one colour each
+# Parts into which each edge of a facet of a solid is divided; each resulting triangle has one
+# colour
 _PARTS_PER_EDGE = 4
 _PLAIN_COLOUR = (0.78, 0.82, 0.86)
 _MAX_COORDINATE = 1e150  # areas of faces with larger coordinates overflow
-# Smallest component, towards the eye, of the unit normal of a triangle that is drawn
+# Smallest component towards the eye that the unit normal of a visible triangle has
 _MIN_FACING_COMPONENT = 1e-9
-# Direction to the light (right, up, towards the eye); brightness of surfaces that it does not reach
+# Direction to the light (right, up, towards the eye), and brightness of surfaces in shadow
 _LIGHT_DIRECTION = np.array([0.35, 0.5, 0.79])
 _SHADOW_BRIGHTNESS = 0.55
 
@@ -56,9 +60,9 @@ _SHADOW_BRIGHTNESS = 0.55
 class _Faces(NamedTuple):
     """Visible faces of all processes, with k nodes each in the order of Basix."""
 
-    x: Array  # (f, k, dim), deformed
-    values: Array  # (f, k), zero if no field is drawn
-    cell_centres: Array  # (f, dim), of the cells of the faces
+    x: Array  # deformed positions (f, k, dim) of the nodes
+    values: Array  # values (f, k) of the field at the nodes, zero if no field is drawn
+    cell_centres: Array  # centres (f, dim) of the cells to which the faces belong
 
 
 @check_same_arguments
@@ -74,35 +78,37 @@ def draw(
     view: tuple[float, float] = (25.0, -60.0),
     edges: bool = True,
 ) -> Axes:
-    """Draw a body, deformed and coloured by a field; every process calls it.
+    """Draw a deformed body, coloured by a field; all processes have to call this function.
 
         draw(mesh, u[1], u, label="deflection [mm]")
         draw(mesh, body.von_mises(u), u, scale=50, axes=axes, view=(30, 45))
 
-    The field is evaluated in each cell separately, so that stresses may jump between cells. Curved
-    cells are drawn curved.
+    The field is evaluated in each cell separately. The colours may therefore jump between cells, as
+    stresses do. Curved cells are drawn curved.
 
     Args:
         mesh: mesh of triangles, quadrilaterals, tetrahedra or hexahedra.
-        values: scalar field, a function or UFL expression; by default the body is grey.
+        values: scalar field to be shown, a function or UFL expression; by default the body is grey.
         displacement: displacement field; by default the body is drawn undeformed.
-        scale: factor of the displacements.
-        axes: axes to draw in; by default those of a new figure.
-        label: label of the colour bar; without it, no colour bar is drawn.
+        scale: factor by which displacements are multiplied.
+        axes: Matplotlib's axes to draw in; by default the axes of a new figure.
+        label: label of the colour bar; without a label, no colour bar is drawn.
         colours: name of a colour map of Matplotlib.
-        limits: lower and upper limit of the colour range, useful for unbounded stresses at sharp
-            corners; by default the range of the values.
-        view: elevation above the xy plane and azimuth in it of the eye, in degrees; z is up.
+        limits: lower and upper limit of the colour range, by default the range of the values.
+            Limits are useful for unbounded stresses at sharp corners.
+        view: direction of the view of a solid body: elevation of the eye above the xy plane and
+            azimuth in this plane, in degrees. The z axis points up.
         edges: whether the edges of the cells are drawn.
 
     Returns:
-        The axes. Each process has its own; let one of them save the figure.
+        The axes. Each process draws the whole body in axes of its own; save the figure on one
+        process.
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for values that are not scalar; a displacement, scale, view or limits that are
-            not finite or of the wrong size; a function on another mesh; unsupported cells; or an
-            unknown colour map.
+        ValueError: if the values are not scalar; if a displacement, scale, view or limits are not
+            finite or have the wrong size; if a function belongs to another mesh; if the cells are
+            not supported; or if the colour map is unknown.
     """
     arguments.check_mesh_type(mesh)
     with collective_errors(mesh.comm):
@@ -142,7 +148,7 @@ def draw(
 
 
 def check_axes(axes: object) -> None:
-    """Raise TypeError on this process unless axes are None or axes of Matplotlib."""
+    """Raise TypeError on this process unless `axes` is None or an instance of Matplotlib's Axes."""
     if axes is not None:
         from matplotlib.axes import Axes
 
@@ -177,7 +183,10 @@ def _check_fields(mesh: Mesh, values: Expr | None, displacement: fem.Function | 
 def _collect_faces(
     mesh: Mesh, values: Expr | None, displacement: fem.Function | None, scale: float
 ) -> _Faces:
-    """Return the cells of a plane body, or the exterior facets of a solid body; collective."""
+    """Return the cells of a plane body, or the exterior facets of a solid body.
+
+    Collective: every process returns the faces of all processes.
+    """
     dim = mesh.geometry.dim
     position = ufl.SpatialCoordinate(mesh)
     if displacement is not None:
@@ -189,7 +198,7 @@ def _collect_faces(
     node_values = (
         np.zeros(coordinates.shape[:2]) if values is None else _evaluate_at_nodes(mesh, values, ())
     )
-    is_defined = np.isfinite(node_values)  # on the axis of rotation u_r / r is 0 / 0
+    is_defined = np.isfinite(node_values)  # the hoop strain u_r / r is 0 / 0 at r = 0
     mean = np.where(is_defined, node_values, 0.0).sum(axis=1) / np.maximum(
         is_defined.sum(axis=1), 1
     )
@@ -212,7 +221,11 @@ def _collect_faces(
 
 
 def _evaluate_at_nodes(mesh: Mesh, expression: Expr, shape: tuple[int, ...]) -> Array:
-    """Return values (cells, nodes per cell, ...) in each cell (ghosts, too) at its nodes."""
+    """Evaluate an expression in each local cell (including ghosts) at the cell's nodes.
+
+    Returns:
+        Values (cells, nodes per cell, *shape).
+    """
     cell = mesh.topology.cell_name()
     element = basix.ufl.element("Lagrange", cell, 2, shape=shape, discontinuous=True)
     space = fem.functionspace(mesh, element)
@@ -246,7 +259,7 @@ def _draw_space_faces(
     line_width: float,
     view: tuple[float, float],
 ) -> None:
-    """Draw the faces that are turned to the eye, from the farthest to the nearest."""
+    """Draw the faces that are turned towards the eye, from the farthest to the nearest."""
     from matplotlib.collections import PolyCollection
 
     corners, outline, shape_values = _triangulate_facet(_CELL_OF_FACET_NODES[faces.x.shape[1]])
@@ -276,7 +289,7 @@ def _draw_space_faces(
             polygons += [*triangles[face, visible, :, :2], x[face, outline, :2]]
             face_colours += [*colour[face, visible], np.zeros(4)]
             edge_colours += [*colour[face, visible], np.array([0, 0, 0, 0.6 if line_width else 0])]
-    # thin lines of their own colour close the gaps between triangles
+    # thin lines in the colour of the triangle close the gaps between triangles
     line_widths = np.where(np.array(face_colours)[:, 3] > 0, 0.3, line_width)
     axes.add_collection(
         PolyCollection(
@@ -290,8 +303,8 @@ def _triangulate_facet(cell: basix.CellType) -> tuple[Indices, Indices, Array]:
     """Cut a quadratic facet into small triangles for drawing.
 
     Returns:
-        Points (t, 3) of the triangles, points on the outline in order, and values (points, nodes)
-        of the shape functions at all points.
+        Indices (t, 3) of the points of the triangles, indices of the points on the outline in
+        cyclic order, and values (points, nodes) of the shape functions at all points.
     """
     from scipy.spatial import Delaunay
 

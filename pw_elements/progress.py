@@ -1,13 +1,13 @@
-"""Progress of a computation: the library's loggers, and lines on stderr.
+"""Report the progress of a computation through loggers or by lines on stderr.
 
-Loggers are "pw_elements", "pw_elements.contact", "pw_elements.eigen", "pw_elements.linear_solver"
-and "pw_elements.problems". They log increments and eigenvalue problems at the level INFO,
-iterations and factorisations at DEBUG, on process 0 alone.
+The library's loggers are "pw_elements", "pw_elements.contact", "pw_elements.eigen",
+"pw_elements.linear_solver" and "pw_elements.problems". Only process 0 logs. Increments and
+eigenvalue problems are logged at the level INFO, iterations and factorisations at the level DEBUG:
 
     logging.basicConfig(level=logging.INFO)
 
-If INFO is not logged, a line on stderr names the current activity, at most every ten seconds. This
-turns it off:
+If messages of the level INFO are not logged, a line on stderr names the current activity, at most
+every ten seconds. The following call switches these lines off:
 
     logging.getLogger("pw_elements").setLevel(logging.ERROR)
 """
@@ -22,8 +22,8 @@ from mpi4py import MPI
 
 logger = logging.getLogger("pw_elements")
 
-# Current activities, the outermost first; seconds between two reports; time of the last report, or
-# of the import
+# Current activities, the outermost first; minimum number of seconds between two reports; time of
+# the last report, or of the import of this module before the first report
 _activities: list[str] = []
 _MIN_PAUSE = 10.0
 _last_report = perf_counter()
@@ -31,7 +31,10 @@ _last_report = perf_counter()
 
 @contextmanager
 def report_activity(comm: MPI.Comm, activity: str) -> Iterator[None]:
-    """Name the activity of a block, and of blocks around it, on stderr at intervals."""
+    """Name the activity of a `with` block, after those of enclosing blocks, on stderr.
+
+    Nothing is printed within ten seconds after the last report.
+    """
     global _last_report
     logs_info = logger.isEnabledFor(logging.INFO) and logger.hasHandlers()
     is_silent = comm.rank > 0 or logs_info or bool(logger.handlers) or logger.level > logging.INFO

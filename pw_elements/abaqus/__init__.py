@@ -1,7 +1,7 @@
-"""Reader of meshes and sets in Abaqus' input files, which CalculiX and Gmsh write, too.
+"""Reader of meshes and sets in Abaqus' input files, a format that CalculiX and Gmsh also use.
 
-`lines` reads text and numbers, `deck` collects tables of nodes, elements and sets, `types` lists
-the element types, and `mesh` makes arrays of cells and tagged facets.
+The module `lines` reads text and numbers, `deck` collects tables of nodes, elements and sets,
+`types` lists the element types, and `mesh` creates arrays of cells and tagged facets.
 """
 
 from pw_elements.abaqus.lines import to_upper_ascii

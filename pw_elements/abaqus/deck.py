@@ -1,7 +1,7 @@
 """Model of an Abaqus input file: tables of nodes, elements, sets and surfaces.
 
-Blocks from *STEP on are ignored. Nodes and elements are resolved before ELSETs, NSETs and SURFACEs
-whatever their order in the file is, as in CalculiX.
+The first *STEP and all blocks after it are ignored. As in CalculiX, ELSETs, NSETs and SURFACEs may
+precede the nodes and elements to which they refer.
 """
 
 from array import array
@@ -29,7 +29,7 @@ from pw_elements.checks import arguments
 # Keywords that generate or move nodes or elements
 UNSUPPORTED_KEYWORDS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "IMPORT"}
 UNSUPPORTED_KEYWORDS |= {"SYMMETRICMODELGENERATION", "MESHREFINEMENT", "SUBSTRUCTUREGENERATE"}
-# Parameters that are read, or that do not change nodes and members of sets
+# Parameters that are read, or that may be ignored because they change neither nodes nor sets
 SUPPORTED_PARAMETERS = {
     "NODE": {"NSET", "SYSTEM", "INTERNAL"},
     "ELEMENT": {"TYPE", "ELSET", "PARENT", "DLOAD", "SOLIDELEMENTNUMBERING", "INTERNAL"},
@@ -42,18 +42,18 @@ RELEVANT_KEYWORDS = (
     | SUPPORTED_PARAMETERS.keys()
     | {"PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "STEP"}
 )
-# The key of a node or element is its number plus this multiple of the number of its part
+# Factor of keys: the key of a node or element is its number plus this factor times the part number
 KEYS_PER_PART = 2**32
 MAX_ELEMENT_TYPES = 1000
-# Largest total number of members of all sets (and of keys compared with ranges): this number plus
-# this multiple of the number of nodes and elements
+# Limit of the total number of members of all sets, and of keys compared with ranges: the first
+# number plus the second number times the number of nodes and elements
 MAX_SET_MEMBERS, MAX_MEMBERS_PER_ENTITY = 2_000_000, 20
 
 SetName = tuple[int, str]  # number of the part, and name of the set in the part
 
 
 class SetReference(NamedTuple):
-    """Name of a set in a row of another set; in surfaces, with a face of its elements or ""."""
+    """Reference to a set in a row of another set; in surfaces, with a face of the elements."""
 
     set_kind: str
     name: SetName
@@ -61,16 +61,16 @@ class SetReference(NamedTuple):
 
 
 class SetBlock(NamedTuple):
-    """Rows of a block of a set or surface: keys, ranges of keys, and names of other sets.
+    """Block of the input file that defines members of a set or surface.
 
     Args:
         name: name of the set or surface.
-        location: file, line and keyword of the block, for messages.
-        set_kind: "NSET" for members that are nodes, "ELSET" for elements.
-        keys: keys (n,) of members.
-        faces: face (or "") of each of these, for surfaces of elements.
-        ranges: first key, last key and step of each range.
-        references: names of other sets.
+        location: file, line and keyword of the block, used in error messages.
+        set_kind: "NSET" if the members are nodes, "ELSET" if they are elements.
+        keys: keys (n,) of members that are listed one by one.
+        faces: for a surface of elements, name of a face for each key, or "".
+        ranges: first key, last key and step of each range of members.
+        references: other sets that are part of the set.
     """
 
     name: SetName
@@ -83,7 +83,10 @@ class SetBlock(NamedTuple):
 
 
 class SurfacePart(NamedTuple):
-    """Positions of nodes ("NSET"), or of elements ("ELSET") and a face ("" for all free faces)."""
+    """Positions of nodes (kind "NSET") or of elements with a face (kind "ELSET") of a surface.
+
+    The face is "" for nodes, and if all free faces of the elements belong to the surface.
+    """
 
     set_kind: str
     face: str
@@ -91,21 +94,23 @@ class SurfacePart(NamedTuple):
 
 
 class Deck:
-    """Nodes and elements of an input file, sets of their positions, and surfaces.
+    """Nodes, elements, sets and surfaces of an input file.
 
-    A position is the index of a node or element in ascending order of the keys.
+    Each node or element has a key, which is unique in the whole file. Its position is the index of
+    the key in ascending order. Sets contain positions.
 
     Attributes:
         node_keys: keys (n,) of the nodes in ascending order.
         x: coordinates (n, 3) of the nodes.
-        element_keys: keys (m,) of all elements in ascending order, of unsupported types, too.
-        element_types: types of elements in the file.
-        type_index: index (m,) of each element's type.
-        members: for each type, positions of its elements in the order of the file.
-        nodes: for each type, keys (elements of the type, nodes) of their nodes.
-        sets: by "NSET" and "ELSET", then by name: positions of nodes or elements, ascending.
+        element_keys: keys (m,) of all elements, including unsupported ones, in ascending order.
+        element_types: types of the elements in the file.
+        type_index: index (m,) of each element's type in `element_types`.
+        members: for each type, the positions of its elements in the order of the file.
+        nodes: for each type, the keys (elements of the type, nodes) of the elements' nodes.
+        sets: for "NSET" and "ELSET", a mapping from the name of each set to the positions of its
+            nodes or elements in ascending order.
         surfaces: parts of each surface.
-        instance_names: name of the instance of each part that has one.
+        instance_names: for each part with an instance, the name of the instance.
         notes: messages about data that were left out or changed.
     """
 
@@ -124,7 +129,7 @@ class Deck:
         self._connectivity: list[array] = []
         self._overlong_rows: dict[str, int] = {}
         self._blocks: dict[str, list[SetBlock]] = {"NSET": [], "ELSET": [], "SURFACE": []}
-        # names in blocks of nodes and elements, with first row and end of the block
+        # names of sets in blocks of nodes and elements, with the range of rows of the block
         self._rows_of_named_blocks: dict[str, list[tuple[SetName, int, int]]] = {
             "NSET": [],
             "ELSET": [],
@@ -248,10 +253,10 @@ class Deck:
     def _parse_element_rows(
         self, rows: Iterator[str], element_type: AbaqusElementType
     ) -> Iterator[list[int]]:
-        """Yield number and nodes of each element; its row may extend over several lines.
+        """Yield the number and the nodes of each element.
 
-        Of elements with an unknown number of nodes, only the number is yielded. Nodes of elements
-        that are no cells may be 0.
+        An element may have several lines. For element types with an unknown number of nodes, only
+        the number of the element is yielded. Node numbers may be 0 in unsupported element types.
         """
         minimum = 1 if element_type.dim else 0
         for text in rows:
@@ -325,7 +330,7 @@ class Deck:
         self._blocks[keyword].append(set_block)
 
     def _add_member(self, block: SetBlock, member: str, part: int, face: str = "") -> None:
-        """Add the number of a member or the name of a set, either with or without "INSTANCE."."""
+        """Add the number of a node or element, or the name of a set, possibly after "INSTANCE."."""
         if not is_number(member):
             name = normalize_name(member, block.location)
             instance, _, set_name = name.rpartition(".")
@@ -339,7 +344,7 @@ class Deck:
         block.faces.append(face)
 
     def _find_part(self, instance: str) -> int:
-        """Return the number of the part of an instance."""
+        """Return the number of the part that an instance places in the model."""
         if instance in self._part_of_instance:
             return self._part_of_instance[instance]
         if self.instance_names or len(self._part_numbers) > 1:
@@ -366,7 +371,7 @@ class Deck:
     # Tables
 
     def _finish_tables(self) -> None:
-        """Sort nodes and elements by their keys; make tables of elements by type."""
+        """Sort nodes and elements by their keys, and create a table of elements for each type."""
         keys = np.array(self._node_keys, dtype=np.int64)
         self.node_keys, first_rows, self._node_position = np.unique(
             keys, return_index=True, return_inverse=True
@@ -403,7 +408,7 @@ class Deck:
         ]
         self._row_in_table = np.empty(
             len(keys), dtype=np.int64
-        )  # of each element in the table of its type
+        )  # row of each element in the table of its type
         for positions in self.members:
             self._row_in_table[positions] = np.arange(len(positions))
         self._members_left = MAX_SET_MEMBERS + MAX_MEMBERS_PER_ENTITY * (len(self.x) + len(keys))
@@ -414,14 +419,14 @@ class Deck:
             )
 
     def describe_key(self, key: int) -> str:
-        """Return the number of a node or element, after the name of its instance if it has one."""
+        """Return the number of a node or element, such as "7", or "INSTANCE.7" in an instance."""
         part, number = divmod(int(key), KEYS_PER_PART)
         return (
             f"{self.instance_names[part]}.{number}" if part in self.instance_names else str(number)
         )
 
     def _count_members(self, n_members: int, location: str) -> None:
-        """Count members of all sets; raise ValueError if they are out of proportion to the mesh."""
+        """Add to the count of members of all sets; raise ValueError if the count is too large."""
         self._members_left -= n_members
         if self._members_left < 0:
             raise ValueError(
@@ -432,7 +437,7 @@ class Deck:
     # Sets
 
     def _resolve_sets(self, set_kind: str) -> None:
-        """Resolve all NSETs or ELSETs to positions of nodes or elements."""
+        """Compute the positions of the nodes in all NSETs, or of the elements in all ELSETs."""
         sets = self._member_chunks[set_kind]
         are_nodes = set_kind == "NSET"
         position = self._node_position if are_nodes else self._element_position
@@ -457,7 +462,7 @@ class Deck:
             chunks.append(members)
 
     def _collect_set(self, set_kind: str, name: SetName, location: str) -> Indices:
-        """Return the positions of all members that a set has so far, in ascending order."""
+        """Return the positions of all members added to a set up to now, in ascending order."""
         chunks = self._member_chunks[set_kind].get(name)
         if chunks is None:
             raise ValueError(f"{location}: the {set_kind} {name[1]} is not defined before")
@@ -468,7 +473,7 @@ class Deck:
         return chunks[0]
 
     def _locate_keys(self, blocks: list[SetBlock]) -> Iterator[tuple[SetBlock, Indices]]:
-        """Yield blocks with the positions of their keys; raise ValueError for a missing key."""
+        """Yield each block and the positions of its keys; raise ValueError for an unknown key."""
         for set_kind, existing_keys in (("NSET", self.node_keys), ("ELSET", self.element_keys)):
             selected_blocks = [block for block in blocks if block.set_kind == set_kind]
             lengths = [len(block.keys) for block in selected_blocks]
@@ -492,7 +497,7 @@ class Deck:
                 yield block, position[of_block]
 
     def _members_in_ranges(self, block: SetBlock) -> Indices:
-        """Return positions of the nodes or elements in a block's ranges; note gaps in ranges."""
+        """Return positions of nodes or elements in a block's ranges; record gaps in ranges."""
         existing_keys = self.node_keys if block.set_kind == "NSET" else self.element_keys
         chunks = [np.empty(0, dtype=np.int64)]
         if not block.ranges:
@@ -520,7 +525,7 @@ class Deck:
         return np.unique(np.concatenate(chunks))
 
     def _nodes_of_elements(self, elements: Indices) -> Indices:
-        """Return the positions of the nodes of elements."""
+        """Return the positions of all nodes of the elements at given positions."""
         keys = [np.empty(0, dtype=np.int64)]
         for type_index, nodes in enumerate(self.nodes):
             keys.append(
@@ -529,10 +534,10 @@ class Deck:
         return self.node_positions(np.unique(np.concatenate(keys)))
 
     def node_positions(self, keys: Indices) -> Indices:
-        """Return the positions of the nodes of elements by their keys.
+        """Return the positions of nodes that elements refer to by their keys.
 
         Raises:
-            ValueError: names the first node that does not exist.
+            ValueError: if a node does not exist; the message names the first one.
         """
         position = np.searchsorted(self.node_keys, keys)
         exists = position < len(self.node_keys)
@@ -543,7 +548,7 @@ class Deck:
         return position
 
     def _resolve_surfaces(self) -> None:
-        """Resolve all surfaces to positions of nodes, or of elements with a face."""
+        """Compute the parts of all surfaces."""
         for block, members in self._locate_keys(self._blocks["SURFACE"]):
             surface_parts = self.surfaces.setdefault(block.name, [])
             faces = np.array(block.faces, dtype=object)
@@ -556,7 +561,7 @@ class Deck:
 
     @property
     def used_parts(self) -> Indices:
-        """Numbers of the parts in the model; 0 stands for nodes and elements outside of parts."""
+        """Numbers of the parts that are used; 0 stands for nodes and elements outside of parts."""
         if self.instance_names:
             return np.array([0, *self.instance_names])
         used_parts = np.unique(self.node_keys // KEYS_PER_PART)
@@ -571,12 +576,12 @@ class Deck:
 
 
 def sort_distinct(members: Indices) -> Indices:
-    """Return the distinct members in ascending order."""
+    """Return the distinct values of an array in ascending order."""
     return np.unique(members) if len(members) > 1 else members
 
 
 def merge_ranges(ranges: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
-    """Merge overlapping ranges (first, last, step) that have step and remainder in common."""
+    """Merge overlapping ranges (first, last, step) with equal steps and equal remainders."""
     by_phase: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for range_start, range_end, step in set(ranges):
         by_phase.setdefault((step, range_start % step), []).append((range_start, range_end))

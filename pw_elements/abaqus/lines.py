@@ -1,9 +1,9 @@
-"""Stream reader of Abaqus' input files: lines, keywords with their parameters, numbers.
+"""Stream reader of Abaqus' input files: lines, keywords with their parameters, and numbers.
 
-Rules of the syntax: "Abaqus Analysis User's Guide", Input Syntax Rules; G. Dhondt, "CalculiX
-CrunchiX User's Manual", version 2.20, section 7. Outside of quoted names, blanks are ignored and
-letters a to z converted to upper case (not in file names). Bytes that are not valid UTF-8 are
-decoded as Latin-1.
+The rules of the syntax are in the "Abaqus Analysis User's Guide", Input Syntax Rules, and in
+G. Dhondt, "CalculiX CrunchiX User's Manual", version 2.20, section 7. Outside of quoted names,
+blanks are ignored and the letters a to z are converted to upper case, except in file names. Text
+that is not valid UTF-8 is decoded as Latin-1.
 """
 
 import re
@@ -18,10 +18,10 @@ MAX_INCLUDE_DEPTH = 9
 MAX_INCLUDES = 10_000
 # Largest number of characters of a line
 MAX_LINE_LENGTH = 1_000_000
-# Largest total text of files that are included repeatedly: this multiple of the sizes of all files,
-# plus this number of characters
+# Limit of the text that is read if files are included repeatedly: the first number times the sizes
+# of all files, plus the second number of characters
 MAX_REPETITION_FACTOR, MAX_REPEATED_CHARACTERS = 3, 1_000_000
-# Largest number of a node or element, the limit of CalculiX (higher than that of Abaqus)
+# Largest number of a node or element: the limit of CalculiX, which is higher than that of Abaqus
 MAX_LABEL = 2**31 - 1
 # Parameters without a value
 FLAG_PARAMETERS = ("GENERATE", "INTERNAL", "UNSORTED", "DLOAD")
@@ -34,18 +34,18 @@ _QUOTED_OR_PLAIN = re.compile(r'"([^"]*)"|([^"]+)')
 
 
 class LocatedError(ValueError):
-    """ValueError whose message begins with file and line."""
+    """ValueError with a message that begins with the file and the line."""
 
 
 class Block(NamedTuple):
     """Block of an input file: a keyword, its parameters, and the rows that follow it.
 
     Args:
-        keyword: name such as NODE, without blanks.
-        parameters: values by the names of the parameters, "" for flags.
-        location: file, line and keyword, for messages.
-        rows: lines of text, to be consumed before the next block is read.
-        current_location: returns file and line of the row that was read last.
+        keyword: name of the keyword without blanks, such as "NODE".
+        parameters: value of each parameter by name; "" for parameters without a value.
+        location: file, line and keyword of the block, used in error messages.
+        rows: lines of text after the keyword, which have to be read before the next block.
+        current_location: function that returns file and line of the row that was read last.
     """
 
     keyword: str
@@ -56,12 +56,15 @@ class Block(NamedTuple):
 
 
 def read_blocks(path: Path, keywords: Set[str]) -> Iterator[Block]:
-    """Yield the blocks with some keywords from a file and from the files that it includes.
+    """Yield the blocks of a file, and of the files that it includes, that have given keywords.
+
+    Args:
+        path: path of the file.
+        keywords: keywords of the blocks; blocks with other keywords are skipped.
 
     Raises:
         FileNotFoundError: if a file does not exist.
-        ValueError: for a file that is no text, that includes itself, or that includes others too
-            often.
+        ValueError: if a file is not text, includes itself, or includes other files too often.
     """
     source = _LineSource(path)
     try:
@@ -87,7 +90,10 @@ def read_blocks(path: Path, keywords: Set[str]) -> Iterator[Block]:
 
 
 def _read_rows(source: "_LineSource") -> Iterator[str]:
-    """Yield rows (of included files, too) up to the next keyword; store it in `next_keyword`."""
+    """Yield the rows up to the next keyword line, which is stored in `source.next_keyword`.
+
+    Included files are read in place of the lines that include them.
+    """
     while (text := source.next_line()) is not None:
         if not text.startswith("*"):
             yield text
@@ -102,7 +108,8 @@ def _read_rows(source: "_LineSource") -> Iterator[str]:
 def _parse_keyword(text: str, source: "_LineSource") -> tuple[str, dict[str, str]]:
     """Return the keyword of a line and its parameters.
 
-    If the line ends with a comma, the next line belongs to it, too, if that has a parameter.
+    If the line ends with a comma and the next line has a parameter, the next line is a continuation
+    and its parameters are included.
     """
     if "," not in text:
         return normalize_name(text[1:], source.location), {}
@@ -132,7 +139,10 @@ def _parse_keyword(text: str, source: "_LineSource") -> tuple[str, dict[str, str
 
 
 class _LineSource:
-    """Stream of stripped lines of a file and its INCLUDEs, without comments and blank lines."""
+    """Stream of the stripped lines of a file and of the files that it includes.
+
+    Comments and blank lines are left out.
+    """
 
     def __init__(self, path: Path) -> None:
         self._open_files: list[_OpenFile] = []
@@ -144,7 +154,7 @@ class _LineSource:
 
     @property
     def location(self) -> str:
-        """File and number of the line that was read last, for messages."""
+        """File and number of the line that was read last, used in error messages."""
         return f"{self._current_file.name}, line {self._current_file.number}"
 
     def next_line(self) -> str | None:
@@ -168,8 +178,10 @@ class _LineSource:
     def include(self, name: str, location: str) -> None:
         """Continue with the lines of another file.
 
-        Its name is relative to the folder of the including file or, if there is no such file, to
-        the folder of the main file.
+        Args:
+            name: path of the file, relative to the folder of the including file or, if there is no
+                such file, relative to the folder of the main file.
+            location: file and line of the include, used in error messages.
         """
         if not name.strip('" \t'):
             raise LocatedError(f"{location}: INPUT=... is missing, the name of a file")
@@ -206,7 +218,7 @@ class _LineSource:
 
 
 class _OpenFile:
-    """Open text file whose lines end with line feed, carriage return, or both."""
+    """Open text file with lines that end with a line feed, a carriage return, or both."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.resolved = path, path.resolve()
@@ -215,7 +227,7 @@ class _OpenFile:
         with path.open("rb") as file:
             leading_bytes = file.read(3) if self.size else b""
         self._is_utf16 = leading_bytes[:2] in (b"\xff\xfe", b"\xfe\xff")
-        # files of size 0, such as devices, are not opened: reading them might never end
+        # files of size 0 are not opened: they may be devices, and reading them might never end
         encoding = "utf-16" if self._is_utf16 else "latin-1"
         self.text: IO[str] = path.open(encoding=encoding) if self.size else StringIO()
         if leading_bytes == b"\xef\xbb\xbf":
@@ -249,12 +261,12 @@ def _decode_utf8(text: str) -> str:
 
 
 def quote_shortened(text: str) -> str:
-    """Return a text in quotes, cut after 40 characters."""
+    """Return a text in quotes, truncated after 40 characters."""
     return repr(text if len(text) <= 40 else text[:40] + "...")
 
 
 def split_entries(text: str, location: str) -> list[str]:
-    """Split a row at commas outside of quotes; drop empty entries at its end."""
+    """Split a row at commas outside of quotes, and drop empty entries at the end."""
     if '"' not in text:
         fields = [field.strip(" \t") for field in text.split(",")]
     elif text.count('"') % 2:
@@ -281,7 +293,10 @@ def normalize_name(text: str, location: str) -> str:
 
 
 def to_upper_ascii(text: str) -> str:
-    """Convert a to z to upper case; other letters stay, so that different names stay different."""
+    """Convert the letters a to z to upper case.
+
+    Other letters are unchanged, because Unicode's upper case could make different names equal.
+    """
     return text.upper() if text.isascii() else text.translate(_UPPER_ASCII)
 
 
@@ -291,7 +306,7 @@ def is_number(text: str) -> bool:
 
 
 def parse_integers(text: str, minimum: int = 1) -> list[int]:
-    """Parse a row of numbers of nodes and elements; ignore commas at its end.
+    """Parse a row of numbers of nodes or elements; commas at the end are ignored.
 
     Raises:
         ValueError: for an entry that is not an integer from `minimum` to `MAX_LABEL`.
@@ -316,12 +331,16 @@ def parse_integers(text: str, minimum: int = 1) -> list[int]:
 
 
 def parse_node(text: str) -> tuple[int, list[float]]:
-    """Parse the number of a node and its three coordinates; empty or missing ones are 0.
+    """Parse a row with the number of a node and its coordinates.
 
-    Up to three more entries, the components of a normal, are ignored.
+    Empty or missing coordinates are 0. Up to three more entries, the components of a normal vector,
+    are ignored.
+
+    Returns:
+        Number of the node, and its three coordinates.
 
     Raises:
-        ValueError: for a coordinate that is no number, or too many entries.
+        ValueError: if a coordinate is not a number, or there are too many entries.
     """
     if not _REAL_ROW.fullmatch(text):
         wrong_entry = next(field for field in text.split(",") if not _REAL_ROW.fullmatch(field))

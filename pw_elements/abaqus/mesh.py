@@ -1,8 +1,8 @@
-"""Arrays of cells and tagged facets of an Abaqus input file, from which DOLFINx makes a mesh.
+"""Arrays of cells and tagged facets of an Abaqus input file, from which DOLFINx creates a mesh.
 
-Second-order quadrilaterals of 8 nodes and bricks of 20 become Lagrange cells of 9 and 27 nodes. The
-shape functions of 8 and 20 nodes give the positions of the additional nodes in the middle of faces
-and cells, so that the cells keep their shape.
+Quadrilaterals with 8 nodes and hexahedra with 20 nodes become Lagrange cells with 9 and 27 nodes.
+The additional nodes in the middle of faces and cells get the positions that the shape functions of
+the 8 or 20 nodes define, at which the shape of the cells does not change.
 """
 
 from collections.abc import Sequence
@@ -25,25 +25,27 @@ DOLFINX_CORNERS = {
     "tetrahedron": (0, 1, 2, 3),
     "hexahedron": (0, 1, 3, 2, 4, 5, 7, 6),
 }
-# Names of the two sides of a shell in Abaqus and CalculiX (where its edges are S3, S4 ...)
+# Names of the two sides of a shell: SPOS and SNEG in Abaqus, S1 and S2 in CalculiX, where the edges
+# of a shell are S3, S4 ...
 SHELL_SIDE_NAMES = ("SPOS", "SNEG", "S1", "S2")
 # Largest distance of nodes from their plane, relative to the extent of the nodes
 FLATNESS_TOLERANCE = 1e-9
-# Largest number of pairs (node of a set, facet at the node) in memory at once
+# Largest number of pairs of a node in a set and a facet at this node that are in memory at once
 MAX_PAIRS_IN_MEMORY = 2_000_000
 
 TagsBySet = dict[str, tuple[int, ...]]  # tags of each set by its name
 
 
 class DeckMesh(NamedTuple):
-    """Arrays of the mesh of an input file, with its sets.
+    """Arrays of the mesh and the named sets of an input file.
 
     Args:
         cell: DOLFINx' name of the cells.
         degree: degree of the geometry.
         x: coordinates (k, dim) of the nodes.
-        cells: indices of nodes (n, nodes per cell) in DOLFINx' order.
-        tags: tags of "cells" (n, 1) and of their "facets" (n, facets per cell), 0 for untagged.
+        cells: indices (n, nodes per cell) of the cells' nodes in DOLFINx' order.
+        tags: tags of "cells" (n, 1), and tags of the "facets" (n, facets per cell) of each cell; 0
+            for cells and facets without a tag.
         names: tags of each named set of "cells" and of "facets".
         notes: messages about data that were left out or changed.
     """
@@ -62,11 +64,12 @@ def read_deck(path: Path, cells: Sequence[str] | None = None) -> DeckMesh:
 
     Args:
         path: path of the file.
-        cells: names of the ELSETs whose elements are the cells; by default all elements.
+        cells: names of the ELSETs whose elements become cells; by default all elements of the
+            highest dimension.
 
     Raises:
         FileNotFoundError: if the file, or a file that it includes, does not exist.
-        ValueError: for a file without a supported mesh; the message names file, line and reason.
+        ValueError: if the file has no supported mesh; the message names file, line and reason.
     """
     deck = Deck(path)
     set_labels = _label_sets(deck)
@@ -96,7 +99,7 @@ def read_deck(path: Path, cells: Sequence[str] | None = None) -> DeckMesh:
 
 
 def _label_sets(deck: Deck) -> dict[str, dict[SetName, str]]:
-    """Return public names of sets by kind: their own if unambiguous, or else "INSTANCE.NAME"."""
+    """Return the label of each set, by kind: its name, or "INSTANCE.NAME" if it is not unique."""
     used_parts = set(map(int, deck.used_parts))
     labels: dict[str, dict[SetName, str]] = {}
     names_by_kind = {set_kind: dict.fromkeys(names) for set_kind, names in deck.sets.items()}
@@ -116,7 +119,7 @@ def _label_sets(deck: Deck) -> dict[str, dict[SetName, str]]:
 def _select_elements(
     deck: Deck, set_labels: dict[str, dict[SetName, str]], cells: Sequence[str] | None
 ) -> Mask:
-    """Return a mask of the elements to be cells, if they are of the highest dimension."""
+    """Return a mask of the elements in the ELSETs `cells`, or by default of all used parts."""
     if cells is None:
         return np.isin(deck.element_keys // KEYS_PER_PART, deck.used_parts)
     is_selected = np.zeros(len(deck.element_keys), dtype=bool)
@@ -145,15 +148,16 @@ def _describe_omitted(deck: Deck, is_omitted: Mask) -> list[str]:
 
 
 class _CellTable:
-    """Cells of a deck, with nodes in Abaqus' order.
+    """Cells of an input file, with nodes in Abaqus' order.
 
     Attributes:
         x: coordinates (k, dim) of the nodes of cells.
-        nodes: rows of `x` (n, corners and mid-side nodes) for each cell; -1 for a missing node.
-        row_of_node: row of `x` for each node of the deck, or -1.
-        cell_of_element: cell for each element of the deck, or -1.
-        element_of_cell: position (n,) in the deck of each cell's element.
-        element_types: type of each cell.
+        nodes: nodes (n, corners and mid-side nodes) of each cell, as row numbers of `x`; -1 for a
+            missing node.
+        row_of_node: row number in `x` of each node of the file, -1 for unused nodes.
+        cell_of_element: number of the cell for each element of the file, -1 for other elements.
+        element_of_cell: position (n,) in the `Deck` of the element of each cell.
+        element_types: element type of each cell.
     """
 
     def __init__(self, deck: Deck, is_selected: Mask) -> None:
@@ -190,7 +194,7 @@ class _CellTable:
         used_positions = np.unique(table[table >= 0])
         self.row_of_node = np.full(len(deck.node_keys) + 1, -1, dtype=np.int64)
         self.row_of_node[used_positions] = np.arange(len(used_positions))
-        self.nodes = self.row_of_node[table]  # index -1 gives the last entry, which is -1
+        self.nodes = self.row_of_node[table]  # index -1 refers to the last entry, -1
         self._keys = deck.node_keys[used_positions]
         self._check_nodes()
         self.x = np.ascontiguousarray(
@@ -198,7 +202,7 @@ class _CellTable:
         )
 
     def _common_cell(self, element_types: list[AbaqusElementType]) -> tuple[str, int, int]:
-        """Return cell, degree and dimension of the cells; raise ValueError if they differ."""
+        """Return the type, degree and dimension of all cells; raise ValueError if cells differ."""
         path = self.deck.path
         unsupported = sorted(
             element_type.name
@@ -241,7 +245,7 @@ class _CellTable:
         return self.deck.describe_key(self._keys[node])
 
     def _check_nodes(self) -> None:
-        """Raise ValueError for repeated nodes or cells, and for edges with two middle nodes."""
+        """Raise ValueError for repeated nodes or cells, or different mid-side nodes of an edge."""
         path, corners = self.deck.path, len(DOLFINX_CORNERS[self.cell])
         rows = np.sort(self.nodes, axis=1)
         cell, column = np.nonzero((np.diff(rows, axis=1) == 0) & (rows[:, 1:] >= 0))
@@ -289,7 +293,7 @@ class _CellTable:
             raise ValueError(f"{path}: node {node} is in the middle of two edges")
 
     def _choose_axes(self, x: Array) -> list[int]:
-        """Return the indices of the coordinates that the mesh keeps."""
+        """Return the indices of the coordinate axes (0, 1, 2) that the mesh keeps."""
         if self.dim == 3:
             return [0, 1, 2]
         extent = np.ptp(x, axis=0)
@@ -310,7 +314,7 @@ class _CellTable:
         )
 
     def complete_nodes(self, facets: "_FacetTable", notes: list[str]) -> tuple[Array, Indices]:
-        """Return coordinates and cells with added nodes in the middle of faces and cells."""
+        """Add nodes in the middle of faces and cells; return coordinates and nodes of all cells."""
         x, nodes = self.x, self.nodes
         if self.degree == 1 or len(DOLFINX_CORNERS[self.cell]) == self.dim + 1:
             return x, nodes
@@ -345,20 +349,21 @@ class _CellTable:
         )
 
     def _face_centres(self, corners: Indices, middles: Indices) -> Array:
-        """Return the centres (n, dim) of faces of 8 nodes by their shape functions."""
+        """Return the centres (n, dim) of faces with 8 nodes, according to their shape functions."""
         return self.x[middles].sum(axis=1) / 2 - self.x[corners].sum(axis=1) / 4
 
 
 class _FacetTable:
-    """Distinct facets of the cells.
+    """Table of the m distinct facets of the n cells.
 
     Attributes:
-        corners: nodes (m, corners of a facet), in ascending order.
-        nodes: all nodes (m, nodes of a facet).
-        facets_of_cell: facets (n, facets of a cell) in the order S1, S2 ...
-        is_outer: whether a facet belongs to one cell only (m,).
-        first_cell, first_side: a cell with the facet, and the number of the side in it (m,).
-        facet_of_element: facet for each element of the deck, or -1.
+        corners: corner nodes (m, corners of a facet) of each facet, in ascending order.
+        nodes: all nodes (m, nodes of a facet) of each facet.
+        facets_of_cell: facets (n, facets of a cell) of each cell in the order S1, S2 ...
+        is_outer: mask (m,) of the facets that belong to one cell only.
+        first_cell: a cell (m,) with the facet.
+        first_side: number (m,) of the side of `first_cell` that is the facet.
+        facet_of_element: facet that is equal to each element of the file, or -1.
     """
 
     def __init__(self, cells: _CellTable) -> None:
@@ -387,7 +392,7 @@ class _FacetTable:
         self.facet_of_element = np.full(len(cells.deck.element_keys), -1, dtype=np.int64)
 
     def find_facet_elements(self, is_placed: Mask) -> None:
-        """Set `facet_of_element` for used elements of one dimension less than the cells."""
+        """Set `facet_of_element` for placed elements of one dimension less than the cells."""
         cells, deck = self._cells, self._cells.deck
         is_corner = np.zeros(len(cells.x) + 1, dtype=bool)
         is_corner[cells.nodes[:, : len(DOLFINX_CORNERS[cells.cell])]] = True
@@ -420,7 +425,7 @@ class _FacetTable:
             self.facet_of_element[elements] = np.where(has_same_nodes & (facet >= 0), facet, -1)
 
     def facets_within_node_sets(self, sets: list[Indices]) -> list[Indices]:
-        """Return for each set of nodes the outer facets whose nodes are all in the set."""
+        """Return, for each set of nodes, the outer facets with all nodes in the set."""
         outer_facets = np.flatnonzero(self.is_outer)
         n_nodes = self.nodes.shape[1]
         columns = np.repeat(np.arange(len(outer_facets)), n_nodes)
@@ -445,13 +450,15 @@ class _FacetTable:
 
 
 class _NamedSets:
-    """Cells and facets of the named sets; empty sets and names beginning with "_" are left out.
+    """Cells and facets of each named set.
+
+    Empty sets, and sets with names that begin with "_", are left out.
 
     Attributes:
         cells: cells of each set.
-        facets: facets of each set. Of sets of the same name a SURFACE has precedence over an ELSET,
-            and an ELSET over an NSET.
-        notes: messages about sides of shells, which are no facets.
+        facets: facets of each set. If sets have the same name, a SURFACE takes precedence over an
+            ELSET, and an ELSET takes precedence over an NSET.
+        notes: messages about sides of shells in surfaces, which are not facets.
     """
 
     def __init__(
@@ -504,7 +511,10 @@ class _NamedSets:
             sets[label] = members
 
     def _facets_of_surface_part(self, part: SurfacePart, label: str) -> Indices:
-        """Return the facets of a part of a surface: its facet elements, and faces of its cells."""
+        """Return the facets of a part of a surface.
+
+        They are the elements of the part that are facets, and the given face of each cell.
+        """
         facets, cell_numbers = self._facets, self._cells.cell_of_element[part.members]
         chunks = [facets.facet_of_element[part.members]]
         for is_shell in (False, True):
@@ -528,7 +538,7 @@ class _NamedSets:
 
 
 def _face_numbers(cell: str, is_shell: bool) -> dict[str, int]:
-    """Return the number of each face by its name; edges of shells have two names."""
+    """Return the number of each face of a cell by its name; edges of shells have two names."""
     count = len(FACE_CORNERS[cell])
     if not is_shell:
         return {f"S{k + 1}": k for k in range(count)}
@@ -536,7 +546,7 @@ def _face_numbers(cell: str, is_shell: bool) -> dict[str, int]:
 
 
 def _dolfinx_order(cell: str, degree: int) -> tuple[list[int], list[int]]:
-    """Return Abaqus' numbers of a cell's nodes and of its facets in DOLFINx' order."""
+    """Return Abaqus' numbers of the nodes and of the facets of a cell, both in DOLFINx' order."""
     corners = DOLFINX_CORNERS[cell]
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
     topology = basix.topology(basix.CellType[cell])
@@ -558,11 +568,15 @@ def _dolfinx_order(cell: str, degree: int) -> tuple[list[int], list[int]]:
 def _number_set_combinations(
     members_of_set: dict[str, Indices], n_entities: int
 ) -> tuple[Indices, TagsBySet]:
-    """Number the combinations of sets that entities are in.
+    """Give a tag to each combination of sets to which an entity belongs.
+
+    Args:
+        members_of_set: entities of each set.
+        n_entities: number of entities.
 
     Returns:
-        Tag (n_entities,) of each entity's combination, from 1 (0 for no set), and the tags of each
-        set.
+        Tag (n_entities,) of each entity, which is 0 if the entity belongs to no set; and the tags
+        of the combinations that contain each set.
     """
     codes = np.zeros(n_entities, dtype=np.int64)
     n_codes = 0

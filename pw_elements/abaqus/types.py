@@ -1,13 +1,14 @@
-"""Element types of Abaqus and CalculiX: the cells that they are, and types that may be left out.
+"""Element types of Abaqus and CalculiX, and the cells of DOLFINx that correspond to them.
 
-Nodes and faces: "Abaqus Analysis User's Guide", part VI; G. Dhondt, "CalculiX CrunchiX User's
-Manual", version 2.20, section 6.2. Corners come first, then the mid-side nodes.
+Nodes and faces are numbered as in the "Abaqus Analysis User's Guide", part VI, and in G. Dhondt,
+"CalculiX CrunchiX User's Manual", version 2.20, section 6.2. In each element, the corners come
+first, then the mid-side nodes.
 """
 
 import re
 from typing import NamedTuple
 
-# Corners of the faces S1, S2 ...; for shells and membranes, of the edges E1, E2 ...
+# Corners of the faces S1, S2 ... of a cell; in shells and membranes, of the edges E1, E2 ...
 FACE_CORNERS = {
     "triangle": ("01", "12", "20"),
     "quadrilateral": ("01", "12", "23", "30"),
@@ -27,13 +28,14 @@ class AbaqusElementType(NamedTuple):
     """Element type of Abaqus or CalculiX.
 
     Args:
-        name: name such as C3D20R.
+        name: name of the type, such as "C3D20R".
         n_nodes: number of nodes; 0 if it is unknown or varies.
         dim: dimension of the cell; 0 for types that are not supported.
-        cell: DOLFINx' name of the cell.
-        degree: degree of the edges.
-        is_shell: whether it is a shell or membrane, which may lie in any plane.
-        is_optional: whether a mesh without such elements is the same body: springs, masses ...
+        cell: DOLFINx' name of the cell type.
+        degree: degree of the geometry.
+        is_shell: whether the type is a shell or membrane, which may lie in any coordinate plane.
+        is_optional: whether elements of this type may be left out, because they are not part of a
+            solid body, such as springs and masses.
     """
 
     name: str
@@ -65,7 +67,7 @@ SUPPORTED_TYPES = (
     (re.compile(r"(?:S|STRI|DS|SFM3D|M3D)(\d+)[A-Z]*\d?"), SHELL_SHAPES),
     (re.compile(r"T[23]D(\d)[A-Z]*"), LINE_SHAPES),
 )
-# Types that are no part of a solid body, and their numbers of nodes (0 if these vary)
+# Types that are not part of a solid body, with their numbers of nodes (0 if the number varies)
 OPTIONAL_TYPES = (
     (re.compile("MASS|ROTARYI|SPRING1|DASHPOT1|DCOUP[23]D|HEATCAP"), 1),
     (re.compile("SPRING[2A]|DASHPOT[2A]|GAPUNI|GAPCYL|GAPSPHER|CONN[23]D2|R2D2|RAX2"), 2),
@@ -80,7 +82,10 @@ _NODE_COUNT = re.compile(r"[A-Z]*[23]D(?!27|15V)(\d+)[A-Z]*")
 
 
 def abaqus_element_type(name: str) -> AbaqusElementType:
-    """Return the element type with a name in upper case; unsupported ones have dimension 0."""
+    """Return the element type with a given name, which has to be in upper case.
+
+    Types that are not supported have dimension 0.
+    """
     for pattern, shapes in SUPPORTED_TYPES:
         match = pattern.fullmatch(name)
         if match and match[1] in shapes:

@@ -1,6 +1,6 @@
-"""Checks of users' arguments, functions and meshes; errors are raised on all processes together.
+"""Checks of users' arguments, functions and meshes, with errors on all processes together.
 
-Public functions call them once, before any computation.
+Public functions make these checks once, before any computation.
 """
 
 from pw_elements.checks.arguments import vector_sizes

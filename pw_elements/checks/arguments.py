@@ -1,8 +1,8 @@
-"""Checks of users' arguments: numbers, arrays, meshes, spaces, matrices, coefficients.
+"""Checks of users' arguments: numbers, arrays, meshes, spaces, matrices and coefficients.
 
-A wrong type raises TypeError, a wrong value ValueError; the message begins with the argument's name
-(`name`) and says what is needed. Numbers of any type are accepted if they are real, finite and in
-the range from `MIN_MAGNITUDE` to `MAX_MAGNITUDE`.
+A wrong type raises TypeError, a wrong value raises ValueError. The parameter `name` of a check is
+the name of the user's argument, with which error messages begin. Numbers of any type are accepted
+if they are real, finite and in the range from `MIN_MAGNITUDE` to `MAX_MAGNITUDE`.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -24,7 +24,7 @@ from ufl.form import BaseForm
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks.guard import collective_errors, find_communicator
 
-VectorSizes = tuple[int, int]  # of a distributed vector: local and global size
+VectorSizes = tuple[int, int]  # local and global size of a distributed vector
 
 # Range of magnitudes in which squares of quotients neither underflow nor overflow. Outside of it,
 # norms become zero or infinite, and results lose digits without a warning
@@ -34,7 +34,7 @@ MIN_MAGNITUDE, MAX_MAGNITUDE = 1e-75, 1e75
 def as_list(value: object) -> list[Any]:
     """Return the items of an iterable as a list, or a single object in a list.
 
-    UFL expressions, PETSc objects and strings count as single objects.
+    UFL expressions, PETSc objects and strings are treated as single objects.
     """
     if isinstance(value, Iterable) and not isinstance(value, Expr | PETSc.Object | str | bytes):
         try:
@@ -45,27 +45,31 @@ def as_list(value: object) -> list[Any]:
 
 
 def is_one_of(value: object, names: Collection[str]) -> TypeGuard[str]:
-    """Return whether a value is one of these strings; other types are never compared."""
+    """Return whether a value is one of the strings `names`; values of other types never are."""
     return isinstance(value, str) and value in names
 
 
 def is_number(value: Any) -> bool:  # noqa: ANN401
-    """Return whether a value is a real number or a 0-d array of one; bool and text are not."""
+    """Return whether a value is a real number or a 0-d array with a real number.
+
+    Truth values and strings are not numbers.
+    """
     is_numeric = isinstance(value, int | float | np.number | np.ndarray)
     return is_numeric and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
 
 
 def is_user_function(value: object) -> TypeGuard[Callable[..., Any]]:
-    """Return whether a value is a function, as opposed to other callables.
+    """Return whether a value is a function of the user.
 
-    UFL expressions and forms, PETSc matrices and classes are callable, too.
+    UFL expressions and forms, PETSc matrices and classes are callable, but they are not functions
+    of the user.
     """
     other_callables = Expr | BaseForm | Measure | PETSc.Object | type
     return callable(value) and not isinstance(value, other_callables)
 
 
 def check_magnitude(name: str, magnitude: float, minimum: float = MIN_MAGNITUDE) -> None:
-    """Raise ValueError for a magnitude out of range; zero is accepted."""
+    """Raise ValueError unless a magnitude is zero or from `minimum` to `MAX_MAGNITUDE`."""
     if magnitude > MAX_MAGNITUDE or 0 < magnitude < minimum:
         raise ValueError(
             f"{name} is of the size {magnitude:.3g}, out of the range {MIN_MAGNITUDE:g} to "
@@ -91,14 +95,17 @@ def check_positive(name: str, value: Any) -> float:  # noqa: ANN401
 
 
 def check_integer(name: str, value: Any, minimum: int) -> int:  # noqa: ANN401
-    """Return an integer of at least a minimum; raise ValueError for other values."""
+    """Return an integer that is `minimum` or larger; raise ValueError for other values."""
     if not (is_number(value) and np.asarray(value).dtype.kind in "iu" and value >= minimum):
         raise ValueError(f"{name} = {value!r}: has to be a whole number, {minimum} at least")
     return int(value)
 
 
 def check_vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa: ANN401
-    """Return finite components (length,) as floats; raise ValueError for other values."""
+    """Return finite components (length,) as floats; raise ValueError for other values.
+
+    Without `length`, any number of components except zero is accepted.
+    """
     is_sequence = isinstance(values, Iterable) and not isinstance(values, PETSc.Object)
     components = as_list(values) if is_sequence else []
     are_finite = all(is_number(component) and np.isfinite(component) for component in components)
@@ -111,7 +118,10 @@ def check_vector(name: str, values: Any, length: int | None = None) -> Array:  #
 
 
 def check_real_array(name: str, values: Any, shape: tuple[int, ...]) -> Array:  # noqa: ANN401
-    """Return an array of finite real numbers of a shape; raise ValueError for other values."""
+    """Return an array of the given shape as floats; raise ValueError for other values.
+
+    All numbers in the array have to be real and finite.
+    """
     try:  # NumPy's conversion of an empty PETSc vector ends the process
         array = np.asarray(None if isinstance(values, PETSc.Object) else values)
     except ValueError:  # rows of different lengths
@@ -127,14 +137,16 @@ def check_real_array(name: str, values: Any, shape: tuple[int, ...]) -> Array:  
 def check_function_values(
     name: str, values: object, shape: tuple[int, ...], layout: str, kind: type = float
 ) -> npt.NDArray[Any]:
-    """Return the values of a user's function at points; NaN and infinity are accepted.
+    """Check the values that a user's function returned at points, and return them as an array.
+
+    NaN and infinity are accepted.
 
     Args:
         name: name of the function, such as "the marker".
-        values: what the function returned.
-        shape: required shape, the number of points first.
-        layout: description of the required layout, for the message.
-        kind: float for real numbers, bool for truth values.
+        values: return value of the function.
+        shape: required shape of the values, with the number of points as first entry.
+        layout: description of the required layout, used in the error message.
+        kind: required type of the values: float for real numbers, bool for truth values.
 
     Raises:
         ValueError: for values of another shape or type.
@@ -150,7 +162,7 @@ def check_function_values(
 def check_type(
     name: str, value: object, kind: type | UnionType | tuple[type, ...], remedy: str
 ) -> None:
-    """Raise TypeError unless a value is an instance; `remedy` tells users what to pass."""
+    """Raise TypeError unless a value is of the type `kind`; `remedy` tells users what to pass."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} is {describe(value)}: {remedy}")
 
@@ -160,14 +172,17 @@ def check_communicator(value: object) -> None:
 
 
 def check_mesh_type(value: Any) -> None:  # noqa: ANN401
-    """Raise TypeError or ValueError unless it is a mesh in double precision."""
+    """Raise TypeError or ValueError unless a value is a mesh in double precision."""
     check_type("the mesh", value, Mesh, "it has to be a dolfinx.mesh.Mesh")
     if value.geometry.x.dtype != np.float64:
         raise ValueError(f"the mesh is one of {value.geometry.x.dtype}: make it with dtype=float64")
 
 
 def check_space(value: Any, name: str = "the space") -> None:  # noqa: ANN401
-    """Raise TypeError or ValueError unless it is a whole function space in double precision."""
+    """Raise TypeError or ValueError unless a value is a function space in double precision.
+
+    Sub-spaces of a mixed space, such as `space.sub(0)`, are not accepted.
+    """
     check_type(name, value, fem.FunctionSpace, "it has to be a fem.FunctionSpace, one of `Spaces`")
     check_mesh_type(value.mesh)
     if getattr(value, "component", list)():  # missing in some versions of DOLFINx
@@ -183,13 +198,13 @@ def check_flag(name: str, value: object) -> None:
 def check_matrix(
     name: str, value: object, other_name: str = "", sizes: VectorSizes | None = None
 ) -> None:
-    """Raise TypeError or ValueError unless it is an assembled square matrix.
+    """Raise TypeError or ValueError unless a value is an assembled square matrix.
 
     Args:
-        name: name of the matrix in messages.
+        name: name of the matrix, used in error messages.
         value: object to be checked.
-        other_name: name of the object that `sizes` belong to.
-        sizes: required local and global number of rows, if any.
+        other_name: name of the object with the sizes `sizes`, used in error messages.
+        sizes: required local and global number of rows; by default any size is accepted.
     """
     check_type(name, value, PETSc.Mat, "assemble_matrix(form) makes a PETSc matrix")
     assert isinstance(value, PETSc.Mat)
@@ -209,13 +224,14 @@ def check_petsc_vector(
     other_name: str = "",
     other: fem.FunctionSpace | VectorSizes | None = None,
 ) -> None:
-    """Raise TypeError or ValueError unless it is a vector.
+    """Raise TypeError or ValueError unless a value is a PETSc vector.
 
     Args:
-        name: name of the vector in messages.
+        name: name of the vector, used in error messages.
         value: object to be checked.
-        other_name: name of `other` in messages.
-        other: function space, or sizes, that the vector has to match, if any.
+        other_name: name of `other`, used in error messages.
+        other: function space to which the vector has to belong, or its required local and global
+            size; by default any size is accepted.
     """
     check_type(
         name, value, PETSc.Vec, "assemble_vector(form) makes one; float(s) * vector scales it"
@@ -240,20 +256,22 @@ def check_coefficient(
     requirement: str,
     comm: MPI.Comm = MPI.COMM_SELF,
 ) -> float | Expr:
-    """Return a number as a float, or a scalar UFL expression, if its values are valid.
+    """Check a coefficient; return a number as a float, or a scalar UFL expression unchanged.
 
-    Values are checked if they are available: for numbers, `fem.Constant` and Lagrange functions.
-    Errors are raised on all processes of the coefficient's mesh, or else of `comm`.
+    The values of numbers, `fem.Constant`s and Lagrange functions are checked; the values of other
+    expressions are not available. Errors are raised on all processes of the coefficient's mesh. If
+    the coefficient has no mesh, they are raised on all processes of `comm`.
 
     Args:
-        name: name of the coefficient in messages.
+        name: name of the coefficient, used in error messages.
         value: number or scalar expression.
-        is_valid: returns for values (n,) whether each is valid.
-        requirement: message about values that are not, such as "has to be positive".
-        comm: communicator of a coefficient that has none itself.
+        is_valid: function from values (n,) to a mask (n,) of the valid values.
+        requirement: requirement on the values, used in the error message, such as "has to be
+            positive".
+        comm: communicator for coefficients without a mesh.
 
     Raises:
-        ValueError: for expressions that are not scalar, and for invalid values.
+        ValueError: if the expression is not scalar, or a value is invalid.
     """
     with collective_errors(find_communicator(comm, value)):
         if not isinstance(value, Expr):
@@ -281,7 +299,10 @@ def check_positive_coefficient(
 
 
 def available_values(value: float | Expr) -> Array:
-    """Return the values (n,) of a number, a constant or a Lagrange function, else none."""
+    """Return the values (n,) of a number, a `fem.Constant` or a Lagrange function.
+
+    The array is empty for other expressions, whose values are not available.
+    """
     if isinstance(value, fem.Function):
         is_lagrange = value.function_space.element.basix_element.family is ElementFamily.P
         return value.x.array if is_lagrange else np.empty(0)
@@ -291,7 +312,11 @@ def available_values(value: float | Expr) -> Array:
 
 
 def check_components(name: str, value: object, size: int) -> Expr | Array:
-    """Return a vector of numbers or a UFL vector of a size; raise ValueError for others."""
+    """Return a vector with `size` components, which are numbers or a UFL expression.
+
+    Raises:
+        ValueError: for any other value.
+    """
     if not isinstance(value, Expr):
         return check_vector(name, value, size)
     if value.ufl_shape != (size,):
@@ -310,7 +335,14 @@ def vector_sizes(space: fem.FunctionSpace) -> VectorSizes:
 def check_vector_sizes(
     name: str, sizes: VectorSizes, other_name: str, other_sizes: fem.FunctionSpace | VectorSizes
 ) -> None:
-    """Raise ValueError on this process unless sizes equal those of another object."""
+    """Raise ValueError on this process unless two objects have equal local and global sizes.
+
+    Args:
+        name: name of the first object, used in error messages.
+        sizes: local and global size of the first object.
+        other_name: name of the second object.
+        other_sizes: function space, or local and global size of the second object.
+    """
     if isinstance(other_sizes, fem.FunctionSpace):
         other_sizes = vector_sizes(other_sizes)
     if sizes[1] != other_sizes[1]:
@@ -323,7 +355,7 @@ def check_vector_sizes(
 
 
 def describe(value: object) -> str:
-    """Return a short description of a value for messages: itself, its class, or its type."""
+    """Return a short description of a value for error messages: the value or its type."""
     if value is None or isinstance(value, str | bytes | bool | int | float | complex):
         return repr(value)
     if isinstance(value, type):

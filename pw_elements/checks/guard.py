@@ -1,14 +1,14 @@
-"""Collective errors: an error, or a different argument, on one process is raised on all processes.
+"""Raise errors on all processes if one process meets an error or has different arguments.
 
 If an error were raised on one process only, or if processes had different arguments, they would
 wait for each other forever in their next communication. Therefore public functions that communicate
-are decorated by `check_same_arguments`, and users' functions are called in a block
+are decorated with `check_same_arguments`, and users' functions are called in a block
 
     with collective_errors(mesh.comm):
         marked = call_user_function(mesh.comm, "the marker", where, x)
 
-which must not communicate itself. Errors raised elsewhere, within PETSc or between two blocks, stay
-on their process; `python -m mpi4py` ends all processes in that case.
+The block itself must not communicate. Errors raised outside such blocks, or within PETSc, are
+raised on their own process only; `python -m mpi4py` then ends all processes.
 """
 
 import inspect
@@ -42,36 +42,39 @@ Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-# Arguments and attributes that may differ between processes: parts of a mesh by numbers or masks,
-# values at nodes, and arguments that only some processes have
+# Names of arguments and attributes that may differ between processes: local numbers or masks of
+# nodes and facets, values at nodes, and arguments that are given on some processes only
 _LOCAL_ARGUMENTS = {"where", "nodes", "free", "history", "substates", "callback", "axes", "source"}
-# For each open block, errors raised by blocks within it, and the number of processes that have them
+# For each open block: errors raised by nested blocks, each with the number of processes on which it
+# was raised
 _errors_of_open_blocks: list[list[tuple[BaseException, int]]] = []
-# Attribute of an object with the error of its check, if that is deferred to all processes
+# Attribute in which an object keeps the deferred error of its check
 _DEFERRED_ERROR = "_refusal"
-# Relative difference of values on two processes that cannot be round-off between machines
+# Largest relative difference of values on two processes that may be due to round-off
 RANK_DIFFERENCE_TOLERANCE = 1e-8
-# Largest number of points, of each process and in all, at which a function is compared
+# Largest numbers of points at which a function is compared: on each process, and in total
 _MAX_POINTS_PER_PROCESS, _MAX_POINTS = 64, 2**15
-# Stack: whether an enclosing call has compared its arguments (False within users' functions)
+# Stack of flags, one for each open call: whether arguments have been compared already. Within
+# users' functions the last flag is False
 _arguments_compared = [False]
-# Attributes through which a communicator is found
+# Names of attributes that are searched for a communicator
 _OWNER_ATTRIBUTES = "comm mesh function_space space _space u spaces displacement offset"
 
 
 @contextmanager
 def collective_errors(comm: MPI.Comm) -> Iterator[dict[str, object]]:
-    """Raise an exception of the block on one process on all processes, with the same message.
+    """Raise an exception on all processes if the block raises one on any process.
 
-    The error of the process of lowest rank is raised; on that process with its traceback. The block
-    itself must not communicate, except in nested blocks.
+    If several processes raise an exception, the one of lowest rank is used. All processes get its
+    message, and its own process also gets the traceback. The block itself must not communicate,
+    except in nested blocks of `collective_errors`.
 
     Args:
         comm: communicator of the processes that execute the block.
 
     Yields:
-        A mapping to which the block may add values that have to be equal on all processes, to the
-        last bit; a ValueError names the first that differs.
+        A mapping to which the block may add named values that have to be equal on all processes, to
+        the last bit. If a value differs, a ValueError with its name is raised on all processes.
     """
     shared: dict[str, object] = {}
     own_error: BaseException | None = None
@@ -80,7 +83,7 @@ def collective_errors(comm: MPI.Comm) -> Iterator[dict[str, object]]:
     _errors_of_open_blocks.append(known_errors)
     try:
         yield shared
-        if MPI.COMM_WORLD.size > 1:  # on one process, objects with refused arguments are allowed
+        if MPI.COMM_WORLD.size > 1:  # digests raise deferred errors
             digest = int.from_bytes(_compute_digest(shared)[:7])
     except BaseException as caught:
         own_error = caught
@@ -103,7 +106,7 @@ def collective_errors(comm: MPI.Comm) -> Iterator[dict[str, object]]:
 
 
 def _record_error(error: BaseException, comm: MPI.Comm) -> BaseException:
-    """Record an error of all processes of `comm` for the enclosing block; return it."""
+    """Record for the enclosing block that all processes of `comm` raise an error; return it."""
     if _errors_of_open_blocks:
         _errors_of_open_blocks[-1].append((error, comm.size))
     return error
@@ -128,13 +131,14 @@ def _difference_error(name: str, other_rank: int, comm: MPI.Comm) -> BaseExcepti
 
 
 def relative_difference(values: Array, reference: Array, min_scale: float = 0.0) -> float:
-    """Return max |values - reference| over the largest finite |reference|.
+    """Return max |values - reference| divided by the largest finite |reference|.
 
-    The result is infinite if shapes, or infinite and NaN entries, differ.
+    The result is infinite if the shapes differ, or if the arrays are not infinite or NaN at the
+    same entries.
 
     Args:
         values: array of any shape.
-        reference: array of the same shape.
+        reference: array to compare with, of the same shape.
         min_scale: lower limit of the denominator, such as the round-off of the reference.
     """
     if values.shape != reference.shape:
@@ -154,15 +158,15 @@ def check_same_function(
 ) -> None:
     """Raise ValueError on all processes if a user's function differs between them; collective.
 
-    All processes evaluate it at the same points, a sample from each process. Functions that fail
-    there or return another number of values are not compared: they may be valid at the points of
-    their own process only.
+    All processes evaluate the function at the same points, which are a sample from each process. A
+    function that raises an error or returns another number of values is not compared, because it
+    may be valid only at the points of its own process.
 
     Args:
         comm: communicator of the processes.
-        name: name of the function in the message.
+        name: name of the function, used in the error message.
         function: function of points (n, dim) that returns n values or rows.
-        points: one or several arrays (n, dim) of points of this process, to be sampled.
+        *points: arrays (n, dim) of points of this process, of which a sample is used.
     """
     if comm.size == 1:
         return
@@ -179,7 +183,7 @@ def check_same_function(
 
 
 def evenly_spaced_rows(rows: Array, max_rows: int) -> Array:
-    """Return at most `max_rows` rows of an array, evenly spaced."""
+    """Return at most `max_rows` rows of an array, with equal distances between their indices."""
     return rows[np.unique(np.linspace(0, max(0, len(rows) - 1), max_rows).astype(int))[: len(rows)]]
 
 
@@ -188,8 +192,8 @@ def check_same_values(comm: MPI.Comm, arrays: Mapping[str, Array], tolerance: fl
 
     Args:
         comm: communicator of the processes.
-        arrays: arrays by their names in messages; the names are the same on all processes.
-        tolerance: largest difference, relative to the largest entry of each array.
+        arrays: arrays by name, with the same names on all processes. Error messages use the names.
+        tolerance: largest accepted difference, relative to the largest entry of the array.
     """
     if comm.size == 1:
         return
@@ -205,9 +209,10 @@ def check_same_values(comm: MPI.Comm, arrays: Mapping[str, Array], tolerance: fl
 
 
 def check_same_arguments(function: Function) -> Function:
-    """Decorate a collective function: compare its arguments on all processes before each call.
+    """Decorate a collective function to compare its arguments on all processes before each call.
 
-    Arguments of calls within the function are not compared again.
+    A ValueError names an argument that differs. When the function calls other decorated functions,
+    their arguments are not compared.
     """
     signature = inspect.signature(function)
 
@@ -231,11 +236,12 @@ def check_same_arguments(function: Function) -> Function:
 
 
 def defer_errors_if_parallel(check: Callable[[Any], None]) -> Callable[[Any], None]:
-    """Decorate the `__post_init__` of a dataclass: defer its errors if there are several processes.
+    """Decorate the `__post_init__` of a dataclass to defer its errors on several processes.
 
-    Materials, motions and pairs are created on each process separately: an error would be raised on
-    one process only, and the others would wait for it. Instead, the object keeps the error, and the
-    first collective function that takes the object raises it on all processes.
+    Materials, motions and contact pairs are created on each process separately. An error might be
+    raised on one process only, for which the other processes would wait. Instead, the object keeps
+    the error, and the first collective function with this object as an argument raises the error on
+    all processes.
 
     Args:
         check: `__post_init__` of a dataclass, which raises TypeError or ValueError.
@@ -270,13 +276,14 @@ def _set_arguments_compared(is_compared: bool) -> Iterator[None]:
 
 
 def find_communicator(*objects: object) -> MPI.Comm:
-    """Return the largest communicator of some objects, or COMM_WORLD if none has one.
+    """Return the largest communicator of the objects, or COMM_WORLD if no object has one.
 
-    A process with None instead of a mesh thereby takes part in the checks of the other processes.
+    A process with None instead of a mesh gets COMM_WORLD and can thus take part in the checks of
+    the other processes.
     """
     communicators = [comm for comm in map(_communicator_of, objects) if comm is not None]
     largest = max(communicators, key=lambda comm: comm.size, default=MPI.COMM_WORLD)
-    # collective calls on duplicates of one communicator would not match
+    # collective calls on different duplicates of COMM_WORLD would not match
     return MPI.COMM_WORLD if largest.size == MPI.COMM_WORLD.size else largest
 
 
@@ -292,14 +299,14 @@ def _communicator_of(obj: Any) -> MPI.Comm | None:  # noqa: ANN401
     if isinstance(obj, type):
         return None
     for name in _OWNER_ATTRIBUTES.split():
-        with suppress(Exception):  # errors of users' properties are raised later, in a block
+        with suppress(Exception):  # errors of users' properties are raised later, on all processes
             if (owner := getattr(obj, name, None)) is not None:
                 return _communicator_of(owner)
     return None
 
 
 def _make_picklable(error: BaseException | None) -> BaseException | None:
-    """Return an error that can be pickled: the same, or a RuntimeError with its message."""
+    """Return the error if it can be pickled, or else a RuntimeError with the same message."""
     if error is None:
         return None
     for args in (error.args, (str(error),)):
@@ -319,14 +326,16 @@ def call_user_function(
     *args: Parameters.args,
     **kwargs: Parameters.kwargs,
 ) -> Result:
-    """Call a user's function, in a block of `collective_errors`; errors become ValueError.
+    """Call a user's function and return its result; any error of the function becomes ValueError.
+
+    Call it in a block of `collective_errors`.
 
     Args:
-        comm: communicator, for the rank in the message.
-        name: name of the function in the message.
-        function: the function.
-        *args: its positional arguments.
-        **kwargs: its keyword arguments.
+        comm: communicator of the processes. The error message contains the rank of this process.
+        name: name of the function, used in the error message.
+        function: the user's function.
+        *args: positional arguments of the function.
+        **kwargs: keyword arguments of the function.
     """
     try:
         with _set_arguments_compared(is_compared=False):
@@ -338,7 +347,10 @@ def call_user_function(
 
 
 def _compute_digest(value: object) -> bytes:
-    """Return a digest of a value; of distributed objects, of type and global size only."""
+    """Return a digest of a value that is equal on all processes for equal values.
+
+    The digest of a distributed object contains only its type and global size.
+    """
     digest = blake2b(digest_size=16)
     for part in _digest_parts(value):
         digest.update(part if isinstance(part, bytes) else _compute_digest(part))
@@ -346,7 +358,7 @@ def _compute_digest(value: object) -> bytes:
 
 
 def _digest_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
-    """Yield bytes, or simpler objects, that identify a value."""
+    """Yield bytes or simpler objects that together identify a value."""
     if isinstance(value, str | Path):
         yield str(value).encode()
     elif isinstance(value, bytes):
@@ -371,7 +383,7 @@ def _digest_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
 
 
 def _object_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
-    """Yield simpler objects that identify an object of DOLFINx, PETSc, UFL or the library."""
+    """Yield simpler objects that identify an object of DOLFINx, PETSc, UFL or this library."""
     _raise_deferred_error(value)
     if isinstance(value, Enum):
         yield value.name
@@ -391,7 +403,7 @@ def _object_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
         if value.handle and value.getType():
             yield from (np.atleast_2d(value.getSizes())[:, 1], value.getAttr("assembled"))
     elif isinstance(value, fem.Form):
-        yield value.module.__name__  # contains a digest of the compiled form
+        yield value.module.__name__  # the module's name contains a digest of the compiled form
     elif isinstance(value, ufl.Form):
         for part in value.integrals():
             yield from (part.integral_type(), repr(part.subdomain_id()), part.integrand())
@@ -407,7 +419,7 @@ def _object_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
                 yield node.number()
             elif isinstance(node, fem.Constant | fem.Function):
                 yield node
-    elif not callable(value):  # an object of the library or the user: its attributes of plain types
+    elif not callable(value):  # identify other objects by attributes of plain types
         is_library_class = is_dataclass(value) and type(value).__module__.startswith("pw_elements.")
         for name, part in getattr(value, "__dict__", {}).items():
             is_compared = is_library_class or isinstance(part, str | int | float | np.generic)

@@ -1,12 +1,13 @@
 """Checks of the cells and the boundary of a mesh, made when a body is created.
 
-Errors are flat cells and cells that are partly inside out (curved cells and non-convex
-quadrilaterals, too), neighbours on the same side of a facet (folds), facets with more than two
-cells, overlapping parts, and hanging nodes. Coinciding facets without common nodes are a crack or
-two bodies in contact; both are legitimate and are only logged, a crack as a warning.
+The following defects are errors: flat cells; cells that are partly inside out, including curved
+cells and non-convex quadrilaterals; two neighbours on the same side of a facet (folds); facets with
+more than two cells; overlapping parts; and hanging nodes. Facets that coincide without common nodes
+are a crack or two bodies in contact. Both are legitimate and are only logged, a crack as a warning.
 
-The outward area vectors of the two cells of an inner facet have to cancel. Then the volumes of the
-cells add up to the boundary integral of x·n / dim, which need not be computed.
+The outward area vectors of the two cells at an inner facet have to cancel. If they do, the volumes
+of the cells add up to the boundary integral of x·n / dim (position x, outward normal n), so this
+sum need not be checked.
 
 The guide's page on meshes lists defects that these checks cannot detect.
 """
@@ -30,18 +31,18 @@ from pw_elements._compat import cell_nodes
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.progress import log_on_root
 
-# Largest coordinate for which volumes do not overflow
+# Largest coordinate with which volumes do not overflow
 MAX_COORDINATE = 1e100
 # Smallest Jacobian determinant, relative to the dim-th power of the cell's size
 _MIN_RELATIVE_DETERMINANT = 1e-10
-# Largest sum of the two area vectors of an inner facet, relative to the sum of their lengths (0 but
-# for round-off; 1 for a fold)
+# Largest length of the sum of an inner facet's two area vectors, relative to the sum of their
+# lengths. The ratio is 0, except for round-off, in valid meshes and 1 at a fold
 _CLOSURE_TOLERANCE = 1e-6
-# Distance of coinciding points, relative to the size of a facet
+# Largest distance of points that count as coinciding, relative to the size of a facet
 _COINCIDENCE_TOLERANCE = 1e-6
 # Number of cells whose Jacobians are in memory at once
 _CELLS_PER_BATCH = 20_000
-# Arbitrary matrix; its orthonormal basis is hardly parallel to facets, so that rays miss edges
+# Arbitrary matrix. A ray along an axis of its orthonormal basis hardly ever hits an edge exactly
 _GENERIC_MATRIX = np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1)
 
 # Checksum of the coordinates of each mesh that has passed `check_mesh`
@@ -53,7 +54,10 @@ class DegenerateMesh(ValueError):
 
 
 def format_points(points: Array) -> str:
-    """Return text with the first six of points (m, dim), sorted and rounded to four digits."""
+    """Return a text that lists points (m, dim), sorted and rounded to four digits.
+
+    Only the first six points are listed.
+    """
     points = np.round(points, 12) + 0.0
     points = points[np.lexsort(np.round(points, 9).T[::-1])]
     formatted = ["(" + ", ".join(f"{c:.4g}" for c in point) + ")" for point in points[:6]]
@@ -65,7 +69,7 @@ def check_mesh(mesh: Mesh) -> None:
     """Check the cells and boundary of a mesh, unless they are unchanged since the last check.
 
     Raises:
-        DegenerateMesh: names the defect and the centres of such cells or facets.
+        DegenerateMesh: if there is a defect; the message names the centres of the cells or facets.
     """
     checksum = crc32(np.ascontiguousarray(mesh.geometry.x))
     if not mesh.comm.allreduce(_checksum_of_checked.get(mesh) != checksum, MPI.LOR):
@@ -98,7 +102,7 @@ def check_cells(mesh: Mesh) -> None:
     """Check that no cell is flat, inverted or folded, and no facet has more than two cells.
 
     Raises:
-        DegenerateMesh: names the defect and the centres of such cells.
+        DegenerateMesh: if there is a defect; the message names the centres of the cells.
     """
     _check_coordinates(mesh)
     _CellChecks(mesh).check_cells_and_facets()
@@ -111,8 +115,9 @@ class _CellChecks:
         vertices: geometry nodes (n, corners) of the cells' corners.
         centres: mean of the corners (n, dim) of each cell.
         facets: facets (sides, n) of the cells.
-        area: outward area vectors (dim, sides, n); those of triangles have twice the area's length.
-        exterior: whether a side (sides, n) belongs to one cell only.
+        area: outward area vectors (dim, sides, n) of the facets. Their lengths are the areas, or
+            twice the areas for triangular facets.
+        exterior: mask (sides, n) of the facets that belong to one cell only.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -158,7 +163,12 @@ class _CellChecks:
             )
 
     def _check_facets(self, cofactor: Array) -> None:
-        """Check for folds and for facets with more than two cells, across processes."""
+        """Check that there are no folds and no facets with more than two cells; collective.
+
+        Args:
+            cofactor: cofactor matrices (dim, dim, sides, n) of the Jacobians at the midpoints of
+                the sides.
+        """
         topology, dim = self.mesh.topology, self.dim
         topology.create_connectivity(dim, dim - 1)
         n_sides = cofactor.shape[2]
@@ -202,9 +212,11 @@ class _CellChecks:
 
 
 class _SurfaceChecks:
-    """Checks of the boundary: own exterior facets, and those near or above cells of this process.
+    """Checks of the boundary of a mesh, distributed over the processes.
 
-    "Up" is the last axis of a rotated frame, to which hardly any facet is parallel.
+    Each process has its own exterior facets and those of other processes that are near its cells,
+    or above or below them. "Above" refers to the last axis of a rotated coordinate system, to which
+    hardly any facet is parallel.
 
     Attributes:
         corner: coordinates (m, corners, dim) of the corners of the facets.
@@ -244,7 +256,11 @@ class _SurfaceChecks:
         )
 
     def _exchange(self, values: npt.NDArray) -> npt.NDArray:
-        """Send values (own facets, ...) to processes that need them; return values (m, ...)."""
+        """Send values (own facets, ...) to the processes that need them.
+
+        Returns:
+            Values (m, ...) of all facets that this process needs.
+        """
         return np.concatenate(
             self._comm.alltoall([values[facets] for facets in self._facets_for_rank])
         )
@@ -253,9 +269,11 @@ class _SurfaceChecks:
         return np.concatenate(self._comm.allgather(values))
 
     def check_hanging_nodes(self) -> None:
-        """Raise DegenerateMesh for smaller facets that lie on a larger one and share its vertices.
+        """Raise DegenerateMesh if nodes are hanging.
 
-        Non-matching bodies in contact have no common vertices. Curved facets are not checked.
+        Nodes are hanging where smaller facets lie on a larger one and share its vertices. Bodies in
+        contact with non-matching meshes share no vertices and are accepted. Curved facets are not
+        checked.
         """
         if len(centres := self._gather(self._facet_centres[self._find_torn_facets()])):
             raise DegenerateMesh(
@@ -264,7 +282,10 @@ class _SurfaceChecks:
             )
 
     def _find_torn_facets(self) -> Indices:
-        """Return own facets whose corners are all corners of smaller facets that lie on them."""
+        """Return the facets of this process on which smaller facets of its neighbours lie.
+
+        All corners of the larger facet are also corners of the smaller facets.
+        """
         vertex, first_row = np.unique(self.vertex, return_index=True)
         x, is_owned = (
             self.corner.reshape(-1, self._cells.dim)[first_row],
@@ -303,7 +324,7 @@ class _SurfaceChecks:
         to_corners = self.corner[facet] - x[:, None]
         if to_corners.shape[1] == 4:
             to_corners, double_area = to_corners[:, [0, 1, 3, 2]], 2 * double_area
-        # in space, areas of the triangles between the point and each edge
+        # for solid bodies: areas of the triangles between the point and each edge
         cross_products = (
             np.cross(to_corners, np.roll(to_corners, -1, axis=1)) if x.shape[1] == 3 else to_corners
         )
@@ -313,10 +334,11 @@ class _SurfaceChecks:
         )
 
     def check_overlap(self) -> None:
-        """Raise DegenerateMesh if centres of cells at the boundary also lie in other cells.
+        """Raise DegenerateMesh if the centre of a cell at the boundary also lies in another cell.
 
-        A ray upwards from each centre leaves the body once more than it enters it; candidates with
-        more exits are checked by a search for the cells that contain them.
+        In a valid mesh, an upward ray from the centre of a cell leaves the body once more often
+        than it enters the body. For centres with more exits, the cells that contain the centre are
+        searched for and counted.
         """
         cells, mesh, rotation, cell_centres = (
             self._cells,
@@ -334,7 +356,7 @@ class _SurfaceChecks:
                 np.concatenate([corners[:, :3], corners[:, 1:]]),
                 np.tile(upward_area, 2),
             )
-        projected, projected_points = corners[:, :, :-1], x[:, :-1]  # along the ray
+        projected, projected_points = corners[:, :, :-1], x[:, :-1]  # projected along the ray
         projected_centres = projected.mean(axis=1)
         radius = np.linalg.norm(projected - projected_centres[:, None], axis=2).max(axis=1)
         facet, point = _find_points_in_balls(cKDTree(projected_points), projected_centres, radius)
@@ -366,7 +388,7 @@ class _SurfaceChecks:
             )
 
     def log_coincident_facets(self) -> None:
-        """Log facets that coincide without common nodes: cracks, and bodies that touch."""
+        """Log facets that coincide without common nodes, at cracks and between touching bodies."""
         min_radius = self._comm.allreduce(self._radius.min(initial=np.inf), MPI.MIN)
         pairs = cKDTree(self._facet_centres).query_pairs(
             _COINCIDENCE_TOLERANCE * min_radius, output_type="ndarray"
@@ -392,7 +414,7 @@ class _SurfaceChecks:
 
 
 def _cofactors(jacobian: Array) -> Array:
-    """Return the cofactor matrices of Jacobians, both (dim, dim, ...)."""
+    """Return the cofactor matrices (dim, dim, ...) of Jacobian matrices (dim, dim, ...)."""
     dim = len(jacobian)
     if dim == 1:
         return np.ones_like(jacobian)
@@ -406,7 +428,7 @@ def _cofactors(jacobian: Array) -> Array:
 def connected_components(
     comm: MPI.Comm, index_map: IndexMap, cells: npt.NDArray
 ) -> tuple[Indices, int]:
-    """Find the connected components of a mesh across processes.
+    """Find the connected components of a distributed mesh; collective.
 
     Args:
         comm: communicator of the mesh.
@@ -414,7 +436,7 @@ def connected_components(
         cells: local nodes (n, k) of the cells of this process.
 
     Returns:
-        Component of each local node (ghosts, too), and the number of components.
+        Number of the component of each local node, including ghosts; and the number of components.
     """
     n_nodes = index_map.size_local + index_map.num_ghosts
     other_nodes = cells[:, 1:]  # a cell links its first node with the others
@@ -422,7 +444,8 @@ def connected_components(
         n_nodes, np.repeat(cells[:, 0], other_nodes.shape[1]), other_nodes.ravel()
     )
     local_component += sum(comm.allgather(int(local_component.max(initial=-1)) + 1)[: comm.rank])
-    # components of two processes are one if they share a node: link each with the owner's
+    # components of two processes belong together if they share a node: link the component of each
+    # node with the component on the process that owns the node
     owner_component = la.vector(index_map, 1)
     owner_component.array[:] = local_component
     owner_component.scatter_forward()
@@ -440,7 +463,16 @@ def _graph_components(n_nodes: int, starts: Indices, ends: Indices) -> Indices:
 
 
 def _find_points_in_balls(tree: cKDTree, centres: Array, radii: Array) -> tuple[Indices, Indices]:
-    """Return all pairs of a ball (n,) and a point of the tree in it, as two index arrays."""
+    """Return all pairs of a ball and a point of the tree inside this ball.
+
+    Args:
+        tree: tree of the points.
+        centres: centres (n, dim) of the balls.
+        radii: radii (n,) of the balls.
+
+    Returns:
+        Index of the ball and index of the point of each pair.
+    """
     points_in_ball = tree.query_ball_point(centres, radii)
     ball_index = np.repeat(np.arange(len(centres)), [len(points) for points in points_in_ball])
     return ball_index, np.array([p for points in points_in_ball for p in points], dtype=np.int64)

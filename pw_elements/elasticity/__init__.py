@@ -1,4 +1,4 @@
-"""Elastic bodies, forces on their surfaces, and the symmetric sibling."""
+"""Elastic bodies, forces on their surfaces, and the symmetric standard element with even forces."""
 
 from pw_elements.elasticity.body import Body, StressState, Vector, lumped_mass
 from pw_elements.elasticity.boundary import boundary_measure, nodal_load, prescribe

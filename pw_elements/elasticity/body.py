@@ -1,11 +1,13 @@
-"""Isotropic linear elasticity as UFL forms over a trial/test pair.
+"""Isotropic linear elasticity as UFL forms, with different trial and test spaces.
 
-The equations of motion, Eq. (1), are div sigma + b - rho u'' = 0; the paper misprints the last
-sign, which is right in its Eq. (2). In weak form, Eq. (2), they are M a'' + K a = f, Eq. (9), with
-the forms of `Body`. Accelerations are a field like displacements, Eq. (4). UFL's gradients replace
-the matrices B of shape functions and those of weight functions, Eq. (8).
+The equations of motion, Eq. (1), are div sigma + b - rho u'' = 0, with stress sigma, body force b,
+density rho and displacement u. The paper misprints the sign of the last term in Eq. (1); the sign
+is right in Eq. (2), the weak form. Discretised they are M a'' + K a = f, Eq. (9), with nodal
+displacements a and the mass M, stiffness K and load f that the forms of `Body` define. The
+accelerations have the same trial functions as the displacements, Eq. (4). UFL's gradients take the
+place of the paper's strain matrices B, Eq. (8).
 
-Units are consistent, of the user's choice (N, m, Pa and kg/m³, for example).
+The units are the user's choice but have to be consistent, for example N, m, Pa and kg/m³.
 """
 
 import logging
@@ -47,8 +49,8 @@ from pw_elements.spaces import (
 Vector: TypeAlias = Sequence[float] | Array | Expr
 
 # Quadrature degree for integrands that are not polynomials (hoop strain, curved cells, a varying
-# modulus). It changes natural frequencies by less than 1e-4 of the mesh's own error, see section V8
-# of the study
+# modulus). Its effect on natural frequencies is less than 1e-4 of the discretisation error, see
+# section V8 of the study
 _RATIONAL_DEGREE = 8
 # Poisson's ratio above which `Body.on` adds a pressure, and above which a warning is logged
 _MIN_HYBRID_NU = 0.48
@@ -63,49 +65,51 @@ _MATERIAL_JUMP_WARNING = (
     "err by ten per cent and more; give cell tags, Spaces.hybrid(mesh, parts)"
 )
 
-# Row sum of the mass matrix, over the diagonal entry, that is round-off; and a negative radius,
-# over the largest one
+# Values up to these are round-off: a row sum of the mass matrix, relative to the diagonal entry; a
+# negative radius, relative to the largest radius
 _MASS_ROUND_OFF = 1e-12
 _RADIUS_ROUND_OFF = 1e-12
 
 
 class StressState(Enum):
-    """State of stress and strain of a body; a string with the value serves as well."""
+    """State of stress and strain of a body; functions also accept the value as a string."""
 
     PLANE_STRESS = "plane stress"
     PLANE_STRAIN = "plane strain"
-    AXISYMMETRIC = "axisymmetric"  # coordinates (r, z), the axis at r = 0
+    AXISYMMETRIC = "axisymmetric"  # coordinates are (r, z), with the axis of rotation at r = 0
     SOLID = "solid"
 
 
 @dataclass(frozen=True)
 class Body:
-    """Elastic body: spaces, material and state of stress, and the forms of its equations.
+    """Elastic body, with spaces, material and state of stress, and the forms of its equations.
 
-    With the spaces of `Spaces.hybrid`, the unknowns are displacements u and a pressure p,
+    With the spaces of `Spaces.hybrid`, the unknowns are displacements u and a pressure p. For all
+    weight functions w of u and q of p they satisfy
 
         int 2 mu eps(u) : eps(w) - p div w = load(w),    int -q (div u + p/lambda) = 0,
 
-    where 1/lambda = (1 - 2 nu) / (2 mu nu) is zero for nu = 1/2. The argument `u` of `strain` and
-    `stress` then has both fields, such as a function of the mixed space.
+    with strain eps, Poisson's ratio nu, shear modulus mu and Lamé's constant lambda. The quotient
+    1/lambda = (1 - 2 nu) / (2 mu nu) is zero for nu = 1/2. The argument `u` of `strain` and
+    `stress` then has to contain both fields, such as a function of the mixed space.
 
     Args:
         spaces: trial and test space of the displacements, or of displacements and pressure.
         material: elastic constants and density.
         state: a `StressState`, or its value as a string: "plane stress", "plane strain",
             "axisymmetric" or "solid".
-        thickness: t(x, y) of a plane body, number or UFL expression.
-        quadrature_degree: of all integrals over cells. By default it is exact for straight
-            simplices, parallelograms and parallelepipeds with constant data; 5 (3 points in each
-            direction) for other straight quadrilaterals and hexahedra; 8 for curved cells,
-            axisymmetry and varying data.
+        thickness: thickness of a plane body, a number or a UFL expression.
+        quadrature_degree: degree of quadrature of all integrals over cells. By default integrals
+            over straight simplices, parallelograms and parallelepipeds with constant data are
+            exact. The default degree is 5 (3 points in each direction) for other straight
+            quadrilaterals and hexahedra, and 8 for curved cells, axisymmetry and varying data.
 
     Raises:
-        ValueError: if the state does not suit the dimension; the mesh is a surface in space or
-            crosses the axis of rotation; an incompressible material is neither in plane stress
-            nor in hybrid spaces; hybrid spaces are in plane stress or have nu <= 0; or the
-            thickness is not positive.
-        DegenerateMesh: if the cells or the boundary are not those of a body.
+        ValueError: if the state does not suit the dimension; if the mesh is a surface in space or
+            crosses the axis of rotation; if an incompressible material, except in plane stress,
+            is used without hybrid spaces; if hybrid spaces are used in plane stress or with
+            nu <= 0; or if the thickness is not positive.
+        DegenerateMesh: if cells are flat, inverted, folded or overlapping, or nodes are hanging.
     """
 
     spaces: Spaces
@@ -180,17 +184,19 @@ class Body:
     ) -> "Body":
         """Create a body with the element that its material needs.
 
-        The element is `Spaces.hybrid` if Poisson's ratio exceeds 0.48 anywhere (this is logged),
-        except in plane stress, and `Spaces.petrov_galerkin` otherwise.
+        If Poisson's ratio exceeds 0.48 anywhere and the state is not plane stress, the body gets
+        the spaces of `Spaces.hybrid`, which is logged. Otherwise it gets the spaces of
+        `Spaces.petrov_galerkin`.
 
             body = Body.on(mesh, Material(1e6, 0.499), "axisymmetric")
             U = body.spaces.trial
 
         Args:
-            mesh: of the body.
+            mesh: mesh of the body.
             material: elastic constants and density.
             state: state of stress, as in `Body`.
-            parts: tags of all cells, one for each material of a hybrid body, see `Spaces.hybrid`.
+            parts: tags of all cells, one tag for each material. Only a hybrid body uses them, see
+                `Spaces.hybrid`.
 
         Raises:
             TypeError: for arguments of the wrong type.
@@ -212,7 +218,7 @@ class Body:
         return cls(spaces, material, state)  # type: ignore[arg-type]
 
     def _singularity_warning(self, nu: float) -> str:
-        """Return a warning if the stiffness may be singular at this Poisson's ratio, else ""."""
+        """Return a warning if the stiffness may be singular for this Poisson's ratio, else ""."""
         limit, ratio = max_bulk_over_shear(self.spaces.mesh), bulk_over_shear(nu)
         if self.spaces.test is self.spaces.trial or ratio <= limit:
             return ""
@@ -222,13 +228,16 @@ class Body:
         )
 
     def strain(self, u: Expr) -> Expr:
-        """Return the small strain tensor, Eq. (5); 3 x 3 in axisymmetry, with hoop strain u_r / r.
+        """Return the tensor of small strains, Eq. (5).
+
+        In axisymmetry it is 3 x 3 and contains the hoop strain u_r / r.
 
         Args:
-            u: displacement, a function or an argument of a form; in hybrid spaces both fields.
+            u: displacement, a function or an argument of a form. In hybrid spaces it contains both
+                displacement and pressure.
 
         Raises:
-            TypeError: for anything but such an expression.
+            TypeError: if `u` is not a UFL expression.
         """
         arguments.check_type(
             "displacement", u, Expr, "as_function(U, a) makes a function of a vector"
@@ -239,10 +248,11 @@ class Body:
         """Return the stress tensor, Eq. (6) and Eq. (22), of the same shape as the strain tensor.
 
         Args:
-            u: displacement, a function or an argument of a form; in hybrid spaces both fields.
+            u: displacement, a function or an argument of a form. In hybrid spaces it contains both
+                displacement and pressure.
 
         Raises:
-            ValueError: in hybrid spaces, for a displacement without pressure.
+            ValueError: if the spaces are hybrid, but `u` has no pressure.
         """
         E, nu = (
             self._as_constant(self.material.youngs_modulus),
@@ -265,12 +275,13 @@ class Body:
         return lame * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0]) + 2 * mu * strain
 
     def von_mises(self, u: Expr) -> Expr:
-        """Return von Mises' equivalent stress, for pictures and assessment.
+        """Return von Mises' equivalent stress as an expression, to be drawn or evaluated.
 
-        In plane strain the out-of-plane stress is included.
+        In plane strain it includes the stress perpendicular to the plane.
 
         Args:
-            u: displacement, a function; in hybrid spaces both fields.
+            u: displacement, a function. In hybrid spaces it contains both displacement and
+                pressure.
         """
         stress = self.stress(u)
         trace, squares = ufl.tr(stress), ufl.inner(stress, stress)
@@ -284,7 +295,7 @@ class Body:
 
     @check_same_arguments
     def stiffness(self) -> ufl.Form:
-        """Return the bilinear form of the stiffness, Eq. (10)."""
+        """Return the bilinear form of the stiffness matrix, Eq. (10)."""
         u, v = self._arguments()
         work = self._integrate_bilinear(ufl.inner(self.stress(u), self.strain(v)), 2)
         if not self.spaces.is_hybrid:
@@ -300,7 +311,7 @@ class Body:
 
     @check_same_arguments
     def mass(self) -> ufl.Form:
-        """Return the bilinear form of the consistent mass, Eq. (11)."""
+        """Return the bilinear form of the consistent mass matrix, Eq. (11)."""
         (u, _), (v, _) = map(self._split, self._arguments())
         return self._integrate_bilinear(
             self._as_constant(self.material.density) * ufl.inner(u, v), 4
@@ -308,17 +319,18 @@ class Body:
 
     @check_same_arguments
     def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
-        """Return the form of a traction's load (force per area), Eq. (12), on part of the boundary.
+        """Return the linear form of the load by a traction on a part of the boundary, Eq. (12).
 
-        Add the vectors of several loads; a form may contain one surface measure only.
+        A form may contain one surface measure only. For several loads, assemble a vector of each
+        form and add the vectors.
 
         Args:
-            traction: (dim,), numbers or an expression.
-            surface: `boundary_measure` of a part of the boundary.
+            traction: force per area (dim,), as numbers or an expression.
+            surface: measure of the part of the boundary, created by `boundary_measure`.
 
         Raises:
-            TypeError, ValueError: for anything but a measure of exterior facets of the body's mesh,
-                or a traction of the wrong size.
+            TypeError, ValueError: if `surface` is not a measure of exterior facets of the body's
+                mesh, or the traction has the wrong size.
         """
         arguments.check_type(
             "surface", surface, ufl.Measure, "boundary_measure(mesh, where) makes one"
@@ -336,10 +348,10 @@ class Body:
 
     @check_same_arguments
     def body_load(self, force: Vector) -> ufl.Form:
-        """Return the form of a body force's load (force per volume), Eq. (12).
+        """Return the linear form of the load by a body force, Eq. (12).
 
         Args:
-            force: (dim,), numbers or an expression.
+            force: force per volume (dim,), as numbers or an expression.
         """
         v, _ = self._split(ufl.TestFunction(self.spaces.test))
         return self._integrate(ufl.inner(self._as_vector("force", force), v), 2)
@@ -349,12 +361,14 @@ class Body:
         """Return the bilinear form of the initial stress matrix, Eq. (25) and Eq. (26).
 
         Args:
-            stress: prestress tensor S of the strain's shape, such as `body.stress(u)`.
-            form: "G" is the paper's form, grad(v) : grad(u) S; "J" subtracts
-                2 S : (eps(v) eps(u)), as continuum elements with an objective stress rate do.
+            stress: tensor S of the prestress, such as `body.stress(u)`. It has the shape of the
+                strain tensor.
+            form: integrand, with displacement u, weight function v and strain eps. "G" is that of
+                the paper, grad(v) : grad(u) S. "J" subtracts 2 S : (eps(v) eps(u)) from it, which
+                corresponds to continuum elements with an objective stress rate.
 
         Raises:
-            ValueError: for an unknown form, or a tensor of the wrong shape.
+            ValueError: if the form is unknown or the tensor has the wrong shape.
         """
         arguments.check_type("stress", stress, Expr, "body.stress(u) makes one")
         u, v = self._arguments()
@@ -371,7 +385,7 @@ class Body:
         return ufl.TrialFunction(self.spaces.trial), ufl.TestFunction(self.spaces.test)
 
     def _split(self, u: Expr) -> tuple[Expr, Expr]:
-        """Split `u` into displacement and pressure; the pressure is None if `u` has none."""
+        """Split `u` into displacement and pressure; return None as pressure if `u` has none."""
         dimension = self.spaces.mesh.geometry.dim
         if not (self.spaces.is_hybrid and u.ufl_shape == (dimension + 1,)):
             return u, None
@@ -395,7 +409,7 @@ class Body:
         )
 
     def _depth(self) -> Scalar:
-        """Return volume over area of the mesh: thickness, 2 pi r, or 1 for a solid."""
+        """Return the volume per area of a plane mesh (thickness or 2 pi r), or 1 for a solid."""
         if self.state is StressState.AXISYMMETRIC:
             return 2 * np.pi * ufl.SpatialCoordinate(self.spaces.mesh)[0]
         if self.state is StressState.SOLID:
@@ -405,14 +419,14 @@ class Body:
     def _integrate_bilinear(
         self, integrand: Expr, exact_degree: int, parallelepiped_degree: int = 3
     ) -> ufl.Form:
-        """Integrate a product of trial and test functions.
+        """Return the form of a product of trial and test functions, integrated over the body.
 
         Args:
-            integrand: of the form.
-            exact_degree: of the integrand on straight simplices with quadratic test functions;
-                piecewise-linear ones need one degree less.
-            parallelepiped_degree: for piecewise-linear test functions on parallelograms and
-                parallelepipeds.
+            integrand: integrand of the form.
+            exact_degree: degree of the integrand on straight simplices with quadratic test
+                functions. With piecewise-linear test functions it is one less.
+            parallelepiped_degree: degree of quadrature on parallelograms and parallelepipeds with
+                piecewise-linear test functions.
         """
         if self.spaces.test is self.spaces.trial:
             return self._integrate(integrand, exact_degree)
@@ -421,12 +435,12 @@ class Body:
     def _integrate(
         self, integrand: Expr, exact_degree: int, parallelepiped_degree: int = 5
     ) -> ufl.Form:
-        """Integrate over the body with the degree of quadrature that the cells need.
+        """Return the form of an integrand, with the degree of quadrature that the cells need.
 
         Args:
-            integrand: of the form.
-            exact_degree: of the integrand on straight simplices.
-            parallelepiped_degree: of the quadrature on parallelograms and parallelepipeds.
+            integrand: integrand of the form.
+            exact_degree: degree of the integrand on straight simplices.
+            parallelepiped_degree: degree of quadrature on parallelograms and parallelepipeds.
         """
         degree = self.quadrature_degree
         if degree is None:
@@ -450,7 +464,7 @@ class Body:
         return parallelepiped_degree if has_parallel_cells(self.spaces.mesh) else 5
 
     def _as_constant(self, value: Scalar) -> Expr:
-        """Turn a number into a constant, so that the form need not be compiled for each number."""
+        """Turn a number into a `fem.Constant`, so that other numbers need no new compiled form."""
         if not arguments.is_number(value):
             return value
         return fem.Constant(self.spaces.mesh, float(value))
@@ -463,24 +477,25 @@ class Body:
 
 @check_same_arguments
 def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
-    """Lump a mass matrix to the diagonal matrix (n, n) of its row sums.
+    """Lump a mass matrix: return the diagonal matrix (n, n) of its row sums.
 
-    Row sums are integrals of density times test function: positive with piecewise-linear weights
-    (A/12 and A/4 on a 6-node triangle, V/32 and 7V/48 on a 10-node tetrahedron), zero at the
-    vertices of the standard triangle.
+    Each row sum is the integral of density times a test function. With piecewise-linear weight
+    functions it is positive. For density 1, it is A/12 at vertices and A/4 at mid-side nodes of a
+    6-node triangle of area A, and V/32 at vertices and 7V/48 at mid-side nodes of a 10-node
+    tetrahedron of volume V. On the standard 6-node triangle it is zero at the vertices.
 
-    In explicit dynamics combine the lumped mass with a symmetric stiffness, preferably that of the
-    `Sibling`, whose mass has positive row sums, too. With the unsymmetric stiffness the upper
-    spectrum is complex, and undamped vibrations grow whatever the time step (section V9 of the
-    study).
+    In explicit dynamics, combine the lumped mass with a symmetric stiffness, preferably that of
+    `Sibling`, whose mass matrix has positive row sums, too. With the unsymmetric stiffness of
+    piecewise-linear weight functions the upper eigenvalues are complex, and undamped vibrations
+    grow for any time step (section V9 of the study).
 
     Args:
-        M: mass (n, n), free.
-        space: trial space.
+        M: mass matrix (n, n) without boundary conditions.
+        space: trial space of the matrix.
 
     Raises:
-        ValueError: if a row sum is not positive (the message names nodes), or the matrix does not
-            belong to the space.
+        ValueError: if a row sum is not positive (the message names the nodes), or the matrix does
+            not belong to the space.
     """
     arguments.check_space(space)
     check_problem({"the mass matrix": M}, space=space)

@@ -1,4 +1,4 @@
-"""Parts of the boundary: surface measures, prescribed displacements and nodal loads."""
+"""Surface measures, prescribed displacements and nodal loads on parts of the boundary."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -27,15 +27,15 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
     """Create a surface measure of a part of the boundary, for `Body.surface_load` and other forms.
 
     Args:
-        mesh: the mesh.
-        where: marker, which takes points as columns (3, n) and has to hold at every vertex of a
-            facet; or local numbers of facets, as `MeshTags.find` gives them; or a mask of all
-            local facets.
-        quadrature_degree: of the facet integrals.
+        mesh: mesh of the body.
+        where: part of the boundary, given in one of three ways: a marker, a function of points
+            (3, n) that returns a mask (n,) and has to hold at every vertex of a facet; local
+            numbers of facets, such as `MeshTags.find` returns; or a mask of all local facets.
+        quadrature_degree: degree of quadrature on the facets.
 
     Raises:
-        ValueError: if no exterior facet is marked, the marker fails or does not return truth
-            values, or a number does not belong to a facet.
+        ValueError: if no exterior facet is selected, the marker raises an error or does not return
+            truth values, or a number does not belong to a facet.
     """
     arguments.check_mesh_type(mesh)
     arguments.check_integer("quadrature_degree", quadrature_degree, 0)
@@ -60,21 +60,24 @@ def prescribe(
     where: Part,
     value: float | fem.Constant = 0.0,
 ) -> fem.DirichletBC:
-    """Prescribe one displacement component at all nodes, mid-side nodes too, of a part.
+    """Prescribe one component of the displacement at all nodes of a part of the body.
+
+    Mid-side nodes are included. A marker may hold at interior nodes as well.
 
         held = Reduction.dirichlet(U, [prescribe(U, 1, lambda x: np.isclose(x[1], 0))])
         held = Reduction.dirichlet(U, [prescribe(U, k, facet_tags.find(BASE)) for k in (0, 1)])
 
     Args:
         space: trial space.
-        component: counted from 0; or "pressure" of a hybrid space, which is given at vertices.
-        where: marker of the nodes' positions as columns (3, n); or local numbers of facets, as
-            `MeshTags.find` gives them, or a mask of all local facets.
-        value: of the component; the value of a `fem.Constant` may change later.
+        component: number of the component, from 0; or "pressure" to prescribe the pressure of a
+            hybrid space, which has values at vertices.
+        where: marker, a function of points (3, n) that returns a mask (n,); or local numbers of
+            facets, such as `MeshTags.find` returns; or a mask of all local facets.
+        value: prescribed value. If it is a `fem.Constant`, its value may be changed later.
 
     Raises:
-        ValueError: if there is no such node or no such component, the marker fails or does not
-            return truth values, or the value is not a finite number.
+        ValueError: if no node is selected, the component does not exist, the marker raises an error
+            or does not return truth values, or the value is not a finite number.
     """
     arguments.check_space(space)
     hybrid = is_hybrid(space)
@@ -89,7 +92,8 @@ def prescribe(
     if arguments.is_user_function(where):
         nodes = require_nodes(field.space, "the prescribed nodes", where)
     else:
-        # refuses interior facets: numbers of nodes, given by mistake, hardly ever are all exterior
+        # refuse interior facets: numbers of nodes, passed by mistake, are hardly ever all numbers
+        # of exterior facets
         facets = locate_exterior_facets(space.mesh, where, skip_interior=False)
         if space.mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
             raise ValueError("the prescribed part has no facet")
@@ -106,16 +110,17 @@ def prescribe(
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
     """Create the load vector (n,) of a concentrated force at each node that a marker selects.
 
-    The vector suits any test space with W_i(x_i) = 1.
+    The vector suits any test space whose weight functions are 1 at their nodes.
 
     Args:
         space: trial space.
-        where: marker of the nodes' positions as columns (3, n).
-        force: (components,), on each node.
+        where: marker, a function of points (3, n) that returns a mask (n,).
+        force: force (components,) on each selected node.
 
     Raises:
-        ValueError: if there is no such node, the marker fails or does not return truth values, the
-            force has another number of components than the space, or a component is not finite.
+        ValueError: if no node is selected, the marker raises an error or does not return truth
+            values, the force has another number of components than the space, or a component is
+            not finite.
     """
     arguments.check_space(space)
     comm, field = space.mesh.comm, SubSpace.displacements(space)

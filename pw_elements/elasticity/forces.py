@@ -1,13 +1,13 @@
-"""Nodal forces: the transfer matrix T, forces and fluxes at nodes, pressures, sawtooth.
+"""Nodal forces and fluxes on the boundary, pressures, and the matrix T that makes forces even.
 
 Three measures of contact pressure (and shear) must not be mixed:
 
 1. the nodal force itself;
-2. the nodal force over the integral of the node's test function over the surface;
-3. the nodal force over the geometric tributary area of the node: facets are halved once, and the
-   area of each sub-facet is divided equally between its corners.
+2. the nodal force divided by the surface integral of the node's test function;
+3. the nodal force divided by the geometric tributary area of the node: the edges of facets are
+   halved, and the area of each sub-facet is divided equally between its corners.
 
-The guide's page on theory shows with which element each measure is even, and why reactions are
+The guide's page on theory shows for which element each measure is even, and why reactions are
 fluxes ("Reactions and fluxes").
 """
 
@@ -46,10 +46,10 @@ from pw_elements.spaces import (
     scalar_space,
 )
 
-# Parts of a mid-side node's Galerkin force that T leaves there, and that it gives to each vertex
+# Parts of a mid-side node's force (standard element) that T leaves there and gives to each vertex
 _KEPT_PART = 3 / 4
 _VERTEX_PART = 1 / 8
-# Weight integral over tributary area below which a node has no weight
+# Integral of a node's weight function, divided by the tributary area, below which it counts as zero
 _ZERO_WEIGHT = 1e-9
 
 Area = Literal["geometric", "weight"]
@@ -59,21 +59,22 @@ Area = Literal["geometric", "weight"]
 def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     """Assemble the matrix T, (n, n), that makes nodal forces of the standard element even.
 
-    Three quarters of a mid-side node's force stay at the node and an eighth goes to each vertex; on
-    quadrilaterals and hexahedra T is the tensor product of this rule for intervals. Under uniform
-    tractions on straight sides the results are the nodal forces of the piecewise-linear weights:
-    T f_G = f_PW on every cell.
+    Three quarters of a mid-side node's force stay at the node and an eighth goes to each vertex. On
+    quadrilaterals and hexahedra T is the tensor product of this rule for intervals. Below, K_G and
+    f_G are stiffness and load of the standard (Galerkin) element, K_PW and f_PW those with
+    piecewise-linear weight functions. Under uniform tractions on straight sides, T f_G = f_PW for
+    every type of cell.
 
     On straight-sided triangles with constant elasticity and thickness, in plane stress or strain,
-    K_PW = T K_G as well; the guide's page on theory has the proof. On other cells T K_G differs
-    from K_PW, though both make forces even. Quadratic mortar methods construct dual multipliers by
-    a transformation of this form, with 1/5 in place of 1/8 (A. Popp et al.,
+    K_PW = T K_G holds as well; the guide's page on theory has the proof. On other cells T K_G
+    differs from K_PW, though both make forces even. Quadratic mortar methods construct dual
+    multipliers by a transformation of this form, with 1/5 in place of 1/8 (A. Popp et al.,
     https://doi.org/10.1137/110848190).
 
-        even = force_transfer(U) * reactions(K, a, f)  # of the standard element
+        even = force_transfer(U) * reactions(K, a, f)  # reactions of the standard element
 
     Args:
-        space: quadratic Lagrange trial space, of any cell.
+        space: quadratic Lagrange trial space, on any type of cell.
 
     Raises:
         ValueError: if the space is not quadratic, with a node in the middle of each edge (and of
@@ -83,7 +84,7 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
 
 
 def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
-    """Assemble T^T, (n, n), or T^-T, of the T of `force_transfer`."""
+    """Assemble the transposed (n, n) of the matrix T of `force_transfer`, or its inverse T^-T."""
     arguments.check_space(space)
     basix_element, element = space.element.basix_element, space.ufl_element()
     cell = space.mesh.topology.cell_name()
@@ -96,7 +97,7 @@ def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETS
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     cells, owned = space.dofmap.list, index_map.size_local
     target, source = cells[:, cell_T.row].ravel(), cells[:, cell_T.col].ravel()
-    is_owned = source < owned  # this process has a cell with each owned source and its targets
+    is_owned = source < owned  # an owned source node and its targets share a local cell
     entries = np.stack([source[is_owned], target[is_owned]])
     entries, index = np.unique(entries, axis=1, return_index=True)
     value = np.tile(cell_T.data, len(cells))[is_owned][index]
@@ -111,21 +112,23 @@ def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETS
 def _cell_transfer(
     element: basix.finite_element.FiniteElement, kept_part: float, vertex_part: float
 ) -> Array:
-    """Return T of one cell, (nodes, nodes): column j has the parts of node j's force.
+    """Return the force transfer matrix (nodes, nodes) of one cell.
+
+    Column j contains the parts of node j's force that each node gets.
 
     Args:
         element: quadratic Lagrange element.
-        kept_part: of an interval's middle node, left there.
-        vertex_part: of an interval's middle node, given to each vertex.
+        kept_part: on an interval, part of the middle node's force that stays at this node.
+        vertex_part: on an interval, part of the middle node's force that goes to each vertex.
     """
     counts = [len(np.ravel(dofs)) for dofs in element.entity_dofs]
-    dimension_of_node = np.repeat(np.arange(len(counts)), counts)  # of the node's entity
+    dimension_of_node = np.repeat(np.arange(len(counts)), counts)  # of the entity of each node
     T = np.zeros((element.dim, element.dim))
     for dimension, entities in enumerate(element.entity_dofs):
         for entity, dofs in enumerate(entities):
             closure = element.entity_closure_dofs[dimension][entity]
-            for dof in dofs:  # in the middle of the entity, along each of its directions
-                n_kept = dimension_of_node[closure]  # directions in which the force stays
+            for dof in dofs:  # nodes in the middle of the entity in all its directions
+                n_kept = dimension_of_node[closure]  # number of directions in which the force stays
                 T[closure, dof] = kept_part**n_kept * vertex_part ** (dimension - n_kept)
     return T
 
@@ -135,8 +138,8 @@ class BoundaryForces:
     """Nodal forces along a boundary line, ordered by position.
 
     Args:
-        position: (m, 3) node coordinates.
-        force: (m, components).
+        position: coordinates (m, 3) of the nodes.
+        force: forces (m, components) at the nodes.
     """
 
     position: Array
@@ -150,16 +153,16 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
         held = forces_along(U, reactions(K, a, f), lambda x: np.isclose(x[0], 0))
         axes.plot(held.position[:, 1], held.force)
 
-    Every process gets all nodes.
+    The result contains the nodes of all processes and is the same on each.
 
     Args:
         space: trial space.
-        forces: nodal forces (n,).
-        where: marker of the nodes' positions as columns (3, n).
+        forces: vector (n,) of nodal forces.
+        where: marker, a function of points (3, n) that returns a mask (n,).
 
     Raises:
-        ValueError: if there is no such node, the marker fails or does not return truth values, or
-            the vector is not finite or does not belong to the space.
+        ValueError: if no node is selected, the marker raises an error or does not return truth
+            values, or the vector is not finite or does not belong to the space.
     """
     arguments.check_space(space)
     with collective_errors(space.mesh.comm):
@@ -173,19 +176,20 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
 
 @dataclass(frozen=True)
 class SurfaceNodes:
-    """Nodes of a part of the boundary, in the order of `order_by_position`, on every process.
+    """Nodes of a part of the boundary, sorted by position; the same on every process.
 
-    Areas are lengths times thickness in the plane, and those of the whole circumference in
-    axisymmetry.
+    The area of a line in the plane is its length times the thickness. In axisymmetry it is the area
+    of the surface of revolution.
 
     Args:
-        position: (m, dim).
-        weight_area: (m,), integral of each node's test (weight) function.
-        tributary_area: (m,), integral of each node's piecewise-linear function.
-        edges: (e, 3), mid-side node and both corners of each edge of the surface.
-        rim: (m,), whether a node is at the end of the line or on the edge of the face.
-        node: (m,), global numbers in the space, which depend on the number of processes.
-        facets: (f, k), nodes of each facet in Basix' order, corners first.
+        position: coordinates (m, dim) of the nodes.
+        weight_area: surface integral (m,) of each node's test (weight) function.
+        tributary_area: surface integral (m,) of each node's piecewise-linear function.
+        edges: indices (e, 3) of the mid-side node and both corners of each edge of the surface.
+        rim: mask (m,) of nodes at the ends of a line or on the border of a face.
+        node: global numbers (m,) of the nodes in the space, which depend on the number of
+            processes.
+        facets: indices (f, k) of the nodes of each facet in Basix' order, corners first.
     """
 
     position: Array
@@ -201,18 +205,19 @@ class SurfaceNodes:
     def from_body(cls, body: Body, where: Part, stretch: Expr | None = None) -> "SurfaceNodes":
         """Collect the nodes of a part of a body's boundary.
 
-        A `ContactPair` with the same marker has the same nodes if the marker ends at vertices.
+        A `ContactPair` with the same marker has the same nodes if the marked part ends at vertices
+        (of a solid body, at whole edges) of the mesh.
 
         Args:
-            body: the body.
-            where: marker of points as columns (3, n), which has to hold at every vertex of a facet;
-                or local numbers of facets, as `MeshTags.find` gives them; or a mask of all local
-                facets.
-            stretch: deformed over undeformed area, from `SurfaceNodes.stretch`, for areas of the
-                deformed boundary; by default areas are undeformed.
+            body: body with the boundary.
+            where: part of the boundary, given in one of three ways: a marker, a function of points
+                (3, n) that returns a mask (n,) and has to hold at every vertex of a facet; local
+                numbers of facets, such as `MeshTags.find` returns; or a mask of all local facets.
+            stretch: ratio of deformed to undeformed area, from `SurfaceNodes.stretch`, if the areas
+                are to be those of the deformed boundary; by default they are undeformed areas.
 
         Raises:
-            ValueError: if there are no such facets, the marker fails or does not return truth
+            ValueError: if no facet is selected, the marker raises an error or does not return truth
                 values, or a number does not belong to a facet.
         """
         arguments.check_type("body", body, Body, "Body(spaces, material, state) makes one")
@@ -226,9 +231,10 @@ class SurfaceNodes:
         """Collect the nodes of a part of the boundary of a scalar problem.
 
         Args:
-            spaces: of the scalar.
+            spaces: trial and test space of the scalar unknown.
             where: part of the boundary, as in `from_body`.
-            depth: factor of the lengths or areas of the mesh, such as a thickness or 2 pi r.
+            depth: factor by which lengths or areas of the mesh are multiplied, such as a thickness
+                or 2 pi r.
 
         Raises:
             ValueError: in the same cases as `from_body`, and if the spaces are not scalar.
@@ -253,10 +259,10 @@ class SurfaceNodes:
 
     @staticmethod
     def stretch(u: fem.Function) -> Expr:
-        """Return deformed over undeformed area of a surface, or length in the plane.
+        """Return the ratio of deformed to undeformed area of a surface (in the plane, of length).
 
-        Contact forces over undeformed areas are the nominal pressure, over deformed areas the true
-        pressure:
+        Nominal pressures are contact forces divided by undeformed areas, true pressures are contact
+        forces divided by deformed areas:
 
             spaces = Spaces.petrov_galerkin(mesh, 0)
             nominal = SurfaceNodes.from_scalar_spaces(spaces, top).pressure(pair.force_normal)
@@ -264,8 +270,8 @@ class SurfaceNodes:
             true = deformed.pressure(pair.force_normal)
 
         Args:
-            u: displacements, or displacements and a pressure; areas depend on its values when they
-                are computed.
+            u: displacements, or displacements and a pressure. The areas are computed with the
+                values that `u` has when the `SurfaceNodes` are created.
         """
         arguments.check_type("u", u, fem.Function, "as_function(U, a) makes a function of a vector")
         space = u.function_space
@@ -278,7 +284,7 @@ class SurfaceNodes:
         return ufl.sqrt(ufl.inner(area_vector, area_vector))
 
     def pressure(self, force: Array) -> Array:
-        """Compute nodal forces over the integrals of test functions (measure 2).
+        """Divide nodal forces by the surface integrals of the nodes' test functions.
 
         Args:
             force: nodal forces (m,) or (m, components).
@@ -295,7 +301,7 @@ class SurfaceNodes:
         return (force.T / area).T
 
     def tributary_pressure(self, force: Array) -> Array:
-        """Compute nodal forces over tributary areas (measure 3).
+        """Divide nodal forces by the tributary areas of the nodes.
 
         Args:
             force: nodal forces (m,) or (m, components).
@@ -312,29 +318,32 @@ class SurfaceNodes:
     def sawtooth(self, force: Array, closed: Mask | None = None) -> float:
         """Compute the median ratio of a mid-side node's force to the mean of both corners' forces.
 
-        The ratio is 2 in the plane for the standard element under uniform pressure, 1 for even
-        forces, and NaN if no edge counts.
+        For uniform pressure in the plane, the ratio is 2 with the standard element. It is 1 for
+        even forces, and NaN if there is no edge to be evaluated.
 
         Args:
-            force: (m,), normal nodal forces (measure 1).
-            closed: (m,), nodes in contact; edges with an open node or a rim node do not count.
+            force: normal nodal forces (m,).
+            closed: mask (m,) of the nodes in contact. Edges with a rim node or with a node that is
+                not in contact are left out.
 
         Raises:
             ValueError: if there is not one value for each node.
         """
         middle, mean = self._edge_values(force, closed)
-        with np.errstate(divide="ignore"):  # corners of 10-node tetrahedra
+        with np.errstate(divide="ignore"):  # forces at corners of 10-node tetrahedra may be zero
             return float(np.median(middle / mean)) if len(middle) else np.nan
 
     def unevenness(self, values: Array, closed: Mask | None = None) -> float:
-        """Compute the median second difference along edges, over the median value.
+        """Compute the median second difference along edges, divided by the median value.
 
-        The second difference is the mid-side value less the mean of both corners' values: zero for
-        forces or pressures that vary linearly. The result is NaN if no edge counts.
+        The second difference is the value at the mid-side node less the mean of both corners'
+        values. It is zero for forces or pressures that vary linearly. The result is NaN if there is
+        no edge to be evaluated.
 
         Args:
-            values: forces or pressures (m,).
-            closed: (m,), nodes in contact; edges with an open node or a rim node do not count.
+            values: forces or pressures (m,) at the nodes.
+            closed: mask (m,) of the nodes in contact. Edges with a rim node or with a node that is
+                not in contact are left out.
 
         Raises:
             ValueError: if there is not one value for each node.
@@ -345,7 +354,10 @@ class SurfaceNodes:
         return float(np.median(np.abs(middle - mean)) / np.median(np.abs(middle + mean) / 2))
 
     def _edge_values(self, values: Array, closed: Mask | None) -> tuple[Array, Array]:
-        """Return mid-side values, and means of both corners' values, of edges that count."""
+        """Return values at mid-side nodes, and means of both corners' values, of closed edges.
+
+        Edges with a rim node are left out.
+        """
         values = self._check_nodal_values(values, scalar=True)
         counts = ~self.rim
         if closed is not None:
@@ -357,7 +369,7 @@ class SurfaceNodes:
         return values[edges[:, 0]], values[edges[:, 1:]].mean(axis=1)
 
     def _check_nodal_values(self, values: Array, scalar: bool = False) -> Array:
-        """Return values as an array; raise ValueError unless there is one row for each node."""
+        """Return values as an array; raise ValueError unless each node has one value or row."""
         count = len(self.position)
         try:
             array = np.asarray(values)
@@ -377,13 +389,14 @@ class SurfaceNodes:
 
 
 def order_by_position(position: Array, tie_break: Array | None = None) -> npt.NDArray[np.intp]:
-    """Return the order (m,) of nodes by their first coordinate, then by the next ones.
+    """Return indices (m,) that sort nodes by their first coordinate, then by the next ones.
 
-    The order does not depend on the partition, although round-off of mid-side positions does.
+    The order does not depend on the partition of the mesh, although the round-off of positions of
+    mid-side nodes does.
 
     Args:
-        position: (m, dim).
-        tie_break: (m, k), keys for nodes that coincide.
+        position: coordinates (m, dim) of the nodes.
+        tie_break: keys (m, k) by which nodes at equal positions are sorted.
     """
     extent = np.ptp(position, axis=0).max(initial=0.0) if len(position) else 0.0
     keys = position if tie_break is None else np.hstack([position, tie_break])
@@ -391,7 +404,7 @@ def order_by_position(position: Array, tie_break: Array | None = None) -> npt.ND
 
 
 def facet_nodes(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
-    """Return local numbers (f, k) of the nodes of exterior facets, in Basix' order."""
+    """Return the local numbers (f, k) of the nodes of exterior facets (f,), in Basix' order."""
     cells, cell_dofs = locate_facets_in_cells(space, facets)
     return np.asarray(space.dofmap.list[cells[:, None], cell_dofs])
 
@@ -399,7 +412,10 @@ def facet_nodes(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
 def locate_facets_in_cells(
     space: fem.FunctionSpace, facets: LocalIndices
 ) -> tuple[LocalIndices, LocalIndices]:
-    """Return the cell (f,) of each exterior facet, and its nodes (f, k) among the cell's nodes."""
+    """Return the cell (f,) of each exterior facet, and the facet's nodes (f, k) in the cell.
+
+    The nodes are given by their positions in the list of the cell's nodes.
+    """
     dim = space.mesh.topology.dim
     topology, layout = space.mesh.topology, space.dofmap.dof_layout
     topology.create_connectivity(dim - 1, dim)
@@ -416,7 +432,12 @@ def locate_facets_in_cells(
 
 
 def facets_with_all_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
-    """Return local numbers of exterior facets all of whose nodes are among global ones (m,)."""
+    """Return the local numbers of the exterior facets whose nodes are all among given nodes.
+
+    Args:
+        space: space of the nodes.
+        nodes: global numbers (m,) of the nodes.
+    """
     index_map, topology = space.dofmap.index_map, space.mesh.topology
     local = index_map.global_to_local(nodes)
     is_selected = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
@@ -432,7 +453,8 @@ def _gather_weight_areas(
     """Gather the nodes of a surface from all processes.
 
     Returns:
-        Positions (m, dim), integrals (m,) of test functions, and global numbers (m,).
+        Positions (m, dim) of the nodes, integrals (m,) of their test functions, and their global
+        numbers (m,).
     """
     space, mesh = spaces.trial, spaces.mesh
     form = depth * ufl.TestFunction(spaces.test) * boundary_measure(mesh, where)
@@ -449,12 +471,12 @@ def _gather_sorted(
     """Gather nodes from all processes, sorted by position.
 
     Args:
-        space: whose nodes they are.
-        nodes: local numbers; ghosts are skipped.
-        values: (owned nodes, ...).
+        space: space of the nodes.
+        nodes: local numbers of the nodes; ghosts are skipped.
+        values: values (owned nodes, ...) at all nodes of this process.
 
     Returns:
-        Positions (m, 3), values (m, ...), and global numbers (m,).
+        Positions (m, 3) of the nodes, values (m, ...), and global numbers (m,).
     """
     index_map, comm = space.dofmap.index_map, space.mesh.comm
     nodes = nodes[nodes < index_map.size_local]
@@ -466,7 +488,11 @@ def _gather_sorted(
 
 
 def _gather_facets(space: fem.FunctionSpace, where: Part, node: Indices) -> Indices:
-    """Gather the facets (f, k) of all processes, as indices of their nodes into `node` (m,)."""
+    """Gather the facets of all processes.
+
+    Returns:
+        Indices (f, k) of the facets' nodes in the array `node` (m,) of global numbers.
+    """
     facets = facet_nodes(space, locate_exterior_facets(space.mesh, where))
     numbers = space.dofmap.index_map.local_to_global(facets.ravel()).reshape(facets.shape)
     order = np.argsort(node)
@@ -475,7 +501,10 @@ def _gather_facets(space: fem.FunctionSpace, where: Part, node: Indices) -> Indi
 
 
 def _edges_and_rim(facets: Indices, mesh: Mesh) -> tuple[Indices, Indices]:
-    """Return edges (e, 3), mid-side node first, and the nodes of ends that only one facet has."""
+    """Return the edges (e, 3) of facets (mid-side node, then corners), and the nodes on the rim.
+
+    The rim consists of the edges (in the plane, of the end nodes) that belong to one facet only.
+    """
     dim = mesh.topology.dim
     facet_type = basix.cell.subentity_types(mesh.basix_cell())[dim - 1][0]
     facet_topology = basix.topology(facet_type)
@@ -494,9 +523,10 @@ class NodalFlux:
     """Fluxes at the nodes of a part of the boundary, the same on every process.
 
     Args:
-        surface: the nodes, their positions, areas, edges and rim.
-        reaction: (m,) or (m, components), flow into the body at each node.
-        flux: (m,) or (m, components), reaction over area; NaN where a node has no area.
+        surface: positions, areas, edges and rim of the nodes.
+        reaction: flow (m,) or (m, components) into the body at each node.
+        flux: reaction divided by the node's area, (m,) or (m, components); NaN where the area is
+            zero.
     """
 
     surface: SurfaceNodes
@@ -515,24 +545,28 @@ def nodal_flux(
         heat = nodal_flux(spaces, reactions(K, a, f), lambda x: np.isclose(x[0], 0.0))
         heat.surface.position, heat.flux
 
-    A standard quadratic element's reactions over geometric areas oscillate between vertices and
-    mid-side nodes; `force_transfer(space) * reactions` makes them even.
+    With a standard quadratic element, reactions divided by geometric areas oscillate between
+    vertices and mid-side nodes. Multiply its reactions by `force_transfer(space)` to make them
+    even.
 
-    If the part borders on another one with prescribed values, the reactions at the nodes on its rim
-    belong to both: leave them out (`surface.rim`), or treat both parts as one.
+    If the part of the boundary is adjacent to another part with prescribed values, the reactions at
+    the nodes between them belong to both parts. Leave these nodes out (`surface.rim`), or treat
+    both parts as one.
 
     Args:
-        spaces: of the field, scalar or with components.
-        reactions: vector (n,), of `reactions` or `PetrovGalerkinProblem.reactions`.
+        spaces: trial and test space of the field, which is scalar or has components.
+        reactions: vector (n,) of reactions, from the function `reactions` or the method
+            `PetrovGalerkinProblem.reactions`.
         where: part of the boundary, as in `boundary_measure`.
-        area: divisor of the reactions: "geometric", the node's tributary area, or "weight", the
-            integral of its test function. Both are equal for piecewise-linear weights.
-        depth: factor of the lengths or areas of the mesh, such as a thickness or 2 pi r.
+        area: divisor of the reactions: "geometric" for the tributary area of the node, "weight" for
+            the integral of its test function. Both are equal for piecewise-linear weight functions.
+        depth: factor by which lengths or areas of the mesh are multiplied, such as a thickness or
+            2 pi r.
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for a vector that is not finite or of another space, an unknown area, a depth
-            that is not positive, or a part of the boundary without facets.
+        ValueError: if the vector is not finite or belongs to another space, the area is unknown,
+            the depth is not positive, or no facet is selected.
     """
     arguments.check_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
     space = spaces.trial
@@ -552,7 +586,7 @@ def nodal_flux(
 
 
 def _component_spaces(spaces: Spaces) -> Spaces:
-    """Return the scalar spaces of one component, with the same numbers of nodes."""
+    """Return the scalar spaces of one component, with the same numbering of nodes."""
     if not spaces.trial.num_sub_spaces:
         return spaces
     trial = scalar_space(spaces.trial)

@@ -1,11 +1,12 @@
-"""Limits of displacement elements for nearly incompressible bodies: bulk over shear stiffness.
+"""Largest ratios of bulk to shear stiffness for which elements without pressure are safe.
 
-With piecewise-linear weights and without a pressure, the stiffness becomes singular, or its
-determinant changes sign, when the bulk modulus is large compared with the shear modulus. On
-straight triangles and quadrilaterals and on parallelepipeds this never happens, because K = T K_G
-or nearly so; on other cells it happens above the limits below, which a map shows
-(`tests/library/near_incompressible.py`, and the guide's page on theory, "Nearly incompressible
-bodies").
+With piecewise-linear weight functions and without a pressure, the stiffness matrix may become
+singular, or its determinant may change sign, if the bulk modulus is large compared with the shear
+modulus. On straight triangles and quadrilaterals and on parallelepipeds this never happens, because
+the stiffness is equal or close to that of the standard element, multiplied by the matrix of
+`force_transfer`. On other cells it happens above the limits in this module. The script
+`tests/library/near_incompressible.py` measures them; see the guide's page on theory, "Nearly
+incompressible bodies".
 """
 
 import logging
@@ -25,14 +26,19 @@ from pw_elements.checks import format_points
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import compile_form
 
-# Bulk over shear modulus up to which K is far from singular. Curved cells: 50 (nu = 0.49), where
-# the least singular value over the standard element's is 0.13; det K < 0 occurs from 140 (0.4965).
-# Straight tetrahedra, and hexahedra other than parallelepipeds: 250 (0.498), where it is 0.1;
-# values of 0.002 occur from 1000 (0.4995), det K < 0 from 5000 (0.4999).
+# Ratio of bulk to shear modulus up to which the stiffness K is far from singular. In brackets:
+# Poisson's ratio. "Relative singular value" is the least singular value of K divided by that of the
+# standard element's stiffness.
+# Curved cells: limit 50 (0.49), where the relative singular value is 0.13; det K < 0 occurs from
+# 140 (0.4965).
+# Straight tetrahedra, and hexahedra other than parallelepipeds: limit 250 (0.498), where the
+# relative singular value is 0.1; values of 0.002 occur from 1000 (0.4995), det K < 0 from 5000
+# (0.4999).
 MAX_RATIO_CURVED = 50.0
 MAX_RATIO_STRAIGHT = 250.0
-# Distance of a node from its position in a cell with straight edges, over the largest extent of a
-# cell; and of a corner from its position in a parallelepiped, over the longest edge component
+# Largest distance of a node from its position in a cell with straight edges, relative to the
+# largest extent of a cell; and of a corner from its position in a parallelepiped, relative to the
+# largest component of an edge vector
 STRAIGHT_TOLERANCE = 1e-8
 PARALLEL_TOLERANCE = 1e-12
 
@@ -44,12 +50,16 @@ HYBRID_SPACES_REMEDY = (
 
 
 def bulk_over_shear(nu: float) -> float:
-    """Return bulk over shear modulus of an isotropic body; infinite for nu = 1/2."""
+    """Return the ratio of bulk to shear modulus for Poisson's ratio nu; infinite for nu = 1/2."""
     return np.inf if nu >= 0.5 else 2 * (1 + nu) / (3 * (1 - 2 * nu))
 
 
 def max_bulk_over_shear(mesh: Mesh) -> float:
-    """Return the largest ratio at which K of displacements with linear weights is safe."""
+    """Return the largest ratio of bulk to shear modulus at which no pressure is needed on a mesh.
+
+    Up to this ratio, the stiffness of displacements alone with piecewise-linear weight functions is
+    far from singular. It is infinite for types of cells on which the stiffness never is singular.
+    """
     if not has_straight_cells(mesh):
         return MAX_RATIO_CURVED
     cell = mesh.topology.cell_name()
@@ -60,7 +70,7 @@ def max_bulk_over_shear(mesh: Mesh) -> float:
 
 
 def has_straight_cells(mesh: Mesh) -> bool:
-    """Return whether the edges of all cells, of all processes, are straight and faces bilinear."""
+    """Return whether all cells have straight edges and bilinear faces; collective."""
     element = mesh.ufl_domain().ufl_coordinate_element()
     if element.degree == 1:
         return True
@@ -69,7 +79,7 @@ def has_straight_cells(mesh: Mesh) -> bool:
     points = element.basix_element.points
     weights = linear.tabulate(0, points)[0, :, :, 0]
     x = mesh.geometry.x[cell_nodes(mesh)]
-    vertices = x[:, : weights.shape[1]]  # come first among the nodes of a cell
+    vertices = x[:, : weights.shape[1]]  # vertices are the first nodes of a cell
     off = np.abs(x - np.einsum("nv,cvi->cni", weights, vertices)).max(initial=0.0)
     size = np.ptp(vertices, axis=1).max(initial=0.0)
     straight = off <= STRAIGHT_TOLERANCE * size
@@ -77,7 +87,10 @@ def has_straight_cells(mesh: Mesh) -> bool:
 
 
 def has_parallel_cells(mesh: Mesh) -> bool:
-    """Return whether all quadrilaterals or hexahedra are parallelograms or parallelepipeds."""
+    """Return whether all quadrilaterals or hexahedra are parallelograms or parallelepipeds.
+
+    Collective.
+    """
     x = mesh.geometry.x[cell_nodes(mesh)][:, : 2**mesh.topology.dim]
     corners = x.shape[1]
     bits = np.arange(corners)[:, None] >> np.arange(corners.bit_length() - 1) & 1
@@ -88,25 +101,26 @@ def has_parallel_cells(mesh: Mesh) -> bool:
 
 
 class TangentRatio:
-    """Bulk over shear stiffness of a residual's tangent in each cell, at the present values of u.
+    """Ratio of bulk to shear stiffness in each cell, for the tangent of a residual at present u.
 
-    A change H F of the deformation gradient F, with a constant symmetric H in a cell, belongs to
-    displacements H (x + u - c), where c is the cell's midpoint. Along exp(t H) F the cell's work
-    has the second derivative with respect to t
+    Let F be the deformation gradient and H a symmetric matrix, constant in a cell with the deformed
+    midpoint c. The change H F of the deformation gradient belongs to the displacement
+    w(H) = H (x + u - c) at the point x. If the deformation gradient is exp(t H) F, the second
+    derivative of the cell's work with respect to t is, at t = 0,
 
-        m(H) = dR(H (x + u - c); H (x + u - c)) + R(H^2 (x + u - c))
+        m(H) = dR(w(H); w(H)) + R(w(H^2)),
 
-    with the residual R integrated over the cell. The second term ensures that a pressure makes
-    motions that preserve the volume neither stiff nor soft. The bulk stiffness is m(I), the shear
-    stiffness the mean of m over all H without trace. In linear elasticity the ratio is that of bulk
-    and shear modulus.
+    where R is the residual integrated over the cell and dR is its derivative with respect to u. The
+    second term ensures that a pressure makes motions that preserve the volume neither stiff nor
+    soft. The bulk stiffness is m of the unit matrix, the shear stiffness is the mean of m over
+    matrices H without trace. In linear elasticity the ratio is that of bulk to shear modulus.
 
     Args:
-        form: residual (rank 1), of displacements alone.
-        u: unknown function.
+        form: residual, a linear form of displacements alone.
+        u: function of the unknown displacements.
 
     Raises:
-        ValueError: if the form of the measure cannot be compiled.
+        ValueError: if the form of the work cannot be compiled.
     """
 
     def __init__(self, form: ufl.Form, u: fem.Function) -> None:
@@ -131,7 +145,10 @@ class TangentRatio:
         self._numbers = self._work.function_spaces[0].dofmap.map().ravel()[self._cells]
 
     def compute(self) -> Array:
-        """Return the ratio (cells,) of this process' cells; 0 without positive shear stiffness."""
+        """Return the ratio (cells,) for each owned cell; 0 if its shear stiffness is not positive.
+
+        Collective.
+        """
         dim = self._mesh.geometry.dim
         dofs = self._midpoint.function_space.dofmap.list[self._cells, 0]
         midpoints = self._deformed.eval(self._mesh, self._cells)
@@ -152,17 +169,17 @@ class TangentRatio:
         return np.where(is_positive, 2 * dim_lambda / (dim * two_mu) + 2 / 3, 0.0)
 
     def _second_derivative(self, H: Array) -> Array:
-        """Return m(H), (cells,), the second derivative of the work of each cell."""
+        """Return the second derivative m(H), (cells,), of the work of each cell."""
         self._direction.value = H
         return np.array(fem.assemble_vector(self._work).array[self._numbers])
 
 
 class TangentRatioMonitor:
-    """Warns once when the tangent's bulk stiffness exceeds the limit of displacement elements.
+    """Monitor of a tangent that warns once if its bulk stiffness is too large for the element.
 
     Args:
-        form: residual, of displacements alone with piecewise-linear weights.
-        u: unknown function.
+        form: residual of displacements alone, with piecewise-linear weight functions.
+        u: function of the unknown displacements.
     """
 
     def __init__(self, form: ufl.Form, u: fem.Function) -> None:
@@ -177,7 +194,10 @@ class TangentRatioMonitor:
                 log_on_root(self._mesh.comm, logging.INFO, words, ".contact")
 
     def is_beyond_limit(self) -> bool:
-        """Return whether the tangent at u has too large a bulk stiffness; log it the first time."""
+        """Return whether the bulk stiffness of the tangent is too large at the present u.
+
+        Collective. A warning is logged the first time that this is so.
+        """
         if self._ratio is None:
             return False
         comm, ratio = self._mesh.comm, self._ratio.compute()

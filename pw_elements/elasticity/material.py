@@ -15,20 +15,23 @@ Scalar: TypeAlias = float | Expr
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic elastic material, given by numbers or, where it varies in space, UFL expressions.
+    """Isotropic elastic material, with constants that are numbers or vary in space.
 
         steel = Material(210e3, 0.3, 7.85e-9)  # N, mm, t, s
 
-    `by_tag` combines several materials in one mesh, of one body or of several. Numbers,
-    `fem.Constant`s and nodal values of Lagrange functions are checked; other expressions cannot be.
+    Constants that vary in space are UFL expressions. `by_tag` combines several materials on one
+    mesh. Numbers, `fem.Constant`s and nodal values of Lagrange functions are checked; the values of
+    other expressions cannot be checked.
 
     Args:
-        youngs_modulus: E, positive, a stress.
-        poissons_ratio: nu, above -1 and at most 1/2, which plane stress and hybrid spaces allow.
-        density: positive, mass per volume.
+        youngs_modulus: Young's modulus, a positive stress.
+        poissons_ratio: Poisson's ratio, above -1 and at most 1/2. The value 1/2 is possible in
+            plane stress and in hybrid spaces.
+        density: mass per volume, positive.
 
     Raises:
-        ValueError: for a modulus or density that is not positive, or nu outside (-1, 1/2].
+        ValueError: for a modulus or density that is not positive, or for a Poisson's ratio outside
+            (-1, 1/2].
     """
 
     youngs_modulus: Scalar
@@ -53,19 +56,19 @@ class Material:
     def by_tag(
         cls, mesh: Mesh, cell_tags: MeshTags, materials: Mapping[int, "Material"]
     ) -> "Material":
-        """Combine several materials, each in the cells with its tag.
+        """Create a material that equals, in each cell, the given material of the cell's tag.
 
             material = Material.by_tag(mesh, cell_tags, {1: Material(210e3, 0.3), 2: rubber})
 
         Args:
-            mesh: of the body.
+            mesh: mesh of the body.
             cell_tags: tags of all cells of the mesh.
-            materials: by tag, with numbers as constants.
+            materials: material of each tag; its constants have to be numbers.
 
         Raises:
             TypeError: for arguments of the wrong type.
-            ValueError: for tags of facets or of another mesh, cells without a tag, tags without a
-                material, materials without a cell, or constants that are not numbers.
+            ValueError: if the tags belong to facets or to another mesh, a cell has no tag, a tag
+                has no material, no cell has the tag of a material, or a constant is not a number.
         """
         arguments.check_mesh_type(mesh)
         arguments.check_type(

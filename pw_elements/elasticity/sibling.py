@@ -1,7 +1,8 @@
-"""Symmetric sibling: the standard quadratic element in a basis whose nodal forces are even.
+"""Symmetric sibling: the standard quadratic element in a basis that makes nodal forces even.
 
-With T of `force_transfer`, the basis functions are T N, and the unknowns are coefficients a of the
-displacements u = T^T a: see the guide's page on theory ("The symmetric sibling").
+Let N be the shape functions of the standard element and T the matrix of `force_transfer`. The basis
+functions of the sibling are T N. Its unknowns are coefficients a, with nodal displacements
+u = T^T a. See the guide's page on theory, "The symmetric sibling".
 """
 
 from collections.abc import Sequence
@@ -24,13 +25,16 @@ from pw_elements.elasticity.forces import transposed_transfer
 from pw_elements.solvers import to_aij
 from pw_elements.spaces import AssemblyRecord
 
-# Sum of a node's positive coefficients at unprescribed nodes that is round-off
+# Largest round-off in the sum of the weights with which unprescribed nodes enter a coefficient
 _COEFFICIENT_ROUND_OFF = 1e-9
 
 
 @dataclass(frozen=True)
 class Sibling:
-    """Standard element of a space in the basis that T defines: symmetric, with even forces.
+    """Standard quadratic element in a basis that makes its nodal forces even; it is symmetric.
+
+    Let T be the matrix of `force_transfer`. The unknowns are coefficients a instead of the nodal
+    displacements u = T^T a.
 
         sibling = Sibling.from_space(U)
         K, f = sibling.matrix(K_standard), sibling.load(f_standard)
@@ -38,19 +42,21 @@ class Sibling:
         u = sibling.displacement(a)
         M = lumped_mass(sibling.matrix(M_standard), U)
 
-    The row sums of T M T^T, which `lumped_mass` takes, are integrals of density times basis
-    function (A/12 and A/4 on a triangle, V/40 and 3V/20 on a tetrahedron), so that a uniform body
-    force accelerates all nodes alike.
+    For the mass matrix M_standard, `lumped_mass` computes the row sums of T M_standard T^T. They
+    are the integrals of density times basis function. For density 1, they are A/12 at vertices and
+    A/4 at mid-side nodes of a triangle of area A, and V/40 at vertices and 3V/20 at mid-side nodes
+    of a tetrahedron of volume V. A uniform body force therefore accelerates all nodes alike.
 
-    Contact recognises the K that `matrix` returns: `solve_contact`, `ContactProblem` and
-    `solve_impact` then apply the law to the coefficients, with the gaps T^-T g, so that the nodes
-    of closed edges lie exactly on the surface. Displacements in their states are coefficients, too.
+    Contact functions recognise a stiffness that `matrix` returned. `solve_contact`,
+    `ContactProblem` and `solve_impact` then apply the contact law to the coefficients, with the
+    gaps T^-T g in place of the nodal gaps g. The nodes of closed edges thereby lie exactly on the
+    opposite surface. Displacements in the resulting states are coefficients.
 
     Args:
-        space: quadratic Lagrange trial space, on any cell.
-        basis: T^T, (n, n).
-        inverse: T^-T, (n, n); it gives a mid-side node 4/3 of the node's displacement less 1/6 of
-            each vertex' displacement.
+        space: quadratic Lagrange trial space, on any type of cell.
+        basis: transposed transfer matrix T^T, (n, n).
+        inverse: its inverse T^-T, (n, n). The coefficient of a mid-side node is 4/3 of the node's
+            displacement less 1/6 of the displacement of each vertex.
     """
 
     space: fem.FunctionSpace
@@ -63,22 +69,25 @@ class Sibling:
         """Create the sibling of a quadratic Lagrange space.
 
         Args:
-            space: quadratic Lagrange trial space, on any cell.
+            space: quadratic Lagrange trial space, on any type of cell.
 
         Raises:
-            ValueError: for another space, see `force_transfer`.
+            ValueError: for any other space, as in `force_transfer`.
         """
         return cls(space, transposed_transfer(space), transposed_transfer(space, inverse=True))
 
     @check_same_arguments
     def matrix(self, standard: PETSc.Mat) -> PETSc.Mat:
-        """Transform the standard element's stiffness or mass A (n, n) to T A T^T.
+        """Transform a stiffness or mass matrix A of the standard element to T A T^T.
+
+        T is the matrix of `force_transfer`.
 
         Args:
-            standard: A, (n, n), of the standard element.
+            standard: stiffness or mass matrix A (n, n) of the standard element.
 
         Raises:
-            TypeError, ValueError: if A is not a matrix of the space, or has another test space.
+            TypeError, ValueError: if A is not a matrix of the space, or was assembled with other
+                test functions than those of the standard element.
         """
         with collective_errors(self.space.mesh.comm):
             arguments.check_matrix("the matrix", standard, "the space", vector_sizes(self.space))
@@ -88,14 +97,16 @@ class Sibling:
 
     @check_same_arguments
     def load(self, standard: PETSc.Vec) -> PETSc.Vec:
-        """Transform the standard element's load, or other nodal forces, f (n,) to T f.
+        """Transform the load vector f (or other nodal forces) of the standard element to T f.
+
+        T is the matrix of `force_transfer`.
 
         Args:
-            standard: f, (n,), of the standard element.
+            standard: load vector or nodal forces f (n,) of the standard element.
 
         Raises:
-            TypeError, ValueError: if f is not a finite vector of the space, or has another test
-                space.
+            TypeError, ValueError: if f is not a finite vector of the space, or was assembled with
+                other test functions than those of the standard element.
         """
         self._check_vector("the load", standard)
         load = self.basis.createVecRight()
@@ -104,10 +115,12 @@ class Sibling:
 
     @check_same_arguments
     def displacement(self, coefficients: PETSc.Vec) -> PETSc.Vec:
-        """Compute the displacements u = T^T a, (n,).
+        """Compute the nodal displacements u = T^T a, (n,), of coefficients a.
+
+        T is the matrix of `force_transfer`.
 
         Args:
-            coefficients: a, (n,).
+            coefficients: vector a (n,) of the sibling's unknowns.
 
         Raises:
             TypeError, ValueError: if a is not a finite vector of the space.
@@ -117,10 +130,12 @@ class Sibling:
 
     @check_same_arguments
     def coefficients(self, displacement: PETSc.Vec) -> PETSc.Vec:
-        """Compute the coefficients a = T^-T u, (n,), of displacements or velocities.
+        """Compute the coefficients a = T^-T u, (n,), of nodal displacements or velocities u.
+
+        T is the matrix of `force_transfer`.
 
         Args:
-            displacement: u, (n,), or a velocity.
+            displacement: vector u (n,) of nodal displacements or velocities.
 
         Raises:
             TypeError, ValueError: if u is not a finite vector of the space.
@@ -133,11 +148,12 @@ class Sibling:
         """Create the reduction that prescribes coefficients in place of displacements.
 
         Args:
-            conditions: on displacements, made on the space.
+            conditions: boundary conditions on displacements of the space.
 
         Raises:
-            TypeError, ValueError: in the same cases as `Reduction.dirichlet`, and if a node is
-                prescribed, but not a neighbour on whose displacement its coefficient depends.
+            TypeError, ValueError: in the same cases as `Reduction.dirichlet`, and if the
+                displacement of a node is prescribed, but its coefficient depends on another node
+                without a prescribed displacement.
         """
         standard = Reduction.dirichlet(self.space, conditions)
         free = standard.right.getRowSum()
@@ -163,7 +179,12 @@ class Sibling:
             raise ValueError(f"{name} is not finite")
 
     def _check_standard(self, name: str, tensor: PETSc.Mat | PETSc.Vec) -> None:
-        """Raise ValueError unless a matrix or vector belongs to the standard element; local."""
+        """Raise ValueError on this process unless an object belongs to the standard element.
+
+        Args:
+            name: name of the object, used in error messages.
+            tensor: matrix or vector to be checked.
+        """
         record, element = AssemblyRecord.read(tensor), self.space._cpp_object.element
         if record.test_space is not None and record.test_space.element != element:
             raise ValueError(

@@ -1,4 +1,4 @@
-"""Structured meshes of rectangles, maps of their nodes, and mesh files of Gmsh and Abaqus."""
+"""Create structured meshes of rectangles, move nodes, and read mesh files of Gmsh and Abaqus."""
 
 from pw_elements.meshes.files import from_file, from_gmsh
 from pw_elements.meshes.shapes import (

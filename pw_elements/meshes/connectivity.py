@@ -1,7 +1,7 @@
-"""Check that cells agree in the nodes that they share, and find facets among their sides.
+"""Check that neighbouring cells agree in their common nodes, and find facets among their sides.
 
-DOLFINx does not check the nodes of cells: a missing node ends the process, and if two cells have
-different mid-side nodes on one edge, one of these nodes is dropped silently.
+DOLFINx does not check the nodes of cells. A missing node crashes the process. If two cells have
+different mid-side nodes on the same edge, DOLFINx drops one of these nodes silently.
 """
 
 import basix
@@ -12,7 +12,10 @@ from pw_elements.arrays import Indices
 
 
 def encode_rows(rows: Indices) -> Indices:
-    """Return an integer (n,) for each row (n, k) of nodes, equal for rows with the same nodes."""
+    """Return an integer code (n,) for each row (n, k) of nodes.
+
+    Rows with the same nodes, in any order, have equal codes.
+    """
     rows = np.sort(rows, axis=1)
     codes, width = rows[:, 0], int(rows.max(initial=0)) + 1
     for column in rows[:, 1:].T:
@@ -23,18 +26,19 @@ def encode_rows(rows: Indices) -> Indices:
 def check_nodes_of_cells(
     cells: Indices, cell: str, degree: int, elements: Indices, nodes: Indices
 ) -> None:
-    """Raise ValueError for cells with a repeated node or with nodes that neighbours contradict.
+    """Check that no cell has a node twice and that neighbouring cells have consistent nodes.
 
     Args:
-        cells: indices of nodes (n, k) in DOLFINx' order.
+        cells: indices (n, k) of the cells' nodes in DOLFINx' order.
         cell: type of the cells, such as "triangle".
         degree: degree of the geometry, 1 or 2.
-        elements: numbers (n,) of the cells in messages.
-        nodes: numbers of the nodes in messages.
+        elements: numbers (n,) of the cells in the file, used in error messages.
+        nodes: numbers of the nodes in the file, used in error messages.
 
     Raises:
-        ValueError: names an element that has a node twice, or an element and a node that lies at
-            different places of an edge or face in two cells.
+        ValueError: if an element has a node twice, if two cells have different nodes in the middle
+            of the same edge or face, or if a node lies on different edges or faces in two cells.
+            The message names the element and the node.
     """
     sorted_cells = np.sort(cells, axis=1)
     repeated = (np.diff(sorted_cells, axis=1) == 0).any(axis=1)
@@ -44,7 +48,8 @@ def check_nodes_of_cells(
         return
     basix_element = basix.ufl.element("Lagrange", cell, degree)
     topology = basix.topology(basix.CellType[cell])
-    # every node belongs to one entity: 0 for a vertex, or the code of an edge, face or cell
+    # code of the entity to which each node belongs: 0 for vertices, otherwise the code of an edge,
+    # face or cell
     entity_of_node = np.full(len(nodes), -1)
     entity_of_node[cells[:, : len(topology[0])]] = 0
     next_code = 1
@@ -81,16 +86,16 @@ def check_nodes_of_cells(
 
 
 def find_facets(cells: Indices, cell: str, facets: Indices) -> tuple[Indices, Indices, Indices]:
-    """Find the sides of cells that are facets of a list.
+    """Find the sides of cells that are in a list of facets.
 
     Args:
-        cells: indices of nodes (n, k) in DOLFINx' order.
+        cells: indices (n, k) of the cells' nodes in DOLFINx' order.
         cell: type of the cells, such as "triangle".
-        facets: corners (m, c) of the facets, in any order.
+        facets: indices (m, c) of the facets' corners, in any order.
 
     Returns:
-        For each side that is in the list: index of its cell, number of the side in the cell, and
-        index of the facet (of the first one if facets are repeated).
+        Three arrays with an entry for each side in the list: index of the cell, number of the side
+        in this cell, and index of the facet. If facets are repeated, the first index is returned.
     """
     dim = basix.cell.geometry(basix.CellType[cell]).shape[1]
     corners = np.array(basix.topology(basix.CellType[cell])[dim - 1])

@@ -1,4 +1,4 @@
-"""Gmsh's element types: cell, degree and number of nodes, and the types that can be cells."""
+"""Table of Gmsh's element types, with cell type, degree of the geometry and number of nodes."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ _N_CORNERS |= {"pyramid": 5, "prism": 6, "hexahedron": 8}
 
 
 class GmshElementType(NamedTuple):
-    """Dimension, cell, degree of the geometry and number of nodes of an element type of Gmsh."""
+    """Element type of Gmsh: dimension, cell type, degree of the geometry and number of nodes."""
 
     dim: int
     cell: str
@@ -20,13 +20,13 @@ class GmshElementType(NamedTuple):
         return _N_CORNERS[self.cell]
 
     def describe(self) -> str:
-        """Return a description of the type, such as "triangles of degree 2 (6 nodes)"."""
+        """Return a description of the elements, such as "triangles of degree 2 (6 nodes)"."""
         plural = _IRREGULAR_PLURALS.get(self.cell, f"{self.cell}s")
         return f"{plural} of degree {self.degree} ({self.n_nodes} nodes)"
 
 
-# Element types by Gmsh's number, up to degree 5. Of two types of one cell and degree, the second is
-# incomplete: it has no nodes inside cells or faces.
+# Element types by Gmsh's number, up to degree 5. If two types have the same cell and degree, the
+# second is incomplete: it has no nodes inside cells or faces.
 # "Gmsh Reference Manual", version 4.13, section "MSH file format"
 _LINE_DEGREES = {1: 1, 8: 2, 26: 3, 27: 4, 28: 5}
 _TRIANGLE_DEGREES = {2: 1, 9: 2, 21: 3, 23: 4, 25: 5}
@@ -66,15 +66,15 @@ _ELEMENT_TYPES = {
     19: GmshElementType(3, "pyramid", 2, 13),
     118: GmshElementType(3, "pyramid", 3, 30),
 }
-# Types of elements that are supported as cells of a mesh
+# Gmsh's numbers of the element types that are supported as cells of a mesh
 SUPPORTED_CELL_TYPES = (2, 3, 4, 5, 9, 10, 11, 12)
 
 
 def gmsh_element_type(number: int) -> GmshElementType:
-    """Return the element type with a number of Gmsh's.
+    """Return the element type with a given number in Gmsh.
 
     Raises:
-        ValueError: for an unknown number.
+        ValueError: if the number is unknown.
     """
     if number not in _ELEMENT_TYPES:
         raise ValueError(f"elements of Gmsh's type {number} are not known")

@@ -1,4 +1,4 @@
-"""Read meshes and sets from files of Gmsh and Abaqus, and from Gmsh's model."""
+"""Read meshes and named sets from files of Gmsh and Abaqus, and from Gmsh's model in memory."""
 
 import logging
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ def from_file(
     *,
     cells: str | Sequence[str] | None = None,
 ) -> TaggedMesh:
-    """Read mesh and sets from a file of Gmsh (`.msh`) or of Abaqus or CalculiX (`.inp`).
+    """Read a mesh and its named sets from a file of Gmsh (`.msh`), Abaqus or CalculiX (`.inp`).
 
         part = from_file("seal.inp")
         K = assemble_matrix(Body(Spaces.petrov_galerkin(part.mesh), steel, "solid").stiffness())
@@ -36,28 +36,28 @@ def from_file(
 
     Supported elements of `.inp` files are C3D4, C3D8, C3D10, C3D20, and plane elements, shells and
     membranes with 3, 4, 6 or 8 nodes, such as CPS6, CPE8, CAX6 or S8R. Plane elements have to lie
-    in a plane z = constant; shells may also lie in a plane x = constant or y = constant. Elements
-    with 8 nodes in the plane and C3D20 are completed by nodes in the middle of faces and cells and
-    keep their shape. Elements of the highest dimension are cells, elements of one dimension less
-    are facets; the log lists other elements in a warning.
+    in a plane z = constant; shells may also lie in a plane x = constant or y = constant. Plane
+    elements with 8 nodes and C3D20 get additional nodes in the middle of faces and cells, at which
+    their shape does not change. Elements of the highest dimension become cells, elements of one
+    dimension less become facets. A warning in the log lists all other elements.
 
-    ELSETs are sets of cells or facets, SURFACEs are sets of facets. An NSET is the set of the
-    boundary facets whose nodes are all in it. If a SURFACE and another set have the same name, the
-    facets of the SURFACE are taken. Sets without cells and facets, and sets whose names begin with
-    an underscore, are left out. Sets of a part keep their names if there is only one part and the
-    assembly does not use the name; otherwise they are called "INSTANCE.SET". Names are converted
-    to upper case unless they are in quotes.
+    ELSETs are sets of cells or facets, SURFACEs are sets of facets. An NSET becomes the set of all
+    facets of the boundary that have all their nodes in the NSET. If a SURFACE and another set have
+    the same name, the facets of the SURFACE are used. Sets without cells and facets, and sets with
+    names that begin with an underscore, are left out. A set of a part keeps its name if there is
+    only one part and the assembly has no set of this name; otherwise it is called "INSTANCE.SET".
+    Names are converted to upper case unless they are in quotes.
 
     Args:
         path: path of the file.
         comm: communicator of the mesh.
-        cells: for an `.inp` file, names of the ELSETs whose elements are the cells; by default all
-            elements.
+        cells: for an `.inp` file, names of the ELSETs whose elements become cells; by default all
+            elements of the highest dimension.
 
     Raises:
         FileNotFoundError: if the file, or a file that it includes, does not exist.
-        ValueError: for a file of another format, or one without a supported mesh; the message names
-            line and reason, such as elements C3D15, for which DOLFINx has no cells.
+        ValueError: if the file has another format or no supported mesh. The message names the line
+            and the reason, such as elements C3D15, for which DOLFINx has no cells.
     """
     arguments.check_communicator(comm)
     arguments.check_type("path", path, (str, Path), "it has to be the path of a file")
@@ -78,32 +78,31 @@ def from_file(
 
 @check_same_arguments
 def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
-    """Read mesh and physical groups from a `.msh` file or from the model that Gmsh has meshed.
+    """Read a mesh and its physical groups from a `.msh` file or from Gmsh's model in memory.
 
         mesh, cell_tags, facet_tags, names = from_gmsh(MPI.COMM_WORLD, gmsh.model)
 
     The degree of the geometry is the order of Gmsh's mesh: after `gmsh.model.mesh.setOrder(2)` the
-    sides of the cells are curved. The mesh has as many coordinates as its cells have dimensions.
-    Only cells in physical groups are read, and the log reports the number of the others; if no
-    cell is in a group, all elements of the highest dimension are cells.
+    sides of the cells are curved. The number of coordinates of the mesh is the dimension of its
+    cells. Only cells in physical groups are read, and the log reports how many other cells there
+    are. If no cell is in a group, all elements of the highest dimension become cells.
 
     The tag of a cell or facet is the number of its group. Cells and facets in several groups have
-    tags above the numbers of all groups; `names` lists the tags of each group.
+    tags that are larger than the numbers of all groups; `names` lists the tags of each group.
 
-    Files of the formats 2 to 2.2, 4.0 and 4.1, text or binary, are parsed by this library. Gmsh
-    itself, which runs scripts whatever their file names are, does not open them and need not be
-    installed.
+    The library itself parses files of the formats 2 to 2.2, 4.0 and 4.1, text or binary. Gmsh need
+    not be installed and does not open the files, because it would run a script under any file name.
 
     Args:
         comm: communicator of the mesh.
         source: path of a file, or `gmsh.model`, which is read on process 0.
 
     Raises:
-        FileNotFoundError: if there is no such file.
-        ValueError: for a file of another format, such as a script; a file whose numbers contradict
-            each other; cells of several types, or of degree 3 or more; a model without a mesh; a
-            mesh of dimension 2 that does not lie in a plane z = constant; cells in a file that are
-            flat or partly inside out; or overlapping groups without names.
+        FileNotFoundError: if the file does not exist.
+        ValueError: if the file has another format (a script, for example) or contains contradictory
+            numbers; if there are cells of several types, or of degree 3 or more; if the model has
+            no mesh; if a mesh of dimension 2 does not lie in a plane z = constant; if cells of a
+            file are flat or partly inside out; or if overlapping groups have no names.
     """
     arguments.check_communicator(comm)
     path = Path(source) if isinstance(source, str | Path) else None
@@ -114,7 +113,7 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
             arrays, notes = _read_gmsh(source, path)
     for note in notes:
         log_on_root(comm, logging.WARNING, note)
-    # the nodes of a model may still be moved: its cells are checked when a body is made of the mesh
+    # users may still move the nodes of a model's mesh: its cells are checked when a body is created
     return (
         create_tagged_mesh(comm, arrays)
         if path is None
@@ -123,7 +122,11 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
 
 
 def _read_gmsh(model: Any, path: Path | None) -> tuple[MeshArrays, list[str]]:  # noqa: ANN401
-    """Return the arrays of a mesh in a file, or of Gmsh's model if `path` is None, and notes."""
+    """Read a file or, if `path` is None, Gmsh's model.
+
+    Returns:
+        Arrays of the mesh, and messages for the log.
+    """
     if path is None and not hasattr(model, "getPhysicalGroups"):
         expected = "it has to be a file's name, or gmsh.model"
         raise TypeError(f"the source is {arguments.describe(model)}: {expected}")
@@ -137,7 +140,7 @@ def _read_gmsh(model: Any, path: Path | None) -> tuple[MeshArrays, list[str]]:  
 
 
 def _read_abaqus(path: Path, comm: MPI.Comm, cell_sets: Sequence[str] | None) -> TaggedMesh:
-    """Read an input file on process 0, log its notes, and distribute the mesh."""
+    """Read an input file on process 0, log messages about it, and distribute the mesh."""
     arrays, notes = None, list[str]()
     with collective_errors(comm):
         if comm.rank == 0:
@@ -153,7 +156,11 @@ def _read_abaqus(path: Path, comm: MPI.Comm, cell_sets: Sequence[str] | None) ->
 
 
 def _distribute_and_check(comm: MPI.Comm, arrays: MeshArrays | None, source: str) -> TaggedMesh:
-    """Distribute a mesh; raise DegenerateMesh with the name of its file for bad cells."""
+    """Distribute the mesh of a file and check its cells.
+
+    Raises:
+        DegenerateMesh: for flat, inverted or folded cells; the message contains `source`.
+    """
     tagged = create_tagged_mesh(comm, arrays)
     try:
         check_cells(tagged.mesh)

@@ -1,7 +1,7 @@
 """Nodes, elements and physical groups of a Gmsh mesh, and their conversion to mesh arrays.
 
-Elements of the highest dimension are cells; elements of one dimension less that are in physical
-groups are tagged facets.
+Elements of the highest dimension become cells. Elements of one dimension less become tagged facets
+if they are in physical groups.
 """
 
 from collections.abc import Iterable
@@ -19,12 +19,15 @@ from pw_elements.meshes.elements import SUPPORTED_CELL_TYPES, gmsh_element_type
 from pw_elements.meshes.tagged import MeshArrays, check_flatness
 
 _MAX_TAG = np.iinfo(np.int32).max
-# Largest number of physical groups of one element, a limit to memory for hostile files
+# Largest number of physical groups of one element; limits the memory that malicious files can use
 _MAX_GROUPS = 100
 
 
 class _Elements(NamedTuple):
-    """Elements of one type: numbers (n,), nodes (n, k) and indices of group combinations (n,)."""
+    """Elements of one type: their numbers (n,), nodes (n, k) and indices of combinations (n,).
+
+    A combination is the set of physical groups to which an element belongs.
+    """
 
     numbers: Indices
     nodes: Indices
@@ -35,12 +38,12 @@ class _Elements(NamedTuple):
 
 
 class GroupedMesh:
-    """Nodes, elements by type, and the combination of physical groups of each element."""
+    """Mesh of Gmsh: nodes, elements of each type, and the physical groups of each element."""
 
     def __init__(self) -> None:
         self._node_numbers: list[Indices] = []
         self._coordinates: list[Array] = []
-        self._elements: dict[int, list[_Elements]] = {}  # by type number; nodes by their numbers
+        self._elements: dict[int, list[_Elements]] = {}  # by type; nodes are given by numbers
         self._combinations: list[tuple[int, ...]] = [()]
         self._combination_index: dict[tuple[int, ...], int] = {(): 0}
         self._names: dict[tuple[int, int], str] = {}
@@ -59,12 +62,16 @@ class GroupedMesh:
             type_number: Gmsh's number of the element type.
             numbers: numbers (n,) of the elements.
             nodes: numbers (n, k) of their nodes.
-            combinations: indices (n,) of group combinations from `add_combination`.
+            combinations: index (n,) of each element's combination of physical groups, as
+                `add_combination` returned it.
         """
         self._elements.setdefault(type_number, []).append(_Elements(numbers, nodes, combinations))
 
     def add_combination(self, groups: Iterable[int]) -> int:
-        """Return the index of a combination of physical groups of one dimension; add new ones."""
+        """Return the index of a combination of physical groups of one dimension.
+
+        A combination that does not exist yet is added.
+        """
         combination = tuple(sorted(groups))
         if len(combination) > _MAX_GROUPS:
             raise ValueError(f"an element is in more than {_MAX_GROUPS} physical groups")
@@ -76,15 +83,16 @@ class GroupedMesh:
         return self._combination_index[combination]
 
     def add_name(self, dim: int, group: int, name: str) -> None:
-        """Name a physical group of a dimension."""
+        """Add the name of the physical group with a given dimension and number."""
         if (dim, group) in self._names:
             raise ValueError(f"physical group {group} of dimension {dim} has two names")
         self._names[dim, group] = name
 
     def make_arrays(self) -> tuple[MeshArrays, list[str]]:
-        """Return the arrays of a mesh with tags of cells and facets, and notes for the log.
+        """Return the arrays of a mesh with tags of cells and facets, and messages for the log.
 
-        Cells are the elements of the highest dimension that are in groups, or all if none is.
+        The elements of the highest dimension that are in physical groups become cells. If none of
+        them is in a group, all elements of the highest dimension become cells.
 
         Raises:
             ValueError: if numbers contradict each other, or DOLFINx does not support the mesh.
@@ -131,7 +139,11 @@ class GroupedMesh:
         return numbers, x
 
     def _join_elements(self, node_numbers: Indices) -> dict[int, _Elements]:
-        """Return elements by type number, with indices instead of numbers of their nodes."""
+        """Return the elements by type number, with their nodes given by index.
+
+        Args:
+            node_numbers: numbers (n,) of all nodes in ascending order.
+        """
         elements = {}
         for type_number, blocks in self._elements.items():
             numbers, nodes, combinations = map(np.concatenate, zip(*blocks, strict=True))
@@ -154,7 +166,13 @@ class GroupedMesh:
     def _choose_cells(
         self, elements: dict[int, _Elements], dim: int, notes: list[str]
     ) -> tuple[int, _Elements]:
-        """Return the type number of the cells and the cells, sorted by their lowest group."""
+        """Return the type number of the cells, and the cells sorted by their lowest group number.
+
+        Args:
+            elements: elements by type number.
+            dim: dimension of the cells.
+            notes: list to which messages for the log are added.
+        """
         cells = {
             type_number: block
             for type_number, block in elements.items()
@@ -195,7 +213,7 @@ class GroupedMesh:
         return type_number, self._join_repeated_cells(selected)
 
     def _join_repeated_cells(self, cells: _Elements) -> _Elements:
-        """Join cells that files of format 2 repeat for each of their groups."""
+        """Join repeated cells: files of format 2 list a cell once for each of its groups."""
         code = encode_rows(cells.nodes)
         first_row, combinations = self._join_combinations(code, cells.combinations)
         n_groups = np.array([max(1, len(groups)) for groups in self._combinations])
@@ -214,8 +232,9 @@ class GroupedMesh:
             combinations: indices (n,) of the elements' group combinations.
 
         Returns:
-            Index (m,) of the first element with each code, in ascending order, and index (m,) of
-            the union of the combinations of all elements with that code.
+            Two arrays (m,) with an entry for each distinct code: index of the first element with
+            this code, in ascending order, and index of the combination of all groups of the
+            elements with this code.
         """
         distinct_rows = np.unique(np.stack([code, combinations]), axis=1, return_index=True)[1]
         distinct_rows = distinct_rows[np.lexsort((distinct_rows, code[distinct_rows]))]
@@ -242,9 +261,10 @@ class GroupedMesh:
     def _number_tags(
         self, dim: int, combinations: Indices, entities: str, notes: list[str]
     ) -> tuple[LocalIndices, dict[str, tuple[int, ...]]]:
-        """Return tags (n,) by group combinations, 0 for no group, and the tags of each group name.
+        """Return the tag (n,) of each combination of groups, and the tags of each group name.
 
-        A tag is the number of the group; combinations of several groups get tags above these.
+        The tag is 0 without a group, and the number of the group for a single group. Combinations
+        of several groups get tags that are larger than the numbers of all groups.
         """
         used_combinations, combination_index, n_entities = np.unique(
             combinations, return_inverse=True, return_counts=True

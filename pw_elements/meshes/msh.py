@@ -1,10 +1,11 @@
 """Parser of Gmsh's mesh files (`.msh`): formats 2 to 4.1, text and binary.
 
-Gmsh runs a script whatever its file name is, reads options from the user's folders, and trusts the
-numbers of a mesh. This parser therefore does without Gmsh: it reads and checks all numbers itself.
+Gmsh runs a script under any file name, reads options from the user's folders, and does not check
+the numbers of a mesh. This parser therefore does not use Gmsh: it reads and checks all numbers
+itself.
 
-Formats: "Gmsh Reference Manual", version 4.13, chapter "Gmsh file formats". Only sections of nodes,
-elements, entities and names are read.
+The formats are described in the "Gmsh Reference Manual", version 4.13, chapter "Gmsh file formats".
+Only the sections of nodes, elements, entities and names are read.
 """
 
 import re
@@ -30,7 +31,7 @@ _VERSION_OF_FORMAT = {
 }
 _SECTION_HEADER = re.compile(rb"\s*\$([A-Za-z]\w*)[ \t]*\r?\n")
 _PHYSICAL_NAME = re.compile(r'\s*([0-3])\s+(\d{1,10})\s+"(.*)"\s*')
-# Sections that are read; each may occur once
+# Sections that are read; each of them may occur only once
 _SECTIONS_READ = {
     "MeshFormat",
     "PhysicalNames",
@@ -39,18 +40,18 @@ _SECTIONS_READ = {
     "Nodes",
     "Elements",
 }
-_SNIFFED_BYTES = 4096  # from the start of a file, to recognise its format
+_SNIFFED_BYTES = 4096  # number of bytes by which a format is recognised
 
 
 def read_msh(path: Path) -> GroupedMesh:
-    """Read nodes, elements and physical groups of a mesh file of Gmsh.
+    """Read nodes, elements and physical groups from a mesh file of Gmsh.
 
     Args:
         path: path of the file.
 
     Raises:
         FileNotFoundError: if the file does not exist.
-        ValueError: for a file of another format, or a file whose numbers contradict each other.
+        ValueError: if the file has another format, or contains contradictory numbers.
     """
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
@@ -63,12 +64,15 @@ def read_msh(path: Path) -> GroupedMesh:
             )
         data += file.read()
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # NumPy warns of words among numbers
+        warnings.simplefilter("error", DeprecationWarning)  # raised for words among numbers
         return _MshReader(data).read()
 
 
 def _split_sections(data: bytes) -> dict[str, bytes]:
-    """Return the content of each section by its name, empty for sections that are not read."""
+    """Return the content of each section by its name.
+
+    The content of sections that are not read is empty.
+    """
     sections: dict[str, bytes] = {}
     position = 0
     while match := _SECTION_HEADER.match(data, position):
@@ -105,7 +109,7 @@ def _decode(line: bytes) -> str:
 
 
 class _MshReader:
-    """Reader of the sections of one file into a `GroupedMesh`."""
+    """Reader of a file, which creates a `GroupedMesh` from the sections of the file."""
 
     def __init__(self, data: bytes) -> None:
         self._sections = _split_sections(data)
@@ -152,7 +156,10 @@ class _MshReader:
 
     @contextmanager
     def _open_section(self, name: str) -> Iterator[SectionRows]:
-        """Yield the rows of a section and check that all are read; errors name the section."""
+        """Yield the rows of a section, and check at the end of the block that all were read.
+
+        Errors raised in the block get the name of the section.
+        """
         try:
             section = self._sections[name]
             rows: SectionRows
@@ -230,13 +237,17 @@ class _MshReader:
             self._mesh.add_elements(type_number, integers[:, 0], integers[:, 1:], combinations)
 
     def _read_block_headers(self, rows: SectionRows) -> Iterator[tuple[int, int, int, int]]:
-        """Yield the header of each block of format 4; the caller reads the block before the next.
+        """Yield the header of each block of a section in format 4.
+
+        The caller has to read the rows of the block before the next header.
 
         Yields:
-            Dimension, entity, parametric flag (nodes) or element type (elements), and count.
+            Dimension and number of the entity; parametric flag (blocks of nodes) or element type
+            (blocks of elements); and number of nodes or elements in the block.
 
         Raises:
-            ValueError: if the counts of the blocks do not add up to the stated total.
+            ValueError: if the numbers of nodes or elements in the blocks do not add up to the total
+                at the start of the section.
         """
         n_blocks, n_stated, *_ = rows.read_integers("qqqq" if self._version > 4 else "qq")
         n_read = 0

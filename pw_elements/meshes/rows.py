@@ -1,7 +1,8 @@
 """Readers of the rows of numbers in a section of a Gmsh file, text or binary.
 
-A count is accepted only if the section has enough bytes for it. Format letters of integers are "i"
-(4 bytes in binary) and "q" (as long as the counts of the file).
+A number of rows is accepted only if the section has enough bytes for it. Integers have one of two
+format letters: "i" for 4 bytes, or "q" for as many bytes as the file uses for counts. In text files
+the letters have no effect.
 """
 
 import re
@@ -16,7 +17,7 @@ from pw_elements.arrays import Array, Indices
 from pw_elements.meshes.elements import gmsh_element_type
 
 _INTEGER_PATTERN = re.compile(r"[+-]?\d{1,18}")
-# Largest integer that is exact in a row that is read as floating-point numbers
+# Limit of integers that are exact when a row is read as floating-point numbers
 _MAX_EXACT_INTEGER = 2**53
 
 
@@ -24,24 +25,44 @@ class SectionRows(Protocol):
     """Sequential reader of the rows of a section."""
 
     def read_count(self) -> int:
-        """Read a row with one count, which is text in binary files, too."""
+        """Read a row that contains a single count; in binary files, too, this row is text."""
 
     def read_integers(self, letters: str) -> list[int]:
         """Read a row of integers, one for each format letter."""
 
     def read_entity(self, n_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
-        """Read an entity's number and physical groups; skip coordinates and bounding entities."""
+        """Read the number of an entity and its physical groups.
+
+        Args:
+            n_coordinates: number of coordinates in the row, which are skipped.
+            bounded: whether the row lists bounding entities, which are skipped.
+        """
 
     def read_table(
         self, n_rows: int, letter: str, n_integers: int, n_floats: int
     ) -> tuple[Indices, Array]:
-        """Read rows of integers followed by floats: (n_rows, n_integers), (n_rows, n_floats)."""
+        """Read rows that consist of integers followed by floats.
+
+        Args:
+            n_rows: number of rows.
+            letter: format letter of the integers.
+            n_integers: number of integers in a row.
+            n_floats: number of floats in a row.
+
+        Returns:
+            Integers (n_rows, n_integers) and floats (n_rows, n_floats).
+        """
 
     def read_tagged_elements(self, n_rows: int) -> Iterator[tuple[int, int, Indices]]:
-        """Yield elements of format 2: type, number of tags, and rows of number, tags and nodes."""
+        """Yield the elements of a file of format 2 in groups of the same type.
+
+        Yields:
+            Number of the element type; number of tags of each element; and rows that contain the
+            number, the tags and the nodes of each element.
+        """
 
     def check_end(self) -> None:
-        """Raise ValueError if rows of the section are left."""
+        """Raise ValueError if the section has rows that were not read."""
 
 
 class TextRows:
@@ -118,8 +139,8 @@ class BinaryRows:
 
     Args:
         section: content of the section.
-        order: byte order, "<" or ">".
-        count_letter: format letter of the file's counts, "i" or "q".
+        order: byte order, "<" for little-endian or ">" for big-endian.
+        count_letter: type of the file's counts as a letter of the module `struct`, "i" or "q".
     """
 
     def __init__(self, section: bytes, order: str, count_letter: str) -> None:
@@ -202,7 +223,11 @@ def _shorten(line: str) -> str:
 
 
 def _split_list(words: list[str]) -> tuple[list[int], list[str]]:
-    """Parse a list that begins with its length; return it and the words that follow it."""
+    """Parse a list of integers that begins with its length.
+
+    Returns:
+        The integers, and the words after the list.
+    """
     count = _parse_integer(words[0]) if words else -1
     if not 0 <= count < len(words):
         raise ValueError("an entity has fewer numbers than it states")
@@ -210,7 +235,11 @@ def _split_list(words: list[str]) -> tuple[list[int], list[str]]:
 
 
 def _parse_rows(lines: list[str], n_integers: int, n_floats: int) -> tuple[Indices, Array]:
-    """Parse lines of integers followed by floats: (n, n_integers) and (n, n_floats)."""
+    """Parse n lines that consist of integers followed by floats.
+
+    Returns:
+        Integers (n, n_integers) and floats (n, n_floats).
+    """
     n_columns = n_integers + n_floats
     if not lines:
         return np.empty((0, n_integers), dtype=np.int64), np.empty((0, n_floats))
@@ -238,7 +267,7 @@ def _parse_rows(lines: list[str], n_integers: int, n_floats: int) -> tuple[Indic
 
 
 def _describe_wrong_word(lines: list[str], n_integers: int) -> str:
-    """Return an error message that names the first word that is no number, or no integer."""
+    """Return an error message that names the first word that is not a number or not an integer."""
     for line in lines:
         for column, word in enumerate(line.split()):
             pattern = r"[+-]?\d+" if column < n_integers else r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?"

@@ -1,4 +1,4 @@
-"""Structured meshes of rectangles, and maps of the nodes of a mesh."""
+"""Create structured meshes of rectangles, and move the nodes of meshes."""
 
 from collections.abc import Callable
 from typing import Literal, get_args
@@ -21,7 +21,7 @@ from pw_elements.checks import (
 
 DiagonalPattern = Literal["right", "left", "right_left", "left_right", "crossed"]
 DIAGONAL_PATTERNS: tuple[DiagonalPattern, ...] = get_args(DiagonalPattern)
-PointMap = Callable[[Array], Array]  # from points (n, 3) to points (n, 3) or (n, dim)
+PointMap = Callable[[Array], Array]  # function from points (n, 3) to points (n, 3) or (n, dim)
 
 
 @check_same_arguments
@@ -35,15 +35,16 @@ def triangles(
     """Mesh a rectangle with triangles.
 
     Args:
-        comm: communicator.
-        lower: corner (x, y).
-        upper: the opposite corner, above and to the right.
-        divisions: numbers of squares in x and y.
-        pattern: direction of the diagonals that cut each square into two triangles, or "crossed"
-            for four triangles.
+        comm: communicator of the mesh.
+        lower: lower left corner (x, y) of the rectangle.
+        upper: upper right corner (x, y) of the rectangle.
+        divisions: numbers of small rectangles in x and in y.
+        pattern: direction of the diagonals that divide each small rectangle into two triangles, or
+            "crossed" for four triangles.
 
     Raises:
-        ValueError: for an empty rectangle, no divisions, or an unknown pattern.
+        ValueError: if the rectangle has no area, a number of divisions is less than one, or the
+            pattern is unknown.
     """
     if not arguments.is_one_of(pattern, DIAGONAL_PATTERNS):
         raise ValueError(
@@ -62,28 +63,31 @@ def quadrilaterals(
     """Mesh a rectangle with quadrilaterals.
 
     Args:
-        comm: communicator.
-        lower: corner (x, y).
-        upper: the opposite corner, above and to the right.
-        divisions: numbers of quadrilaterals in x and y.
+        comm: communicator of the mesh.
+        lower: lower left corner (x, y) of the rectangle.
+        upper: upper right corner (x, y) of the rectangle.
+        divisions: numbers of quadrilaterals in x and in y.
 
     Raises:
-        ValueError: for an empty rectangle or no divisions.
+        ValueError: if the rectangle has no area, or a number of divisions is less than one.
     """
     return _make_rectangle(comm, lower, upper, divisions, cell_type=CellType.quadrilateral)
 
 
 @check_same_arguments
 def move_nodes(mesh: Mesh, point_map: PointMap) -> Mesh:
-    """Move the nodes of a mesh in place, and return it; straight sides stay straight.
+    """Move the nodes of a mesh in place by a function, and return the mesh.
+
+    The degree of the geometry is not changed: straight sides of cells stay straight.
 
     Args:
-        mesh: the mesh.
-        point_map: function from points (n, 3) to points (n, 3), or (n, dim) in dim dimensions.
+        mesh: mesh to be changed.
+        point_map: function from points (n, 3) to their new positions (n, 3) or (n, dim), where dim
+            is the dimension of the mesh.
 
     Raises:
-        ValueError: if the function fails, or its result has the wrong shape or is not finite; the
-            mesh is unchanged then.
+        ValueError: if the function raises an error, or its result has the wrong shape or is not
+            finite. The mesh is unchanged in these cases.
     """
     arguments.check_mesh_type(mesh)
     mesh.geometry.x[:, : mesh.geometry.dim] = _image_points(mesh, point_map, mesh.geometry.x)
@@ -92,14 +96,16 @@ def move_nodes(mesh: Mesh, point_map: PointMap) -> Mesh:
 
 @check_same_arguments
 def curved_mesh(mesh: Mesh, point_map: PointMap) -> Mesh:
-    """Return a new mesh of degree-2 geometry, with all nodes (mid-side nodes, too) moved by a map.
+    """Create a mesh with curved sides (degree 2) by moving vertices and mid-side nodes of a mesh.
 
     Args:
-        mesh: mesh with straight sides.
-        point_map: function from points (n, 3) to points (n, 3), or (n, dim) in dim dimensions.
+        mesh: mesh with straight sides, which is not changed.
+        point_map: function from points (n, 3) to their new positions (n, 3) or (n, dim), where dim
+            is the dimension of the mesh.
 
     Raises:
-        ValueError: if the function fails, or its result has the wrong shape or is not finite.
+        ValueError: if the function raises an error, or its result has the wrong shape or is not
+            finite.
     """
     arguments.check_mesh_type(mesh)
     dimension = mesh.geometry.dim
@@ -107,7 +113,7 @@ def curved_mesh(mesh: Mesh, point_map: PointMap) -> Mesh:
     nodes = fem.functionspace(mesh, element)
     index_map = nodes.dofmap.index_map
     cells_owned = mesh.topology.index_map(mesh.topology.dim).size_local
-    # cells in the order in which the mesh was created, with triangles of a square side by side
+    # cells in the order in which the mesh was created: triangles of a rectangle are adjacent
     order = np.argsort(mesh.topology.original_cell_index[:cells_owned])
     local = nodes.dofmap.list[order]
     cells = index_map.local_to_global(local.ravel().astype(np.int32)).reshape(local.shape)
@@ -116,7 +122,7 @@ def curved_mesh(mesh: Mesh, point_map: PointMap) -> Mesh:
 
 
 def _image_points(mesh: Mesh, point_map: PointMap, x: Array) -> Array:
-    """Return the images (n, dim) of points x (n, 3); check them on all processes."""
+    """Return the new positions (n, dim) of points x (n, 3), checked on all processes."""
     dim = mesh.geometry.dim
     with collective_errors(mesh.comm):
         if callable(point_map) and not arguments.is_user_function(point_map):

@@ -1,4 +1,4 @@
-"""Mesh with tags of its cells and facets, and its creation from arrays on process 0."""
+"""Mesh with tags of cells and facets, and the creation of such a mesh from arrays on process 0."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -15,16 +15,17 @@ from pw_elements.arrays import Array, Indices, LocalIndices
 
 SetTags = dict[
     str, dict[str, tuple[int, ...]]
-]  # by "cells" and "facets", then by set name: the tags of the set
+]  # tags of each set, by "cells" or "facets" and by the name of the set
 
 
 class TaggedMesh(NamedTuple):
     """Mesh with tags of its cells and facets, and the tags of each named set.
 
-    Named sets may overlap: each combination of sets has its own tag, and a set has several tags.
+    Named sets may overlap. Each combination of sets then has a tag of its own, and a set has the
+    tags of all combinations that contain it.
 
     Args:
-        mesh: the mesh.
+        mesh: mesh with these cells and facets.
         cell_tags: tags of cells; `cell_tags.find(1)` returns the local cells with tag 1.
         facet_tags: tags of facets; `facet_tags.find(1)` returns the local facets with tag 1.
         names: tags of each named set of "cells" and of "facets", such as
@@ -40,21 +41,21 @@ class TaggedMesh(NamedTuple):
         """Return the local numbers of the cells in a named set.
 
         Args:
-            name: name of the set; for Abaqus' files, upper and lower case are equivalent.
+            name: name of the set. In sets of Abaqus' files, upper and lower case are equivalent.
 
         Raises:
-            ValueError: if there is no such set.
+            ValueError: if no set has this name.
         """
         return self._find("cells", self.cell_tags, name)
 
     def facets(self, name: str) -> LocalIndices:
-        """Return the local numbers of the facets in a named set, e.g. for `boundary_measure`.
+        """Return the local numbers of the facets in a named set, as `boundary_measure` takes them.
 
         Args:
-            name: name of the set; for Abaqus' files, upper and lower case are equivalent.
+            name: name of the set. In sets of Abaqus' files, upper and lower case are equivalent.
 
         Raises:
-            ValueError: if there is no such set.
+            ValueError: if no set has this name.
         """
         return self._find("facets", self.facet_tags, name)
 
@@ -74,8 +75,9 @@ class MeshArrays(NamedTuple):
     Args:
         cell_and_degree: type of the cells, such as "triangle", and degree of the geometry.
         x: coordinates (k, dim) of the nodes.
-        cells: indices of nodes (n, nodes per cell) in DOLFINx' order.
-        tags: tags of "cells" (n, 1) and of their "facets" (n, facets per cell), 0 for untagged.
+        cells: indices (n, nodes per cell) of the cells' nodes in DOLFINx' order.
+        tags: tags of "cells" (n, 1), and tags of the "facets" (n, facets per cell) of each cell; 0
+            for cells and facets without a tag.
         names: tags of each named set of "cells" and of "facets".
     """
 
@@ -87,7 +89,7 @@ class MeshArrays(NamedTuple):
 
 
 def create_tagged_mesh(comm: MPI.Comm, arrays: MeshArrays | None) -> TaggedMesh:
-    """Create a distributed mesh from arrays that process 0 has (None on the others)."""
+    """Create a distributed mesh from arrays on process 0; `arrays` is None on other processes."""
     shared = arrays and (arrays.cell_and_degree, arrays.x.shape[1], arrays.tags, arrays.names)
     (cell, degree), dim, tags, names = comm.bcast(shared)
     element = basix.ufl.element("Lagrange", cell, degree, shape=(dim,))
@@ -120,6 +122,11 @@ def create_tagged_mesh(comm: MPI.Comm, arrays: MeshArrays | None) -> TaggedMesh:
 
 
 def check_flatness(source: str, x: Array) -> None:
-    """Raise ValueError unless nodes x (n, 3) lie in one plane z = constant."""
+    """Raise ValueError unless nodes x (n, 3) lie in one plane z = constant.
+
+    Args:
+        source: name of the file or model, used in the error message.
+        x: coordinates (n, 3) of the nodes.
+    """
     if np.ptp(x[:, 2]) > 1e-9 * np.ptp(x, axis=0).max():
         raise ValueError(f"{source} has plane cells that do not lie in one plane z = constant")

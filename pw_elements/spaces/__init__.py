@@ -1,4 +1,4 @@
-"""Elements, spaces, parts of bodies, quadrature and assembly."""
+"""Finite elements, function spaces, selected parts of bodies, quadrature and assembly."""
 
 from pw_elements.spaces.assembly import (
     STRESS_STATE_KEY,

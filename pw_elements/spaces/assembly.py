@@ -1,8 +1,9 @@
 """Assembly of forms without boundary conditions, with suitable quadrature rules.
 
-Weight functions on tetrahedra need quadrature points on sub-cells that FFCx does not know.
-Stiffnesses need four points instead of twelve: stresses of quadratic displacements are linear in
-straight cells, and the mean slopes at the vertices integrate their products exactly. For all other
+Weight functions on tetrahedra are linear on twelve sub-cells, which FFCx does not know. Their
+integrals need a quadrature rule with points in each sub-cell. Stiffnesses of straight cells need
+four points instead of twelve: stresses of quadratic displacements are linear, and a rule with the
+vertices as points and the mean slopes of the weight functions there is exact. For all other
 elements, and on the faces of tetrahedra, FFCx chooses the right rule itself: the rule of the halved
 cell wherever a test or trial function is piecewise linear.
 """
@@ -36,7 +37,7 @@ from pw_elements.checks import arguments, check_same_arguments
 from pw_elements.progress import report_activity
 from pw_elements.spaces.elements import TwelveCellElement, twelve_cell_rule, vertex_rule
 
-# Key of the state of stress in the metadata of a body's integrals
+# Key under which the metadata of a body's integrals store the state of stress
 STRESS_STATE_KEY = "stress_state"
 
 T = TypeVar("T", PETSc.Mat, PETSc.Vec)
@@ -44,13 +45,15 @@ T = TypeVar("T", PETSc.Mat, PETSc.Vec)
 
 @dataclass(frozen=True)
 class AssemblyRecord:
-    """Origin of a matrix or vector, by which mismatched ones are refused.
+    """Record of how a matrix or vector was assembled, attached to the PETSc object.
+
+    Functions use the records to refuse matrices and vectors that do not fit together.
 
     Args:
-        form: compiled; None for objects that were made by hand.
-        sibling: the `Sibling` that has transformed the object; None for any other object.
-        stress_states: states of stress of the bodies of the form, if they are known.
-        lumped: whether it is a diagonal mass matrix, which suits any weight functions.
+        form: compiled form; None if the matrix or vector was not assembled by this library.
+        sibling: the `Sibling` that has transformed the matrix or vector; None without a transform.
+        stress_states: states of stress of the bodies in the form, if they are known.
+        lumped: whether the object is a diagonal mass matrix, which suits any weight functions.
     """
 
     form: fem.Form | None = None
@@ -65,22 +68,22 @@ class AssemblyRecord:
 
     @classmethod
     def read(cls, tensor: PETSc.Mat | PETSc.Vec) -> "AssemblyRecord":
-        """Return the record attached to a matrix or vector; an empty one if there is none."""
+        """Return the record attached to a matrix or vector, or an empty record if it has none."""
         return tensor.getAttr("assembled") or cls()
 
     def attach(self, tensor: T) -> T:
-        """Attach the record, and so the form, to a matrix or vector, which is returned."""
+        """Attach the record, which contains the form, to a matrix or vector, and return it."""
         tensor.setAttr("assembled", self)
         return tensor
 
     @property
     def mesh(self) -> Any:  # noqa: ANN401
-        """C++ mesh of the form; None if it is not known."""
+        """C++ mesh of the form; None if the form is not known."""
         return None if self.form is None else self.form.function_spaces[0].mesh
 
     @property
     def test_space(self) -> Any:  # noqa: ANN401
-        """C++ space of the test functions; None if it is not known or any would suit."""
+        """C++ space of the test functions; None for unknown forms and for lumped masses."""
         return None if self.form is None or self.lumped else self.form.function_spaces[0]
 
 
@@ -88,19 +91,20 @@ class AssemblyRecord:
 def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     """Assemble the matrix of a bilinear form, without boundary conditions.
 
-    Integrals of piecewise-linear functions over tetrahedra get the quadrature rule that they need.
-    The matrix keeps the form, and so mesh and spaces, alive.
+    Integrals of piecewise-linear functions over tetrahedra get a suitable quadrature rule.
+    The matrix holds a reference to the form, which keeps the mesh and the spaces alive.
 
     Args:
-        form: of trial and test functions.
-        blocked: store a vector field's matrix by nodal blocks (PETSc's BAIJ), in 0.7 of the
-            memory. `Iterative` works with this format and copies a matrix in another one; all
-            other functions convert it. Without effect on scalar and hybrid spaces.
+        form: bilinear form, with a trial and a test function.
+        blocked: whether the matrix of a vector field is stored in nodal blocks (PETSc's format
+            BAIJ), which needs 0.7 of the memory. `Iterative` uses this format and copies matrices
+            of other formats into it; all other functions convert a blocked matrix. The option has
+            no effect for scalar and hybrid spaces.
 
     Raises:
-        TypeError: if it is not a UFL form.
-        ValueError: if it is not bilinear, cannot be compiled, or has a measure with a quadrature
-            rule that does not suit the weights.
+        TypeError: if the argument is not a UFL form.
+        ValueError: if the form is not bilinear, cannot be compiled, or has a measure with a
+            quadrature rule that does not suit the weight functions.
     """
     arguments.check_flag("blocked", blocked)
     compiled = compile_form(form, 2, "a matrix")
@@ -115,15 +119,15 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     """Assemble the vector (n,) of a linear form, summed over all processes.
 
-    Integrals of piecewise-linear functions over tetrahedra get the quadrature rule that they need.
+    Integrals of piecewise-linear functions over tetrahedra get a suitable quadrature rule.
 
     Args:
-        form: of a test function.
+        form: linear form, with a test function.
 
     Raises:
-        TypeError: if it is not a UFL form.
-        ValueError: if it is not linear, cannot be compiled, or has a measure with a quadrature
-            rule that does not suit the weights.
+        TypeError: if the argument is not a UFL form.
+        ValueError: if the form is not linear, cannot be compiled, or has a measure with a
+            quadrature rule that does not suit the weight functions.
     """
     compiled = compile_form(form, 1, "a vector")
     vector = _assemble_vector(compiled)
@@ -133,31 +137,36 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
 
 @check_same_arguments
 def assemble_scalar(form: ufl.Form) -> float:
-    """Compute the value of a functional (an energy, say), summed over all processes.
+    """Compute the value of a functional, such as an energy, summed over all processes.
 
         area = assemble_scalar(1.0 * boundary_measure(mesh, where))
 
-    Integrals of piecewise-linear functions over tetrahedra get the quadrature rule that they need.
+    Integrals of piecewise-linear functions over tetrahedra get a suitable quadrature rule.
 
     Args:
-        form: without arguments.
+        form: form without test and trial functions.
 
     Raises:
-        TypeError: if it is not a UFL form.
-        ValueError: if it has a test function, belongs to no mesh, cannot be compiled, or has a
-            measure with a quadrature rule that does not suit the weights.
+        TypeError: if the argument is not a UFL form.
+        ValueError: if the form has a test function, belongs to no mesh, cannot be compiled, or has
+            a measure with a quadrature rule that does not suit the weight functions.
     """
     compiled = compile_form(form, 0, "a functional")
     return float(compiled.mesh.comm.allreduce(fem.assemble_scalar(compiled), MPI.SUM))
 
 
 def compile_form(form: ufl.Form, rank: int, name: str) -> fem.Form:
-    """Check a form and compile it; `name` is the name in messages of what it assembles.
+    """Check a form and compile it.
+
+    Args:
+        form: form to be compiled.
+        rank: required number of test and trial functions of the form.
+        name: name of the assembled object, used in error messages, such as "a matrix".
 
     Raises:
-        TypeError: if it is not a UFL form.
-        ValueError: if it has another rank, mixes meshes, has no mesh, has several measures of one
-            kind, or cannot be compiled.
+        TypeError: if `form` is not a UFL form.
+        ValueError: if the form has another rank, mixes meshes, has no mesh, has several measures
+            of one kind, or cannot be compiled.
     """
     arguments.check_type(
         "the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form"
@@ -197,14 +206,16 @@ def compile_form(form: ufl.Form, rank: int, name: str) -> fem.Form:
 
 
 def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
-    """Create a measure dx for integrals of test functions, also in DOLFINx's own assembly.
+    """Create a cell measure dx with a quadrature rule that suits the test functions of a space.
+
+    Unlike an ordinary measure, it may be used with DOLFINx's own assembly functions:
 
         dx = cell_measure(W, 2)
         load = fem.assemble_vector(fem.form(f * ufl.TestFunction(W) * dx))
 
     Args:
         space: the test space.
-        degree: of the polynomials that are integrated exactly on each sub-cell.
+        degree: degree up to which polynomials are integrated exactly on each sub-cell.
     """
     arguments.check_space(space)
     arguments.check_integer("degree", degree, 0)
@@ -215,14 +226,15 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
 
 
 def add_sub_cell_rules(form: ufl.Form) -> ufl.Form:
-    """Return the form with quadrature points on sub-cells of tetrahedra wherever it needs them."""
+    """Return a form with quadrature points on sub-cells of tetrahedra where integrals need them."""
     return _replace_metadata(form, _sub_cell_metadata)
 
 
 def add_estimated_degrees(form: ufl.Form) -> ufl.Form:
-    """Return the form with UFL's estimate of the degree in measures that give none.
+    """Return a form in which all measures have a quadrature degree.
 
-    A derivative of the form then has the same quadrature points, as Newton's method needs for
+    A measure without a degree gets the degree that UFL estimates. A derivative of the returned form
+    then has the same quadrature points as the form itself, which Newton's method needs for
     quadratic convergence.
     """
 
@@ -242,7 +254,7 @@ def _replace_metadata(
 
 
 def _sub_cell_metadata(integral: ufl.Integral) -> dict[str, Any]:
-    """Return the metadata of an integral, with points on sub-cells if it needs and lacks them."""
+    """Return the metadata of an integral, with a rule on sub-cells if its elements need one."""
     metadata: dict[str, Any] = integral.metadata()
     rule = metadata.get("quadrature_rule", "default")
     has_sub_cells = any(map(_tetrahedral_macro_elements, extract_elements(integral)))
@@ -262,9 +274,10 @@ def _sub_cell_metadata(integral: ufl.Integral) -> dict[str, Any]:
 
 
 def _has_only_slopes_of_weights(integral: ufl.Integral) -> bool:
-    """Return whether `vertex_rule` is exact: linear functions times slopes of one weight function.
+    """Return whether `vertex_rule` integrates exactly.
 
-    The weight function has to be the mean of three cuts, and must not occur without derivative.
+    The integrand has to be a linear function times the slopes of a single weight function of
+    `TwelveCellElement`, which must not occur without derivative.
     """
     functions = [*extract_arguments(integral), *extract_coefficients(integral)]
     weights = [f for f in functions if _tetrahedral_macro_elements(f.ufl_element())]
@@ -289,7 +302,7 @@ def _estimated_degree(integral: ufl.Integral) -> int:
 
 
 def _expand_for_ffcx(integral: ufl.Integral) -> list[ufl.Integral]:
-    """Return the integrals as FFCx compiles them, with derivatives applied to functions alone."""
+    """Return the integrals that FFCx compiles, with derivatives applied only to functions."""
     data = compute_form_data(
         ufl.Form([integral]), do_apply_integral_scaling=True, do_append_everywhere_integrals=False
     )
@@ -297,7 +310,7 @@ def _expand_for_ffcx(integral: ufl.Integral) -> list[ufl.Integral]:
 
 
 def _custom_rule(points: Array, weights: Array) -> dict[str, Any]:
-    return {  # tuples, as UFL's signature of a form abbreviates arrays
+    return {  # tuples, because UFL abbreviates arrays in the signature of a form
         "quadrature_rule": "custom",
         "quadrature_points": tuple(tuple(map(float, x)) for x in points),
         "quadrature_weights": tuple(map(float, weights)),
@@ -305,7 +318,7 @@ def _custom_rule(points: Array, weights: Array) -> dict[str, Any]:
 
 
 def _tetrahedral_macro_elements(element: basix.ufl._ElementBase) -> list[basix.ufl._BasixElement]:
-    """Return all piecewise-linear elements on tetrahedra within an element, or itself."""
+    """Return the piecewise-linear tetrahedral elements among an element and its sub-elements."""
     return [
         part
         for part in extract_sub_elements([element])

@@ -1,12 +1,14 @@
-"""The elements: quadratic trial functions and piecewise-linear weight functions.
+"""Finite elements of the quadratic trial functions and the piecewise-linear weight functions.
 
 Weight functions follow the four principles of section 3 of the paper: a weight function 1) is zero
 outside the sub-cells around its node, 2) is linear on each sub-cell, 3) is continuous, 4) is 1 at
-its node and 0 at all others. Principles 2 and 3 define a space, Basix's macro polynomials of
-degree 1; principle 4 defines its basis, dual to point evaluation at the nodes of the quadratic
-element; principle 1 then follows. On tetrahedra the weights are the mean over the three ways to cut
-the octahedron inside: they are linear on twelve sub-cells, see the guide's page on theory ("The
-element").
+its node and 0 at all other nodes. Principles 2 and 3 define a function space, Basix's macro
+polynomials of degree 1. Principle 4 defines the basis of this space, dual to point evaluation at
+the nodes of the quadratic element. Principle 1 then follows.
+
+Halving the edges of a tetrahedron leaves an octahedron in its middle, which can be cut into four
+sub-cells in three ways. The weight functions are the mean over these three cuts and are linear on
+twelve sub-cells, see the guide's page on theory ("The element").
 """
 
 import functools
@@ -29,7 +31,7 @@ from basix import (
 from pw_elements.arrays import Array, Mask
 
 _TETRAHEDRON = CellType.tetrahedron
-# Distance from a side, in the reference cell, below which a point lies on it
+# Distance from a side, in the reference cell, below which a point counts as lying on the side
 _SIDE_TOLERANCE = 1e-10
 
 CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -38,8 +40,12 @@ CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
 def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
     """Return quadrature points (12 n, 3) and weights (12 n,) on the reference tetrahedron.
 
-    All points lie within the twelve sub-cells. Basix's default rules of degree 4, 5 and 7 have
-    points on sides, where slopes are two-valued, and are replaced by another scheme.
+    The rule has n points in the interior of each of the twelve sub-cells. Basix's default rules of
+    degree 4, 5 and 7 have points on sides, where slopes have two values. They are replaced by
+    another scheme.
+
+    Args:
+        degree: degree up to which polynomials are integrated exactly on each sub-cell.
     """
     points, weights = basix.make_quadrature(_TETRAHEDRON, degree)
     if not _is_inside(points).all():
@@ -52,18 +58,19 @@ def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
 
 
 def vertex_rule() -> tuple[Array, Array]:
-    """Return vertices (4, 3) and weights (4,) for linear functions times slopes of weights.
+    """Return the points (4, 3) and weights (4,) of the vertex rule on the reference tetrahedron.
 
-    At a vertex `TwelveCellElement` tabulates the mean slope, weighted with the vertex' linear
-    function, so that the rule is exact.
+    The rule is exact for linear functions times slopes of weight functions: at a vertex,
+    `TwelveCellElement` tabulates the mean slope, weighted with the linear function that is 1 at
+    this vertex and 0 at the others.
     """
     return basix.geometry(_TETRAHEDRON), np.full(4, 1 / 24)
 
 
 class TwelveCellElement(basix.ufl._BasixElement):
-    """Mean of the piecewise-linear elements of the three cuts of a tetrahedron.
+    """Piecewise-linear element on tetrahedra: the mean of the elements of three cuts of the cell.
 
-    Points of FFCx's own quadrature rules, which suit one cut only, are refused.
+    Points of FFCx's own quadrature rules are refused, because these rules suit a single cut only.
     """
 
     def __repr__(self) -> str:
@@ -76,13 +83,16 @@ class TwelveCellElement(basix.ufl._BasixElement):
         return super().__hash__()
 
     def tabulate(self, nderivs: int, points: Array) -> Array:
-        """Tabulate values and derivatives at points (n, 3); return (derivatives, n, 10).
+        """Tabulate shape functions and their derivatives at points (n, 3).
 
-        The slope on a side between two sub-cells is the slope in one of them; at the points of
-        `vertex_rule` slopes are weighted means.
+        On a side between two sub-cells, the slope in one of them is tabulated. At the points of
+        `vertex_rule`, slopes are weighted means.
+
+        Returns:
+            Values and derivatives (derivatives, n, 10).
 
         Raises:
-            ValueError: for quadrature points that are not equally many in each sub-cell.
+            ValueError: if the sub-cells do not contain equal numbers of quadrature points.
         """
         _, inverse, nodal = _twelve_cells()
         barycentric = np.einsum(
@@ -107,13 +117,13 @@ def _check_points(nderivs: int, points: Array, depth: Array) -> None:
     """Raise ValueError for quadrature points that would integrate the element wrongly.
 
     Args:
-        nderivs: order of the derivatives that are tabulated.
-        points: (n, 3).
-        depth: (12, n), least barycentric coordinate of the points in each sub-cell.
+        nderivs: order of the derivatives to be tabulated.
+        points: quadrature points (n, 3).
+        depth: least barycentric coordinate (12, n) of each point with respect to each sub-cell.
     """
     is_inside = _is_inside(points)
-    # values may be tabulated at any points, for an interpolation say, except at those of FFCx's
-    # rules for the whole and the one-cut cell
+    # values may be tabulated at any points, for interpolation for example, except at the points of
+    # FFCx's rules for the whole tetrahedron and for a single cut
     rules = [] if nderivs else _ffcx_rules().get(len(points), [])
     is_rule = any(np.allclose(points, rule, atol=_SIDE_TOLERANCE) for rule in rules)
     if not (is_inside.any() if nderivs else is_rule):
@@ -130,13 +140,16 @@ def _check_points(nderivs: int, points: Array, depth: Array) -> None:
 
 
 def _is_inside(points: Array) -> Mask:
-    """Return which points (n, 3) lie inside the reference tetrahedron, not on a side."""
+    """Return whether points (n, 3) lie in the interior of the reference tetrahedron."""
     return np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _SIDE_TOLERANCE
 
 
 @functools.cache
 def _ffcx_rules() -> dict[int, list[Array]]:
-    """Return the points (n, 3) of FFCx's rules on the whole and the one-cut tetrahedron, by n."""
+    """Return the points (n, 3) of FFCx's quadrature rules on tetrahedra, listed by their number n.
+
+    They are the rules for the whole tetrahedron and for the tetrahedron with a single cut.
+    """
     rules: dict[int, list[Array]] = {}
     schemes = (QuadratureType.default, QuadratureType.gauss_jacobi)
     polysets = (PolysetType.standard, PolysetType.macroedge)
@@ -151,8 +164,8 @@ def _twelve_cells() -> tuple[Array, Array, Array]:
     """Return geometry and weight functions of the twelve sub-cells of the reference tetrahedron.
 
     Returns:
-        Corners (12, 4, 3); maps (12, 4, 4) from (1, x) to barycentric coordinates; and values
-        (12, 4, 10) of the ten weight functions at the corners. Node 10 is the octahedron's centre.
+        Corners (12, 4, 3) of the sub-cells, matrices (12, 4, 4) that map (1, x) to barycentric
+        coordinates, and values (12, 4, 10) of the ten weight functions at the corners.
     """
     edges = [frozenset(edge) for edge in basix.topology(_TETRAHEDRON)[1]]
     middle = {edge: 4 + number for number, edge in enumerate(edges)}
@@ -172,19 +185,20 @@ def _twelve_cells() -> tuple[Array, Array, Array]:
 def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Create the element of piecewise-linear weight functions, Eq. (15) to Eq. (20).
 
-    The functions are linear on the parts of the cell halved once; on quadrilaterals and hexahedra
-    bilinear or trilinear. On tetrahedra they are the mean over the three ways to cut the octahedron
-    inside, linear on twelve sub-cells, and do not depend on the order of the vertices. Integrals
-    over these need a special quadrature rule: `assemble_matrix` and `assemble_vector` choose it;
-    DOLFINx's own assembly needs `cell_measure`, without which it raises an error. `Function.eval`
-    and DOLFINx's interpolation use the one-cut element, which has the same values at nodes and on
-    faces.
+    The functions are linear on the sub-cells that result from halving the edges of the cell; on
+    quadrilaterals and hexahedra they are bilinear or trilinear. The nodes have the order of the
+    quadratic Lagrange element.
 
-    Nodes have the order of the quadratic Lagrange element.
+    On tetrahedra the functions are the mean over the three ways to cut the octahedron that remains
+    in the middle. They are linear on twelve sub-cells and do not depend on the order of the
+    vertices. Integrals of these functions need a special quadrature rule, which `assemble_matrix`
+    and `assemble_vector` choose. DOLFINx's own assembly functions need the measure `cell_measure`
+    and raise an error without it. `Function.eval` and DOLFINx's interpolation use the element of a
+    single cut, which has the same values at nodes and on faces.
 
     Args:
-        cell: name of the cell, as DOLFINx gives it.
-        shape: of the values, () or (d,).
+        cell: DOLFINx' name of the cell type, such as "triangle".
+        shape: shape of the function values, () or (d,).
 
     Raises:
         ValueError: for any other cell than intervals, triangles, quadrilaterals, tetrahedra and
@@ -192,7 +206,7 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
     """
     kind = _cell_type(cell)
     quadratic = basix.create_element(ElementFamily.P, kind, 2, LagrangeVariant.gll_warped)
-    # the whole macro space of functions that are linear on sub-cells
+    # space of all functions that are linear on sub-cells
     space, x, M = np.eye(quadratic.dim), quadratic.x, quadratic.M
     identity, smooth, macro = MapType.identity, SobolevSpace.H1, PolysetType.macroedge
     element = basix.ufl.custom_element(
@@ -213,23 +227,23 @@ def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._Elem
 
 
 class _HalvedTensorElement(basix.ufl._BasixElement):
-    """Macro element on intervals, quadrilaterals and hexahedra, tabulated as products of hats.
+    """Macro element on intervals, quadrilaterals and hexahedra, with products of hat functions.
 
-    FFCx tabulates through this class, as Basix 0.9 tabulates wrong macro derivatives on these
-    cells: in each upper half it subtracts in unsigned arithmetic, so that a slope of -6 becomes
-    1e20. Its values, and all on simplices, are right.
+    FFCx tabulates through this class, because Basix 0.9 computes wrong derivatives of macro
+    elements on these cells: in each upper half it subtracts in unsigned arithmetic, and a slope of
+    -6 becomes 1e20. Basix' values, and its derivatives on simplices, are right.
     """
 
     def __repr__(self) -> str:
-        # in a form's signature, so that a cached form compiled with wrong slopes is not reused
+        # part of a form's signature, so that cached forms with Basix' wrong slopes are not reused
         return f"{super().__repr__()}, by sub-cells"
 
     def tabulate(self, nderivs: int, points: Array) -> Array:
-        """Tabulate values and derivatives at points (n, dim); return (derivatives, n, nodes)."""
+        """Tabulate shape functions and derivatives (derivatives, n, nodes) at points (n, dim)."""
         dim = points.shape[1]
         half_index = np.rint(2 * self._element.points).astype(int)  # 0, 1, 2: end, middle, end
         is_upper = (points >= 0.5).astype(int)[:, None]
-        # along each axis: hat functions of the ends and the middle, and their slopes by halves
+        # along each axis: hat functions of the ends and the middle, and their slopes in each half
         hats = np.maximum(1 - np.abs(2 * points[:, None] - half_index), 0.0)
         slopes = np.array([[-2.0, 2.0, 0.0], [0.0, -2.0, 2.0]])[is_upper, half_index]
         derivatives = [hats, slopes, *np.zeros((nderivs, *hats.shape))]

@@ -1,8 +1,9 @@
 """Spaces of the hybrid element: displacements and a continuous pressure in one mixed space.
 
-The trial functions are Taylor and Hood's pair, u in P2 and p in P1 (Q1 on quadrilaterals and
-hexahedra). The test functions are Bercovier and Pironneau's pair: piecewise-linear weights and the
-same P1.
+The trial functions are Taylor and Hood's pair: quadratic displacements (P2 or Q2) and a continuous
+linear pressure (P1, or Q1 on quadrilaterals and hexahedra). The test functions are Bercovier and
+Pironneau's pair: piecewise-linear weight functions for the displacements and the same functions as
+the trial functions for the pressure.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from pw_elements._compat import single_entry_matrix
 from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.checks import collective_errors, vector_sizes
 
-# Effect of a constant pressure, over the largest stiffness, that is round-off
+# Effect of a constant pressure, relative to the largest stiffness, below which it is round-off
 PRESSURE_MODE_TOLERANCE = 1e-10
 
 
@@ -29,8 +30,9 @@ def mixed_element(
     """Create the mixed element of a displacement element and a pressure of degree 1.
 
     Args:
-        displacement: vector element.
-        split: discontinuous pressure, for `tie_pressures` to tie within parts.
+        displacement: vector element of the displacements.
+        split: whether the pressure is discontinuous between cells; `tie_pressures` makes such a
+            pressure continuous within each part of a body.
     """
     cell = displacement.cell_type.name
     pressure = basix.ufl.element("Lagrange", cell, 1, discontinuous=split)
@@ -47,17 +49,21 @@ def is_hybrid(space: fem.FunctionSpace) -> bool:
 
 
 def has_split_pressure(space: fem.FunctionSpace) -> bool:
-    """Return whether the pressure is discontinuous between cells, to be tied within parts."""
+    """Return whether a space has a pressure that is discontinuous between cells.
+
+    `tie_pressures` makes such a pressure continuous within each part of a body.
+    """
     return is_hybrid(space) and bool(space.ufl_element().sub_elements[1].discontinuous)
 
 
 @dataclass(frozen=True)
 class SubSpace:
-    """A field's own space, and its unknowns among those of a full space on the same processes.
+    """Space of one field of a mixed space, and the numbers of its unknowns in the mixed space.
 
     Args:
-        space: the field's own space.
-        unknowns: (nodes, components), local numbers among the unknowns, ghosts too.
+        space: space of the field alone.
+        unknowns: local numbers (nodes, components) of the field's unknowns among all unknowns of
+            the mixed space, including ghosts.
         full_sizes: local and global size of vectors of all unknowns.
     """
 
@@ -67,7 +73,7 @@ class SubSpace:
 
     @classmethod
     def displacements(cls, space: fem.FunctionSpace) -> "SubSpace":
-        """Return the displacements: the first field of a hybrid space, or else the whole space."""
+        """Return the sub-space of the displacements, or the whole space if it is not hybrid."""
         if is_hybrid(space):
             return cls._from_field(space, 0)
         index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
@@ -103,9 +109,10 @@ class SubSpace:
         return self.unknowns[: self.space.dofmap.index_map.size_local]
 
     def extract(self, values: PETSc.Vec) -> PETSc.Vec:
-        """Return the field's part of a vector of all unknowns; both vectors keep the space alive.
+        """Return the vector of the field's entries in a vector of all unknowns.
 
-        Copies of a PETSc vector need the communicator of its mesh, which may not be freed before.
+        Both vectors hold a reference to the space: copies of a PETSc vector need the communicator
+        of the mesh, which must not be freed while they exist.
         """
         part = values
         if not self.is_whole_space:
@@ -116,29 +123,37 @@ class SubSpace:
         return part
 
     def embed(self, values: Array) -> Array:
-        """Return local values of the field among all local unknowns; the others are zero."""
+        """Return a local array of all unknowns, with the field's values and zeros elsewhere."""
         full = np.zeros(self.full_sizes[0])
         full[self.owned_unknowns.ravel()] = values
         return full
 
     def global_numbers(self) -> PETSc.IS:
-        """Return the global numbers, among all unknowns, of this process' unknowns of the field."""
+        """Return the global numbers of the field's unknowns on this process among all unknowns."""
         comm = self.space.mesh.comm
         offset = comm.scan(self.full_sizes[0]) - self.full_sizes[0]
         numbers = (self.owned_unknowns.ravel() + offset).astype(PETSc.IntType)
         return PETSc.IS().createGeneral(numbers, comm=comm)
 
     def selection_matrix(self) -> PETSc.Mat:
-        """Return the matrix (n_field, n) of ones and zeros whose product is `extract`."""
+        """Return the matrix (n_field, n) of ones and zeros that extracts the field's unknowns.
+
+        Its product with a vector of all unknowns is the vector that `extract` returns.
+        """
         columns = self.global_numbers().getIndices()
         return single_entry_matrix(columns, (self.sizes, self.full_sizes), self.space.mesh.comm)
 
 
 def equilibration_scale(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
-    """Return scales (n,) of the unknowns: 1 at displacements, a modulus at pressures.
+    """Return scales (n,) of the unknowns: 1 for displacements, a modulus for pressures.
 
-    The modulus is the largest stiffness over the largest coupling of pressures and displacements,
-    so that pressure over scale has the size of a displacement.
+    The modulus is the largest diagonal entry of the stiffness of displacements, divided by the norm
+    of the coupling of pressures and displacements. A pressure divided by it has the size of a
+    displacement.
+
+    Args:
+        space: hybrid space; for any other space, all scales are 1.
+        K: stiffness matrix (n, n) of the space.
     """
     scale = K.createVecRight()
     scale.set(1.0)
@@ -155,7 +170,7 @@ def equilibration_scale(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
 
 
 def list_fields(space: fem.FunctionSpace) -> list[SubSpace]:
-    """Return displacements and pressure of a hybrid space, or the only field of another one."""
+    """Return displacements and pressure of a hybrid space, or the single field of another space."""
     fields = [SubSpace.displacements(space)]
     return [*fields, SubSpace.pressure(space)] if is_hybrid(space) else fields
 
@@ -163,16 +178,17 @@ def list_fields(space: fem.FunctionSpace) -> list[SubSpace]:
 def tie_pressures(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.Mat:
     """Assemble the matrix (n, n_r) that makes a split pressure continuous within each part.
 
-    Its columns are the free displacements, and one pressure for each vertex and part around it,
-    unless the pressure is prescribed in one of the part's cells there.
+    The columns belong to the free displacements, and to one pressure for each pair of a vertex and
+    a part with cells at this vertex. If the pressure at the vertex is prescribed in one of these
+    cells, the pair has no column.
 
     Args:
-        space: hybrid space with a split pressure.
-        parts: tags of all cells.
-        free: (owned unknowns,), False where a value is prescribed.
+        space: hybrid space with a pressure that is discontinuous between cells.
+        parts: tags of all cells, one tag for each part of the body.
+        free: mask (owned unknowns,), False for unknowns with a prescribed value.
 
     Raises:
-        ValueError: without tags of all cells.
+        ValueError: if `parts` is None or does not contain the tags of all cells.
     """
     mesh = space.mesh
     comm, owned = mesh.comm, mesh.topology.index_map(mesh.topology.dim).size_local
@@ -192,7 +208,8 @@ def tie_pressures(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) 
     field, vertices = SubSpace.pressure(space), fem.functionspace(mesh, ("Lagrange", 1)).dofmap
     rows = field.unknowns[field.space.dofmap.list[:owned], 0]
     corners = vertices.list[:owned]
-    # by vertex and part: the number of cells, and of those that prescribe the vertex' pressure
+    # for each vertex and part: number of cells, and number of cells that prescribe the pressure
+    # of the vertex
     counts = la.vector(vertices.index_map, 2 * len(tags))
     counts.array[:] = 0.0
     by_part = counts.array.reshape(-1, len(tags), 2)
@@ -205,7 +222,7 @@ def tie_pressures(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) 
     offset = comm.scan(n_columns) - n_columns
     numbers = offset + len(free_displacements) - 1
     numbers = numbers + np.cumsum(is_unknown).reshape(is_unknown.shape)
-    cells[:] = np.where(is_unknown, numbers, -1).T  # column numbers take the place of counts
+    cells[:] = np.where(is_unknown, numbers, -1).T  # overwrite the counts by column numbers
     counts.scatter_forward()
     column = np.full(len(free), -1, dtype=np.int64)
     column[free_displacements] = offset + np.arange(len(free_displacements))

@@ -1,4 +1,4 @@
-"""Parts of a body as users give them: a marker, local numbers, or a mask of all local entities."""
+"""Selection of parts of a body by a marker, by local numbers or by a mask of local entities."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias, cast
@@ -19,26 +19,27 @@ from pw_elements.checks import (
 )
 from pw_elements.spaces.hybrid import SubSpace
 
-# Takes points as columns (3, n) and returns a mask (n,)
+# Function of points (3, n), one in each column, that returns a mask (n,)
 Marker: TypeAlias = Callable[[Array], Mask]
-# Facets or nodes: a marker, local numbers of any integer type, or a mask of all local ones
+# Selection of facets or nodes: a marker, local numbers of any integer type, or a mask of all local
+# facets or nodes
 Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 
 
 def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask:
     """Evaluate a user's marker at points (3, n); return the mask (n,).
 
-    Local, for use within `collective_errors`.
+    The function does not communicate; call it in a block of `collective_errors`.
 
     Args:
-        comm: communicator.
-        name: of the marker in messages.
-        marker: a user's function.
-        x: (3, n).
+        comm: communicator of the processes. Error messages contain the rank of this process.
+        name: name of the marker, used in error messages.
+        marker: the user's function, from points (3, n) to a mask (n,).
+        x: points (3, n), one in each column.
 
     Raises:
-        TypeError: if it is not a function.
-        ValueError: if it fails or does not return truth values.
+        TypeError: if the marker is not a function.
+        ValueError: if the marker raises an error or does not return truth values.
     """
     if not arguments.is_user_function(marker):
         raise TypeError(
@@ -55,24 +56,25 @@ def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask
 
 
 def local_numbers(comm: MPI.Comm, name: str, selection: Any, count: int) -> LocalIndices:  # noqa: ANN401
-    """Return unique local numbers of the entities that numbers (m,) or a mask (count,) select.
+    """Return the distinct local numbers of the entities in a user's selection.
 
-    Local, for use within `collective_errors`.
+    The function does not communicate; call it in a block of `collective_errors`.
 
     Args:
-        comm: communicator.
-        name: of the entities in messages.
-        selection: as the user gave it.
-        count: number of local entities, ghosts too.
+        comm: communicator of the processes. Error messages contain the rank of this process.
+        name: name of the entities, used in error messages.
+        selection: local numbers (m,) of the selected entities, or a mask (count,) of all local
+            entities.
+        count: number of local entities, including ghosts.
 
     Raises:
-        TypeError: for `MeshTags`.
-        ValueError: for anything but local numbers or a mask of all local entities.
+        TypeError: if the selection is of the type `MeshTags`.
+        ValueError: if the selection is neither local numbers nor a mask of all local entities.
     """
     if isinstance(selection, MeshTags):
         raise TypeError(f"{name} are tags: give the tagged ones, tags.find(value)")
     numbers = np.asarray(selection)
-    if numbers.shape == (0,) and numbers.dtype != bool:  # NumPy makes floats of an empty list
+    if numbers.shape == (0,) and numbers.dtype != bool:  # NumPy turns an empty list into floats
         return np.zeros(0, dtype=np.int32)
     available = f"of which process {comm.rank} has {count}" if comm.size > 1 else f"{count} in all"
     if numbers.ndim != 1 or numbers.dtype.kind not in "iub":
@@ -93,13 +95,15 @@ def local_numbers(comm: MPI.Comm, name: str, selection: Any, count: int) -> Loca
 
 
 def locate_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndices:
-    """Return local numbers of a space's nodes in a part, ghosts and mid-side nodes too; collective.
+    """Return the local numbers of a space's nodes in a part of the body; collective.
+
+    Mid-side nodes and ghosts are included.
 
     Args:
-        space: of a hybrid space the nodes are those of the displacements; then numbers in `where`
-            are unknowns of the space, and a mask may select unknowns or nodes.
-        name: of the nodes in messages.
-        where: the part.
+        space: space of the nodes. If it is hybrid, the nodes of the displacements are returned;
+            numbers in `where` are then numbers of unknowns, and a mask selects unknowns or nodes.
+        name: name of the nodes, used in error messages.
+        where: marker, local numbers or mask of the nodes.
     """
     recorder = _MarkerRecorder(space.mesh.comm, f"the marker of {name}", where)
     with collective_errors(space.mesh.comm):
@@ -111,7 +115,10 @@ def locate_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndic
 def _locate_local_nodes(
     space: fem.FunctionSpace, name: str, where: Part, recorder: "_MarkerRecorder"
 ) -> LocalIndices:
-    """Return local numbers of the nodes in a part; local, for use within `collective_errors`."""
+    """Return the local numbers of the nodes in a part without communication.
+
+    Call it in a block of `collective_errors`.
+    """
     comm, field = space.mesh.comm, SubSpace.displacements(space)
     x, index_map = field.space.tabulate_dof_coordinates(), space.dofmap.index_map
     if recorder.is_marker:
@@ -133,7 +140,13 @@ def _locate_local_nodes(
 
 
 def require_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndices:
-    """Return `locate_nodes`, or raise ValueError if there are none on any process; collective."""
+    """Return the local numbers of a space's nodes in a part that must not be empty; collective.
+
+    The arguments are those of `locate_nodes`.
+
+    Raises:
+        ValueError: if no process has a node in the part.
+    """
     nodes = locate_nodes(space, name, where)
     if space.mesh.comm.allreduce(len(nodes), MPI.SUM) == 0:
         raise ValueError("the marker holds at no node of the space: check its coordinates")
@@ -141,12 +154,14 @@ def require_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndi
 
 
 def locate_exterior_facets(mesh: Mesh, where: Part, skip_interior: bool = True) -> LocalIndices:
-    """Return local numbers of exterior facets in a part of the boundary; collective.
+    """Return the local numbers of the exterior facets in a part of the boundary; collective.
 
     Args:
-        mesh: the mesh.
-        where: the part; a marker has to hold at all vertices of a facet.
-        skip_interior: leave out numbers of facets within the body; otherwise they are refused.
+        mesh: mesh of the body.
+        where: marker, which has to hold at all vertices of a facet; or local numbers or a mask of
+            facets.
+        skip_interior: whether interior facets in `where` are left out; otherwise they raise an
+            error.
     """
     topology, dimension = mesh.topology, mesh.topology.dim - 1
     topology.create_connectivity(dimension, topology.dim)
@@ -170,7 +185,13 @@ def locate_exterior_facets(mesh: Mesh, where: Part, skip_interior: bool = True) 
 
 
 class _MarkerRecorder:
-    """Evaluates a user's marker and records points and answers, to compare processes by them."""
+    """Evaluation of a user's marker, with a record of its values for comparison among processes.
+
+    Args:
+        comm: communicator of the processes.
+        name: name of the marker, used in error messages.
+        where: marker, local numbers or mask.
+    """
 
     def __init__(self, comm: MPI.Comm, name: str, where: Part) -> None:
         self._comm, self._name, self._where = comm, name, where
@@ -179,16 +200,16 @@ class _MarkerRecorder:
         self._marks: list[Mask] = [np.zeros(0, dtype=bool)]
 
     def evaluate(self, x: Array) -> Mask:
-        """Return the marker's mask (n,) at points (3, n); local."""
+        """Return the marker's mask (n,) at points (3, n), without communication."""
         marks = evaluate_marker(self._comm, self._name, cast(Marker, self._where), x)
         self._points.append(np.array(x.T))
         self._marks.append(marks)
         return marks
 
     def compare_processes(self) -> None:
-        """Raise ValueError if processes have different markers; collective.
+        """Raise ValueError if the processes have different markers; collective.
 
-        Nothing is compared if a process has numbers or a mask.
+        Nothing is compared if a process has local numbers or a mask instead of a marker.
         """
         if not self._comm.allreduce(self.is_marker, MPI.LAND):
             return
@@ -203,21 +224,21 @@ class _MarkerRecorder:
 def piecewise_constants_by_tag(
     mesh: Mesh, cell_tags: MeshTags, values: Mapping[int, Sequence[float]]
 ) -> list[fem.Function]:
-    """Create functions that are constant in each cell, with the values of the cell's tag.
+    """Create functions that are constant in each cell, with values that depend on the cell's tag.
 
     Collective.
 
     Args:
-        mesh: the mesh.
+        mesh: mesh of the functions.
         cell_tags: tags of all cells.
-        values: (k,) by tag.
+        values: for each tag, the values (k,) of the k functions in the cells with this tag.
 
     Returns:
-        k functions.
+        List of k functions.
 
     Raises:
-        ValueError: for tags of other entities or of another mesh, untagged cells, tags without
-            values, and values without a cell.
+        ValueError: if the tags belong to other entities than cells or to another mesh, a cell has
+            no tag, a tag has no values, or no cell has a tag for which values are given.
     """
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_entities(dim)

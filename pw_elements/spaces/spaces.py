@@ -1,6 +1,7 @@
 """Trial and test spaces with the same numbering of nodes.
 
-Displacements are u = N a, Eq. (3), and virtual displacements v = W c, Eq. (7).
+Displacements are u = N a, Eq. (3), with quadratic shape functions N and nodal displacements a.
+Virtual displacements are v = W c, Eq. (7), with weight functions W and nodal values c.
 """
 
 from dataclasses import dataclass
@@ -22,20 +23,22 @@ from pw_elements.spaces.hybrid import SubSpace, has_split_pressure, is_hybrid, m
 
 
 class NumberingError(RuntimeError):
-    """Trial and test space number their nodes differently."""
+    """The trial space and the test space number their nodes differently."""
 
 
 @dataclass(frozen=True)
 class Spaces:
-    """Trial and test space on one mesh, with identical dofmaps.
+    """Trial and test space on one mesh, with the same numbering of nodes.
 
         spaces = Spaces.petrov_galerkin(mesh)  # displacements; components=0 for a temperature
         u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
 
     Args:
-        trial: space of the unknowns: displacements, displacements and a pressure, or a scalar.
-        test: space of the weight functions; the trial space itself in Galerkin's method.
-        parts: tags of all cells, between which the pressure of a hybrid body may jump.
+        trial: space of the unknowns, which are displacements, displacements and a pressure, or a
+            scalar.
+        test: space of the weight functions; in Galerkin's method the trial space itself.
+        parts: for hybrid spaces, tags of all cells. The pressure may jump between cells with
+            different tags.
 
     Raises:
         NumberingError: if the two spaces number their nodes differently.
@@ -58,11 +61,12 @@ class Spaces:
     @classmethod
     @check_same_arguments
     def petrov_galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
-        """Create quadratic trial and piecewise-linear test functions: the paper's element.
+        """Create spaces of quadratic trial and piecewise-linear test functions, as in the paper.
 
         Args:
-            mesh: of intervals, triangles, quadrilaterals, tetrahedra or hexahedra.
-            components: of the vector field; by default the mesh's dimension; 0 for a scalar.
+            mesh: mesh of intervals, triangles, quadrilaterals, tetrahedra or hexahedra.
+            components: number of components of a vector field, or 0 for a scalar field; by default
+                the dimension of the mesh.
         """
         trial = fem.functionspace(mesh, _trial_element(mesh, components))
         return cls(trial, test_space(trial))
@@ -70,11 +74,14 @@ class Spaces:
     @classmethod
     @check_same_arguments
     def galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
-        """Create quadratic trial and test functions: the standard element (CPS6 on triangles).
+        """Create spaces of the standard element: quadratic functions for both trial and test.
+
+        On triangles it is the element that Abaqus calls CPS6.
 
         Args:
-            mesh: of intervals, triangles, quadrilaterals, tetrahedra or hexahedra.
-            components: of the vector field, by default the mesh's dimension; 0 for a scalar.
+            mesh: mesh of intervals, triangles, quadrilaterals, tetrahedra or hexahedra.
+            components: number of components of a vector field, or 0 for a scalar field; by default
+                the dimension of the mesh.
         """
         trial = fem.functionspace(mesh, _trial_element(mesh, components))
         return cls(trial, trial)
@@ -82,17 +89,19 @@ class Spaces:
     @classmethod
     @check_same_arguments
     def hybrid(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
-        """Create displacements and a continuous pressure, for nearly incompressible bodies.
+        """Create spaces of displacements and a pressure, for nearly incompressible bodies.
 
-        Displacements are those of `petrov_galerkin`; the pressure, of degree 1, has the same trial
-        and test functions. Nothing locks up to and including nu = 1/2. `Body` makes the forms, with
-        one vector (n,) of all unknowns; `split` separates displacement and pressure.
+        The displacements have the trial and test functions of `petrov_galerkin`. The pressure is
+        continuous and of degree 1, with equal trial and test functions. The element does not lock
+        for Poisson's ratios up to and including 1/2. `Body` creates the forms, whose unknowns are
+        in a single vector (n,); `split` extracts displacement and pressure from it.
 
         Args:
-            mesh: of triangles, quadrilaterals, tetrahedra or hexahedra.
-            parts: tags of all cells, one tag for each material. The pressure may jump between
-                parts; `Reduction.dirichlet(spaces, conditions)` makes it continuous within each.
-                Without parts it is wrong by ten per cent and more where materials meet.
+            mesh: mesh of triangles, quadrilaterals, tetrahedra or hexahedra.
+            parts: tags of all cells, one tag for each material. The pressure may jump between cells
+                with different tags; `Reduction.dirichlet(spaces, conditions)` makes it continuous
+                within each part. Without `parts`, results are wrong by ten per cent and more
+                where different materials meet.
         """
         element = mixed_element(_trial_element(mesh), split=parts is not None)
         trial = fem.functionspace(mesh, element)
@@ -105,7 +114,7 @@ class Spaces:
 
     @property
     def displacements(self) -> "Spaces":
-        """Spaces of the displacements alone; these spaces themselves unless they are hybrid."""
+        """Spaces of the displacements alone. If there is no pressure, this object itself."""
         if not self.is_hybrid:
             return self
         trial = SubSpace.displacements(self.trial).space
@@ -115,7 +124,7 @@ class Spaces:
 
     @property
     def is_hybrid(self) -> bool:
-        """Whether there is a pressure in addition to the displacements."""
+        """Whether the spaces have a pressure in addition to the displacements."""
         return is_hybrid(self.trial)
 
 
@@ -124,15 +133,16 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     """Create the piecewise-linear test space of a quadratic Lagrange space.
 
     Use `v = ufl.TestFunction(test_space(U))` together with `u = ufl.TrialFunction(U)`; row i of an
-    assembled matrix then belongs to the node of column i. For tetrahedra see `macro_element`. In
-    Taylor and Hood's mixed space only the displacements get other test functions.
+    assembled matrix then belongs to the same node as column i. For tetrahedra see `macro_element`.
+    For a mixed space of displacements and a pressure (Taylor and Hood's), only the displacements
+    get piecewise-linear test functions.
 
     Args:
-        trial: quadratic Lagrange space, scalar or with components, on any cell; or this together
-            with a pressure of degree 1.
+        trial: quadratic Lagrange space on any type of cell, scalar or with components; or a mixed
+            space of such displacements and a pressure of degree 1.
 
     Raises:
-        ValueError: if `trial` is another space.
+        ValueError: if `trial` is any other space.
         NumberingError: if DOLFINx numbers the two spaces differently.
     """
     arguments.check_space(trial, "the trial space")
@@ -162,20 +172,21 @@ test_space.__test__ = False  # type: ignore[attr-defined]  # pytest would collec
 def as_function(
     space: fem.FunctionSpace, values: PETSc.Vec, name: str = "f", out: fem.Function | None = None
 ) -> fem.Function:
-    """Convert a vector (n,) in a space's numbering into a function, for forms and files.
+    """Convert a vector (n,) of nodal values into a function of a space, for forms and files.
 
         u = as_function(U, solve(K, f, held), "displacement")
-        as_function(U, solve(K, 2 * f, held), out=u)  # forms and writers that have u see it
+        as_function(U, solve(K, 2 * f, held), out=u)  # updates u in forms and writers
 
     Args:
-        space: space whose numbering the vector has.
-        values: vector (n,).
-        name: of a new function.
-        out: function of the space to fill in place of a new one; it keeps its name.
+        space: space of the function.
+        values: vector (n,) in the numbering of the space.
+        name: name of the new function.
+        out: existing function of the space to be filled; it keeps its name. By default a new
+            function is created.
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: if the vector does not belong to the space, or the function belongs to another.
+        ValueError: if the vector or the function `out` does not belong to the space.
     """
     arguments.check_space(space)
     with collective_errors(space.mesh.comm):
@@ -198,14 +209,14 @@ def split(
 ) -> tuple[fem.Function, fem.Function]:
     """Extract displacement and pressure, as functions, from a vector or state of a hybrid body.
 
-    The pressure is positive in compression, -lambda div u.
+    The pressure is -lambda div u, with Lamé's constant lambda. It is positive in compression.
 
         u, p = split(body.spaces.trial, solve(K, f, held))
         u, p = split(body.spaces.trial, states[-1])
 
     Args:
         space: trial space of `Spaces.hybrid`.
-        values: vector (n,), or a `ContactState`, whose `unknowns` are taken.
+        values: vector (n,) of all unknowns, or a `ContactState`, of which `unknowns` is used.
 
     Raises:
         TypeError: for arguments of the wrong type.
@@ -231,7 +242,7 @@ def split(
 
 
 def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
-    """Create the scalar space of a vector space's components, with the same numbers of nodes."""
+    """Create the scalar space of one component of a vector space, with the same node numbers."""
     scalars = fem.functionspace(space.mesh, space.ufl_element().sub_elements[0])
     _check_same_numbering(space, scalars, compare_components=False)
     return scalars
@@ -243,12 +254,12 @@ def gather_from_owners(
     """Gather nodal values from the processes that own the nodes; collective.
 
     Args:
-        space: whose nodes they are.
-        nodes: (k,), global numbers, the same on all processes.
-        values: (owned nodes, ...), of this process.
+        space: space of the nodes.
+        nodes: global numbers (k,) of the nodes, the same on all processes.
+        values: values (owned nodes, ...) at the nodes that this process owns.
 
     Returns:
-        (k, ...), on all processes.
+        Values (k, ...) at the given nodes, the same on all processes.
     """
     local = nodes - space.dofmap.index_map.local_range[0]
     is_owned = (local >= 0) & (local < len(values))
@@ -274,7 +285,12 @@ def _check_same_numbering(
 ) -> None:
     """Raise NumberingError unless both spaces number their nodes alike.
 
-    DOLFINx does not promise that they do; all spaces of the package are checked here.
+    DOLFINx does not guarantee equal numbering, so the library checks all its spaces.
+
+    Args:
+        trial: trial space.
+        test: test space.
+        compare_components: whether both spaces need the same number of components.
     """
     a, b = trial.dofmap, test.dofmap
     same = (
