@@ -1,4 +1,4 @@
-"""The policies that update the active set, each tested alone."""
+"""The policies that update the active set of contact nodes; each one is tested alone."""
 
 from types import SimpleNamespace
 
@@ -90,7 +90,7 @@ def test_a_recurring_set_is_kept_until_its_equations_are_solved():
     assert not history.record_and_decide_to_keep(open_set, 1e-9)  # solved
     assert [history.record_and_decide_to_keep(slip_set, 1.0) for _ in range(6)] == [True] * 5 + [
         False
-    ]  # not for ever
+    ]  # the set is not kept forever
 
 
 def test_the_error_of_a_cycle_names_the_nodes_that_change():
