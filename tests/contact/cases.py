@@ -61,8 +61,8 @@ def neo_hookean_stress(F, shear=1.0, lame=1.5):
 def finite_strain_residual(spaces, stress=neo_hookean_stress, degree=4, compressibility=0.0):
     """Return the unknown function and the residual form of a finite-strain body without loads.
 
-    A hybrid space has the displacement u and the pressure p as unknowns. Its second equation is J -
-    1 + `compressibility` p = 0, with J the determinant of the deformation gradient.
+    The unknowns of a hybrid space are the displacement u and the pressure p. With J the determinant
+    of the deformation gradient, the second equation is J - 1 + `compressibility` p = 0.
     """
     w, weights, hybrid = fem.Function(spaces.trial), ufl.TestFunction(spaces.test), spaces.is_hybrid
     (u, p), (v, q) = (ufl.split(f) if hybrid else (f, 0.0) for f in (w, weights))
