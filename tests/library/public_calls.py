@@ -1,4 +1,4 @@
-"""Correct calls of all public collective functions, on any number of processes."""
+"""Correct calls of all public collective functions, for any number of processes."""
 
 import inspect
 from pathlib import Path
@@ -56,7 +56,7 @@ def public_objects():
 
 
 def correct_calls(comm):
-    """Return for each collective function, by name, the function and correct arguments."""
+    """Return each collective function with correct arguments, by its name."""
     block = BlockOnFloor(8, comm=comm)
     w = SimpleNamespace(block=block, body=block.body, U=block.space, K=block.K, mesh=block.mesh)
     w.spaces, w.load, w.pair = block.body.spaces, block.pressure_load, block.floor_pair(0.3)
@@ -279,7 +279,7 @@ def correct_calls(comm):
 
 
 def altered_values(value):
-    """Yield values that differ from a value, first valid ones of its type, then invalid ones."""
+    """Yield values that differ from a given one: valid values of its type, then invalid ones."""
     if isinstance(value, bool):
         yield not value
     elif isinstance(value, int | float):
