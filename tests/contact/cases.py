@@ -53,7 +53,10 @@ def states_with_substates(states):
 
 
 def neo_hookean_stress(F, shear=1.0, lame=1.5):
-    """Return the first Piola stress of a compressible neo-Hookean material."""
+    """Return the first Piola stress of a compressible neo-Hookean material.
+
+    F is the deformation gradient, `shear` the shear modulus, and `lame` Lame's constant lambda.
+    """
     inverse_transpose = ufl.inv(F).T
     return shear * (F - inverse_transpose) + lame * ufl.ln(ufl.det(F)) * inverse_transpose
 
@@ -74,7 +77,7 @@ def finite_strain_residual(spaces, stress=neo_hookean_stress, degree=4, compress
 
 
 class ElasticBody:
-    """A linear elastic body on a mesh: its stiffness, loads, supports and contact problems."""
+    """A linear elastic body on a mesh, with its stiffness, loads, supports and contact problems."""
 
     def __init__(
         self, mesh, method=PW, state="plane strain", E=1000.0, nu=0.3, thickness=1.0, material=None
@@ -90,7 +93,7 @@ class ElasticBody:
 
     @cached_property
     def x(self):
-        """Return the positions (n, dim) of the nodes, ghosts included."""
+        """Return the positions (n, dim) of the nodes, including those of ghosts."""
         return self.displacements.tabulate_dof_coordinates()[:, : self.dim]
 
     @cached_property

@@ -23,7 +23,7 @@ from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere
 from pw_elements.meshes import triangles
 from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
 
-LAME_RATIO, FRICTION = 1.5, 0.3  # divided by the shear modulus; friction coefficient
+LAME_RATIO, FRICTION = 1.5, 0.3  # Lame's lambda / shear modulus; friction coefficient
 # Translations of the cylinder at the ends of the legs, divided by its radius
 CYLINDER_PATH = ((0.0, 0.0), (0.0, -0.25), (0.25, -0.25), (-0.1, -0.25), (-0.1, 0.05))
 ELEMENTS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}

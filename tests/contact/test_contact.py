@@ -1,4 +1,4 @@
-"""Blocks and a ring on rigid surfaces: patch tests, comparisons, friction."""
+"""Contact of blocks and of a ring with rigid surfaces: patch tests, comparisons, friction."""
 
 from mpi4py import MPI
 

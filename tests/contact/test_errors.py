@@ -1,4 +1,4 @@
-"""Errors of invalid contact problems, and of problems with no or several solutions."""
+"""Errors of invalid contact problems, and of problems with several solutions or none."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ BLOCK, FLOOR, BELOW = BlockOnFloor(4), Plane((0, 0), (0, 1)), on_plane(1, 0.0)
 
 
 def solve_block(pair=None, load=BLOCK.pressure_load, reduction=BLOCK.no_supports, **options):
-    """Return the states of the block under a load, by default on the rough floor."""
+    """Return the states of the block under a load; by default the block lies on the rough floor."""
     return BLOCK.solve_contact(
         floor_pair_with() if pair is None else pair, reduction, load, **options
     )
@@ -81,7 +81,7 @@ def arc_gap(x):
 
 
 def pair_with_normal(normal):
-    """Return a pair of a flat surface with a wrong normal."""
+    """Return the contact pair of a flat surface that has a wrong normal."""
     return pair_below(GivenGap(lambda x: x[:, 1], normal))
 
 

@@ -55,7 +55,7 @@ class AdhesiveFriction(SaturatingFriction):
 
 
 class StiffeningFriction(SaturatingFriction):
-    """A law whose coefficient is 0.1 without pressure and four times that under large pressure."""
+    """A law whose coefficient is 0.1 without pressure and rises to 0.4 under large pressure."""
 
     def limit(self, half, force):
         limit, slope = super().limit(half, force)
@@ -138,7 +138,7 @@ def test_a_law_holds_in_space_where_slip_changes_direction():
     floor = ContactPair(on_plane(2, 0.0), FLOOR, SaturatingFriction(0.4, 1.5))
     (state,) = solid.solve_contact(floor, loads=solid.press_and_push_load())
     assert_friction_law(state.pairs[0], lambda r, h: 0.4 * r / (1 + r / h), 1.5)
-    assert state.iterations <= 12  # Newton's method converges fast for this law, too
+    assert state.iterations <= 12  # Newton's method converges fast even with this law
 
 
 def test_a_number_means_coulombs_law():
@@ -270,7 +270,10 @@ def test_sensitivity_refuses_other_laws_than_coulombs():
 
 
 def test_a_pull_above_the_friction_limit_is_proved_to_have_no_equilibrium():
-    """A pull of 0.4 of the pressure exceeds even the largest coefficient, 0.3."""
+    """A pull above the friction limit is refused with a proof that no equilibrium exists.
+
+    A pull of 0.4 times the pressure exceeds even the largest friction coefficient, 0.3.
+    """
     load = BLOCK.pressure_load + BLOCK.traction_load((0.4 * 200 * 4 / 2, 0.0), on_plane(0, 4.0))
     with pytest.raises(NoEquilibrium, match="slides"):
         BLOCK.solve_contact(floor_pair(SaturatingFriction(0.3, 1e3)), loads=load)

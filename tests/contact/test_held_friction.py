@@ -48,7 +48,7 @@ class BlockBetweenWalls(ElasticBody):
         self.supports = self.make_supports((1, on_plane(1, 0.0)), *x_conditions)
 
     def solve_under_plate(self, *motions, **options):
-        """Return the states under a rough plate with these motions."""
+        """Return the states under a rough plate that makes the given motions."""
         plate = ContactPair(
             on_plane(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)), FRICTION, list(motions)
         )

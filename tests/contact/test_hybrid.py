@@ -1,4 +1,4 @@
-"""Contact of bodies of hybrid elements."""
+"""Contact of bodies that consist of hybrid elements."""
 
 from mpi4py import MPI
 
@@ -30,7 +30,7 @@ COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood
 
 
 class HybridBlock(ElasticBody):
-    """Block 4 x 2 of a hybrid element, fixed at its base, under a parabola of radius 8."""
+    """Block 4 x 2 of hybrid elements, fixed at its base, under a parabola of radius 8."""
 
     def __init__(self, method=HYBRID, nu=0.5, n=10):
         super().__init__(triangles(COMM, (-2.0, 0.0), (2.0, 2.0), (2 * n, n)), method, E=2e8, nu=nu)

@@ -96,7 +96,7 @@ class RubberUnderCircle:
 
 
 def step_through(problem, motions, start=None):
-    """Return the states after each of the motions."""
+    """Return the states after each of the motions, without the start state."""
     states = [start or problem.undeformed]
     for motion in motions:
         states.append(problem.step(states[-1], motions=motion))

@@ -25,7 +25,7 @@ def nodes_of_block_at_height(space, height, of_upper):
 
 
 class MatchingBlocks(ElasticBody):
-    """Two equal blocks, one above the other; their nodes match along y = 1."""
+    """Two equal blocks, one above the other, with matching nodes along y = 1."""
 
     def __init__(self, method=PW, divisions=(6, 3), gap=0.0, comm=MPI.COMM_SELF):
         lower, upper = (

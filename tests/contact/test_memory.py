@@ -19,7 +19,7 @@ MARGIN = 1.25
 
 
 class HeapStatistics(ctypes.Structure):
-    """glibc's heap statistics; `mapped` and `used` are bytes in use."""
+    """Statistics of glibc's heap; `mapped` and `used` are bytes in use."""
 
     _fields_ = [
         (name, ctypes.c_size_t)

@@ -331,7 +331,7 @@ def hat_functions(x, nodes):
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
 def test_gap_slip_and_status_of_the_master_are_means_of_those_of_the_slave(slave):
-    """Gap, slip and status of the master are weighted means of those of the slave.
+    """The master's gap, slip and status are weighted means of the slave's.
 
     The hat functions of both sides are sampled at points along the interface.
     """

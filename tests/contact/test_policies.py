@@ -28,7 +28,7 @@ def make_active_set(*status, direction=0.0):
 
 
 def make_contact_nodes(force, gap=None, slip=None, friction=0.3):
-    """Return plane contact nodes whose normal is y; forces (n, 2) are normal and tangential."""
+    """Return plane contact nodes with the normal y and normal and tangential forces (n, 2)."""
     force = np.asarray(force, dtype=float)
     n = len(force)
     frame = np.tile(np.array([[0.0, 1.0], [1.0, 0.0]]), (n, 1, 1))

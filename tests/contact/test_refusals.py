@@ -69,7 +69,7 @@ class StatedProblem(ElasticBody):
         return self.solve_contact(pairs, supports, load)[0]
 
     def nodal_push_loadat(self, position, force):
-        """Assemble a nodal force at a position."""
+        """Assemble the load vector of a nodal force at a position."""
         return nodal_load(
             self.space, lambda x: np.all(np.isclose(x.T[:, : self.dim], position), axis=1), force
         )
@@ -109,7 +109,7 @@ def make_two_blocks(comm=SELF, x=5.0, y=0.0):
 
 
 def stacked_pairs(body, floor_friction, block_friction):
-    """Return the pairs of a block on a block on the floor."""
+    """Return the two contact pairs of a block on a second block, which lies on the floor."""
     lower_nodes, upper_nodes = (
         nodes_of_block_at_height(body.space, 1.0, of_upper) for of_upper in (False, True)
     )
@@ -233,7 +233,7 @@ def test_a_plate_that_is_pulled_off_or_along_is_refused():
 
 
 class InclinedNormal:
-    """A horizontal surface with an inclined normal."""
+    """A surface with the gap of a horizontal plane and the normal of an inclined one."""
 
     def gap(self, x):
         return x[:, 1]
@@ -396,7 +396,10 @@ def test_refusals_of_other_causes_do_not_blame_friction():
 
 
 def rigid_points(rng, count, dim):
-    """Return contact points of a rigid body with random normals and friction, and their data."""
+    """Return random contact points of a rigid body, and their data for the other program.
+
+    The data are normals (n, dim), friction coefficients, and the rigid motions of the points.
+    """
     x = rng.uniform(-1, 1, (count, dim))
     n = rng.normal(size=(count, dim))
     if rng.random() < 0.7:  # normals that differ little, as on a floor

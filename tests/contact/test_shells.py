@@ -99,7 +99,7 @@ class NestedShells(ElasticBody):
         )
 
     def exact_displacement(self):
-        """Return the exact displacements (nodes, dim)."""
+        """Return the exact displacements (nodes, dim) of both shells."""
         power = self.power
         r = np.linalg.norm(self.x[:, :2], axis=1)
         scale = PRESSURE * INNER_RADIUS**power / (OUTER_RADIUS**power - INNER_RADIUS**power)

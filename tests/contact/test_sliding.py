@@ -157,7 +157,10 @@ def test_linear_fields_are_transferred_exactly():
 
 @pytest.fixture(scope="module")
 def die_history():
-    """Return the die, its states along the path, and (increment, violation) of all iterations."""
+    """Return the die, its states along the path, and the violations of the law in all iterations.
+
+    The violations are pairs (increment, violation).
+    """
     violations = []
 
     def record_violation(progress):

@@ -1,4 +1,4 @@
-"""Two stacked blocks, parts of one mesh, whose nodes need not match at the interface."""
+"""Two stacked blocks that are parts of one mesh; nodes need not match at the interface."""
 
 from mpi4py import MPI
 
@@ -122,7 +122,7 @@ class StackedBlocks(ElasticBody):
         return ContactPair(self.side_nodes(slave), surface, friction, motions)
 
     def moved_top_supports(self, translation, side_conditions=()):
-        """Return supports that fix the base and translate the top."""
+        """Return supports that fix the base and move the top by a translation."""
         top_conditions = [(i, on_plane(self.up, 2.0), translation[i]) for i in range(self.dim)]
         return self.make_supports(
             *((i, on_plane(self.up, 0.0)) for i in range(self.dim)),
@@ -142,7 +142,7 @@ class StackedBlocks(ElasticBody):
         return self.solve_contact(self.make_pair(slave, friction), supports, load)[0]
 
     def uniaxial_displacement(self, nu=0.3):
-        """Return the exact displacements (nodes, dim) of uniaxial stress."""
+        """Return the exact displacements (nodes, dim) of uniaxial stress under `PRESSURE`."""
         modulus = 1.0
         if self.body.state.value == "plane strain":
             modulus, nu = 1 / (1 - nu**2), nu / (1 - nu)

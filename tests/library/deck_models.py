@@ -88,7 +88,7 @@ def make_mesh(kind):
 
 
 def format_coordinate(value, rng):
-    """Return a coordinate in a random notation of Fortran."""
+    """Return a coordinate in a randomly chosen Fortran notation."""
     text = f"{value:.6f}"
     if value == 0:
         return str(rng.choice(["", "0.", " 0.0 ", "0.D0", "-0"]))

@@ -225,7 +225,7 @@ class DeckReading:
         return {name: facets for name, facets in sets.items() if facets}
 
     def volumes(self):
-        """Return the volume of each cell by its number."""
+        """Return a dictionary with the volume of each cell by its number."""
         return {
             number: integrate_volume(np.array([self.nodes[n] for n in nodes]), element_kind)
             for number, element_kind, nodes in self.cells()

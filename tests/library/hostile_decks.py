@@ -334,7 +334,7 @@ def _long_cases():
 
 
 def _mutated_cases():
-    """Yield valid decks in which a random line or character is changed."""
+    """Yield valid decks after changing a random line or character in them."""
     rng = random.Random(41)
     kinds = ("CPS3", "CPS8", "C3D4", "C3D8", "C3D10", "C3D20", "S6", "CAX4")
     for k in range(48):

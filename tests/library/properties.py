@@ -1,4 +1,4 @@
-"""Helpers of element tests: small problems, dense matrices and bounds of round-off."""
+"""Helpers for tests of elements: small problems, dense matrices and bounds of round-off."""
 
 import functools
 from dataclasses import dataclass, field

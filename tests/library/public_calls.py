@@ -39,7 +39,7 @@ FOOT, TOP = on_plane(1, 0.0), on_plane(1, 2.0)
 
 
 def public_objects():
-    """Return public functions, classes and methods by their names."""
+    """Return a dictionary of public functions, classes and methods by their names."""
     objects = {}
     for module in (pw_elements, pw_elements.contact, pw_elements.meshes):
         for name in module.__all__:

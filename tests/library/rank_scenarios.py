@@ -231,7 +231,7 @@ def circle_gradient(x, radius=50.0):
 
 
 def setter_of(function, value):
-    """Return a function of the load factor that sets the values of another function."""
+    """Return a function of the load factor that sets the values of a finite-element function."""
 
     def set_values(share=1.0):
         function.x.array[:] = value * share

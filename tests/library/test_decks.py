@@ -1,4 +1,4 @@
-"""Decks of Abaqus are read as by CalculiX and by a second, independent reader."""
+"""The library reads Abaqus' decks as CalculiX and as a second, independent reader."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Properties of the elements on random meshes, by Hypothesis."""
+"""Properties of the elements, tested by Hypothesis on random meshes."""
 
 import functools
 import gc

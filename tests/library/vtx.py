@@ -1,4 +1,4 @@
-"""Reader of VTX files by ADIOS2's C library, independent of DOLFINx and this package."""
+"""Reader of VTX files that uses ADIOS2's C library, independent of DOLFINx and this package."""
 
 import ctypes
 from pathlib import Path

@@ -1,7 +1,7 @@
 """Elasticity matrices and loads of one body, element by element; dof = dim * node + component.
 
-Trial functions and geometry are quadratic; weights are quadratic too (Galerkin), or piecewise
-linear. All integrals follow from Hooke's law written in components,
+Trial functions and geometry are quadratic. Weights are quadratic (Galerkin) or piecewise linear.
+All integrals follow from Hooke's law written in components,
 
     sigma(u):eps(w) = lambda div u div w + mu (grad u : grad w + grad u : grad w^T),
 
@@ -105,13 +105,13 @@ class Body:
         return boundary._assemble_vector(per_node, traction)
 
     def component_mask(self, where: NodeMarker, components: tuple[int, ...]) -> np.ndarray:
-        """Return a mask (n, dim) of displacement components at the nodes that satisfy `where`."""
+        """Return a mask (n, dim) of the given components at the nodes that satisfy `where`."""
         mask = np.zeros(self.nodes.shape, dtype=bool)
         mask[:, components] = where(self.nodes)[:, None]
         return mask
 
     def _boundary_body(self, where: NodeMarker) -> "Body":
-        """Return the facets whose nodes all satisfy `where` as a body of facets."""
+        """Return a body that consists of the facets whose nodes all satisfy `where`."""
         element = ELEMENTS[self.element]
         facets = np.concatenate([self.cells[:, facet] for facet in element.facets])
         facets = facets[where(self.nodes)[facets].all(axis=1)]

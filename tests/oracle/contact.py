@@ -38,7 +38,7 @@ PointFunction = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Pair:
-    """Contact nodes that face one rigid surface, or nodes of another body."""
+    """Contact nodes that face one rigid surface or the nodes of another body."""
 
     nodes: np.ndarray
     gap: PointFunction
@@ -71,7 +71,10 @@ def solve_increments(
     nodes: np.ndarray,
     spring_factor: float = 1.0,
 ) -> list[State]:
-    """Return the states at the ends of the increments."""
+    """Return the states at the ends of all increments, by the method of this module.
+
+    The springs of the method have `spring_factor` times a mean stiffness of the contact nodes.
+    """
     n_contact = sum(len(pair.nodes) for pair in pairs)
     previous_motion, translations = (
         np.zeros((n_contact, nodes.shape[1])),

@@ -1,4 +1,4 @@
-"""The smallest eigenvalues of a pair of matrices that need not be symmetric."""
+"""The smallest eigenvalues of a pair of matrices, which may be unsymmetric."""
 
 import numpy as np
 from scipy import sparse

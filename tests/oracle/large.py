@@ -55,7 +55,7 @@ class NeoHookeanBody:
 
 
 def cross_product(a, b):
-    """Return the scalar cross product of plane vectors (2, ...)."""
+    """Return the scalar cross product of two vectors in the plane, each (2, ...)."""
     return a[0] * b[1] - a[1] * b[0]
 
 
@@ -76,7 +76,7 @@ def law_violations(r_n, r_t, g, v, mu):
 
 @dataclass(frozen=True)
 class RigidCircle:
-    """A rigid circle outside a body, at its initial position."""
+    """A rigid circle at its initial position outside a body."""
 
     centre: tuple[float, float]
     radius: float

@@ -164,7 +164,7 @@ def _largest_cone_violation(
 
 
 def _largest_relative_velocity(pair: ContactPair, space, v: Array, surface: Array) -> float:
-    """Return the largest velocity component of a pair's nodes relative to its surface."""
+    """Return the largest component of the velocities of a pair's nodes relative to its surface."""
     nodes, _ = contact_nodes_and_friction(pair, space)
     return float(np.abs(_relative_velocities(pair, space, nodes, v, surface)).max())
 

@@ -121,7 +121,7 @@ class ProblemSketch:
 
 @dataclass(frozen=True)
 class RandomProblem:
-    """Matrix, loads, supports and pairs of a random problem."""
+    """A random problem with its stiffness matrix, loads, supports and contact pairs."""
 
     sketch: ProblemSketch
     K: PETSc.Mat
@@ -438,7 +438,7 @@ def _draw_path(rng, support, pairs):
 
 
 def make_problem(seed: int, comm: MPI.Comm = MPI.COMM_SELF) -> RandomProblem:
-    """Build the problem of a seed."""
+    """Return the problem that belongs to a seed."""
     return _ProblemBuilder(draw_sketch(seed), comm).build()
 
 
@@ -533,7 +533,7 @@ class _ProblemBuilder:
         return conditions, prescribed_mask
 
     def _assemble_loads(self, K: PETSc.Mat) -> list[PETSc.Vec]:
-        """Return the load vector of each increment."""
+        """Return the load vectors of all increments."""
         sketch = self.sketch
         stress_unit = sketch.modulus * sketch.strain
         vectors_of_loads = []
@@ -691,7 +691,7 @@ class _ProblemBuilder:
         return friction
 
     def _make_motions(self, pair: PairSketch) -> list[Motion]:
-        """Return the motions of a pair's surface."""
+        """Return the motions of a pair's surface in all increments."""
         if pair.normal_drive == "rest":
             return []
         sketch, side, axes = self.sketch, pair.side, self._tangential_axes(pair.side)

@@ -1,7 +1,8 @@
-"""Random small contact problems: the library's forces and displacements against the oracle's.
+"""Random small contact problems, in which library and oracle give equal results.
 
-A distorted block is clamped at one side, or rests on a rough rigid floor alone. It is loaded back
-and forth in increments, by a moved or pushed rigid surface or by tractions.
+Forces and displacements are compared. A distorted block is clamped at one side, or it rests on a
+rough rigid floor alone. It is loaded back and forth in increments, by a moved or pushed rigid
+surface or by tractions.
 """
 
 from dataclasses import replace

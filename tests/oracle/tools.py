@@ -28,7 +28,7 @@ from tests.oracle.large import NeoHookeanBody, cross_product, law_violations
 
 @dataclass(frozen=True)
 class RigidTool:
-    """A rigid plane, or a circle if the radius is not zero, at its initial position."""
+    """A rigid plane, or a rigid circle if the radius is not zero, at its initial position."""
 
     point: np.ndarray  # a point of the plane, or the centre of the circle
     normal: np.ndarray  # normal of the plane, into the body
@@ -39,7 +39,7 @@ class RigidTool:
 
 @dataclass(frozen=True)
 class ToolState:
-    """Displacements, translation, angle and tool force of one state of the library."""
+    """Displacements, translation, angle and tool force in one state of the library."""
 
     displacement: np.ndarray  # (n, 2)
     translation: np.ndarray  # (2,)

@@ -29,7 +29,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
 
 @pytest.fixture
 def toy_study(tmp_path, monkeypatch):
-    """Install a toy study without a report in a temporary folder; return the folder."""
+    """Install a toy study without a report in a temporary folder, and return this folder."""
     install(tmp_path, monkeypatch)
     monkeypatch.setattr(study.report, "build", lambda *_: [])
     return tmp_path

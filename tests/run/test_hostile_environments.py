@@ -154,7 +154,7 @@ def test_two_studies_at_once_in_one_folder_both_complete(tmp_path):
     messages = [process.communicate()[1] for process in processes]
     assert [process.returncode for process in processes] == [0, 0], messages
     assert_complete(run_study(out), out)
-    assert [path.name for path in out.rglob(".*")] == [".pw-elements"]  # the mark of a results folder
+    assert [path.name for path in out.rglob(".*")] == [".pw-elements"]  # marks a results folder
 
 
 @pytest.mark.parametrize("files", [16, 24, 64])

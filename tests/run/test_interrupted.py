@@ -1,4 +1,4 @@
-"""Signals to complete commands, and kills of their processes, at random times."""
+"""Complete commands that get signals, or whose processes are killed, at random times."""
 
 import multiprocessing
 import os

@@ -1,4 +1,4 @@
-"""The supervisor of every command: no descendant survives a signal, reported in one line."""
+"""The supervisor of all commands: no descendant survives a signal, which one line reports."""
 
 import os
 import signal

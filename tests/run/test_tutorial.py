@@ -49,13 +49,13 @@ def run_tutorial(folder, size="0.1"):
 
 
 def extract_numbers(text):
-    """Return the numbers in the output of the program, without residuals at round-off level."""
+    """Return the numbers in the output of the program, except residuals at round-off level."""
     text = re.sub(r"missed by .*", "", text)
     return [float(word) for word in re.findall(r"-?\d+\.?\d*", text)]
 
 
 def find_picture_names():
-    """Return the file names of the pictures on the page."""
+    """Return the file names of the pictures on the tutorial's page."""
     return re.findall(r"!\[[^]]+\]\(([\w.-]+)\)", PAGE.read_text())
 
 
