@@ -1,8 +1,8 @@
 """Residuals of contact states, recomputed from the problem's data alone.
 
-The data are the stiffness matrix K, the displacements a, the loads f and the surfaces. The law is
-the contact law at small displacements. With r = K a - f the nodal forces, U the translation of a
-surface, x the undeformed positions and n the surface's normal at x - U,
+The data are the stiffness matrix K, the displacements a, the loads f and the surfaces. The
+contact law at small displacements is checked. With r = K a - f the nodal forces, U the translation
+of a surface, x the undeformed positions and n the surface's normal at x - U,
 
     gap = gap(x - U) + n·a,    slip = tangential part of (a - U) less the same one increment ago.
 

@@ -9,7 +9,7 @@ from tests.contact.energy_balance import measure_energy_balance
 def test_the_remainder_of_energy_sums_decreases_with_the_increment(element):
     """Sums with the forces at the ends of increments are of first order in the increment.
 
-    The remainder of trapezoidal sums is a hundredth of theirs. With piecewise-linear weights, nodal
+    The remainder is a hundredth of this with trapezoidal sums. With piecewise-linear weights, nodal
     forces do work on interpolated displacements. This leaves a remainder below 3e-4 of the work for
     any increment, with cells of a quarter of the radius.
     """

@@ -39,7 +39,7 @@ PRESSING_MOTION = Motion((0.0, None), force=(0.0, -10.0))
 
 
 class BlockBetweenWalls(ElasticBody):
-    """A unit square under a rough plate whose sides, or all of whose nodes, are fixed along x."""
+    """A unit square under a rough plate; sides or all nodes of the square are fixed along x."""
 
     def __init__(self, n, everywhere=False, comm=MPI.COMM_SELF):
         super().__init__(quadrilaterals(comm, (0.0, 0.0), (1.0, 1.0), (n, n)))
@@ -350,7 +350,7 @@ def test_derivatives_are_refused_where_friction_acts_on_supports():
 
 
 # Seeds without a state: a plate in space that is dragged in one direction, and pushed by a force in
-# the other direction, on a block some of whose nodes supports hold
+# the other direction, on a block with supports at some of its nodes
 UNSOLVED_SEEDS = {1, 13}
 
 

@@ -331,7 +331,7 @@ def assert_same_files(name, folder, parallel_folder):
             scale = np.nanmax(np.abs(reference)) if field != "gap" else 1.0
             difference = np.abs(values - parallel[field])
             assert np.array_equal(np.isnan(values), np.isnan(parallel[field])), field
-            # the law holds to 1e-9 of the largest force, and forces to a few times that
+            # the law holds to 1e-9 of the largest force, and forces to a few times 1e-9
             assert np.nanmax(difference) < 1e-8 * max(scale, 1e-3), field
 
 

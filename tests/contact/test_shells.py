@@ -198,7 +198,7 @@ def press_fit_error(state, edges, interference, depth=FIT_DEPTH, slave="inner"):
     """Return the largest error of Lame's pressure on either side of a press fit of two rings.
 
     The rings are fixed along the axis. If `interference` is True, the bore of the outer ring is too
-    narrow by `depth`. If it is a number or a function, it is the interference, and the meshes fit.
+    narrow by `depth`. Otherwise, both meshes fit, and `interference` is a number or a function.
     """
     is_plane, is_nominal = state == "plane strain", interference is not True
 

@@ -308,9 +308,9 @@ def test_a_die_slides_off_its_block(upper_is_slave):
 
 
 def test_slip_agrees_with_that_of_the_path(die_history, caplog):
-    """Slip agrees with the slip of material points along the path, which has another formula.
+    """Slip agrees with the slip of material points along the path.
 
-    A warning is logged if a part of the slip is missing.
+    The two slips are computed by different formulas. A warning is logged if the slip is incomplete.
     """
     bodies, states, _ = die_history
     for state in states[2:]:

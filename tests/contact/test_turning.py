@@ -140,8 +140,8 @@ def rotate(vectors, angle):
 def test_any_pivot_can_describe_the_same_poses():
     """The same positions of a tool can be described with any pivot.
 
-    A rotation about another pivot needs an additional translation. The torques differ by the moment
-    of the force about the other pivot.
+    A rotation about another pivot needs an additional translation. The torques differ by the cross
+    product of the vector between the pivots and the force.
     """
     (pair,) = step_through(make_roller().problem, [Motion((0.05, -0.15), rotation=0.3)])[-1].pairs
     other_pivot, shift = (-0.4, 0.1), np.array([-0.6, -0.4])

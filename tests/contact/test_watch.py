@@ -106,7 +106,7 @@ def test_states_report_strain_rotation_and_slip():
     """States report the largest strain, rotation and slip.
 
     In uniaxial compression by a depth d of a block of height h, the strain is d/h without rotation.
-    The block widens, which is a slip.
+    The block widens and therefore slips on the plate.
     """
     supports = BLOCK.make_supports((1, on_plane(1, 0.0)), (0, on_plane(0, 0.0)))
     shear_motion = Motion((-0.3, -0.02))

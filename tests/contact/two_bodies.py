@@ -37,9 +37,9 @@ def join_meshes(lower, upper, comm=MPI.COMM_SELF):
 
 
 def split_facets_by_side(elastic, marker, is_beyond):
-    """Return the marked exterior facets as two sets: of cells before and beyond an interface.
+    """Return two arrays of the marked exterior facets: before and beyond an interface.
 
-    `is_beyond` takes midpoints (n, dim) of cells.
+    The function `is_beyond` decides this by the midpoints (n, dim) of cells.
     """
     facets = locate_exterior_facets(elastic.mesh, marker)
     is_beyond_cell = is_beyond(elastic.x[elastic.displacements.dofmap.list].mean(axis=1))

@@ -17,7 +17,7 @@ The compliance C exists whatever is free, and w_f is the motion without contact 
 alpha is, s is a solution if w and r = s - alpha w obey the law. Gauss-Seidel visits the nodes in
 turn. If s is fixed at all other nodes, w_i = const + L_i r_i with L_i = (1 - alpha C_ii)^-1 C_ii.
 Then r_i is set to the projection of r_i - (g; v) / |L_i| on the friction cone. Sweeps alternate in
-direction: with a single direction and large friction, a wave of opening nodes can travel for ever.
+direction: with a single direction and large friction, a wave of opening nodes can travel forever.
 Every few sweeps the present statuses are put into equations that Newton's method solves; only a
 result that satisfies the law is accepted.
 """

@@ -14,7 +14,7 @@ def eigenvalues_nearest_to(
 ) -> np.ndarray:
     """Return the `count` eigenvalues lambda of K x = lambda M x that are nearest to the shift.
 
-    Distances are those of the real parts.
+    Only the real parts of eigenvalues are compared with the shift.
     """
     free_dofs = np.flatnonzero(~prescribed_mask.ravel())
     K, M = (matrix.tocsc()[free_dofs][:, free_dofs] for matrix in (K, M))

@@ -601,7 +601,7 @@ class _ProblemBuilder:
         return touching
 
     def _normal_stays_orthogonal(self, pair: PairSketch, axis: int) -> npt.NDArray[np.bool_]:
-        """Return the nodes at which the surface's normal is always orthogonal to an axis."""
+        """Return the mask of nodes whose surface normal is always orthogonal to an axis."""
         if axis == pair.side[0]:
             return np.zeros(len(self.x), dtype=bool)
         number = self._tangential_axes(pair.side).index(axis)

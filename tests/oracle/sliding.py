@@ -14,14 +14,15 @@ functions of the facets, integrals over this part are
 
 by Gauss' rule of three points. The indices i and j denote nodes of the slave, and k nodes of the
 master. With A_j the sum of D_j over the adjacent facets, a slave node's force r_j is distributed to
-the master's nodes by P_jk = int psi_j w_k / A_j. With the distances
+the master's nodes by P_jk = int psi_j w_k / A_j. The distances S x, the gap g and the
+slip v are
 
     S x = (sum of W_ji x_i - sum of Q_jk x_k) / A_j,    g = n·S x,    v = t·(S_0 x - S x),
 
-the gap g and the slip v are computed with S_0, which is S at the increment's start. A node that
-faced nothing at the start has slipped by v = t·S x - t_0·S x_0 relative to its present counterpart,
-with x_0 and t_0 the positions and tangent at the start. With the friction coefficient mu, the law
-is
+where x are the positions of nodes, t is the tangent and S_0 is S at the increment's start. A node
+that faced nothing at the start has slipped by v = t·S x - t_0·S x_0 relative to its present
+counterpart, with x_0 and t_0 the positions and tangent at the start. With the normal force r_n, the
+tangential force r_t and the friction coefficient mu, the law is
 
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
 """

@@ -37,8 +37,8 @@ REFUSED_WITH_SOLUTION = {1397}
 def solve_and_check(seed):
     """Return the outcome, CPU seconds, dimension, and a list of all faults of the result.
 
-    Only refusals are caught, no other errors. The library's own residuals are compared unless
-    round-off is large but not everything; these residuals are not divided by the friction
+    Only refusals are caught, no other errors. The library's own residuals have to be small if
+    round-off is negligible, or if all forces are round-off. They are not divided by the friction
     coefficient.
     """
     problem, faults, outcome = make_problem(seed), [], "solved"

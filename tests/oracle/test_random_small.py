@@ -98,7 +98,7 @@ class RandomSmallProblem:
             if self.is_pushed:
                 translation, force_vector[-1] = [0.0] * self.dim, -force * (1 + k / 10)
                 translation[-1] = None
-                if self.state == "axisymmetric" or self.mu == 0:  # not free radially or if smooth
+                if self.state == "axisymmetric" or self.mu == 0:  # not free sideways
                     translation[0] = 0.02 * sideways_factor
                 else:
                     translation[0], force_vector[0] = None, force * sideways_factor

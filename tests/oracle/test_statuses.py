@@ -88,8 +88,8 @@ def test_library_and_search_find_a_state_exactly_where_trying_all_statuses_does(
 def test_loose_bodies_are_not_unique(seed):
     """The position of a loose body is not unique: two states without contact forces exist.
 
-    One of them is the state in the error. In the other one, the body is moved off what it just
-    touches.
+    One of them is the state in the error. In the other one, the body is moved away from the node
+    that it just touches.
     """
     problem = make_problem(seed)
     with pytest.raises(NotUnique, match="the body is loose") as caught:
