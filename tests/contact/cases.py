@@ -29,12 +29,12 @@ PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendipity
 
 
 def on_plane(axis, value):
-    """Return a marker of the points (dim, n) with x[axis] = value."""
+    """Return a function that marks the points (dim, n) with x[axis] = value."""
     return lambda x: np.isclose(x[axis], value)
 
 
 def skew_columns(x, amplitude=0.1):
-    """Return points (n, 3) with unequal spacing along x."""
+    """Return points (n, 3) after a map that makes their spacing along x unequal."""
     return np.column_stack([x[:, 0] + amplitude * np.sin(3 * x[:, 0]), x[:, 1:]])
 
 
@@ -44,7 +44,7 @@ def rotation_matrix(angle):
 
 
 def states_with_substates(states):
-    """Return all states, each after the substeps of its increment."""
+    """Return all states, each one preceded by the substeps of its increment."""
     return [
         accepted
         for state in states
@@ -53,7 +53,10 @@ def states_with_substates(states):
 
 
 def neo_hookean_stress(F, shear=1.0, lame=1.5):
-    """Return the first Piola stress of a compressible neo-Hookean material."""
+    """Return the first Piola stress of a compressible neo-Hookean material.
+
+    F is the deformation gradient, `shear` the shear modulus, and `lame` Lame's constant lambda.
+    """
     inverse_transpose = ufl.inv(F).T
     return shear * (F - inverse_transpose) + lame * ufl.ln(ufl.det(F)) * inverse_transpose
 
@@ -61,7 +64,8 @@ def neo_hookean_stress(F, shear=1.0, lame=1.5):
 def finite_strain_residual(spaces, stress=neo_hookean_stress, degree=4, compressibility=0.0):
     """Return the unknown function and the residual form of a finite-strain body without loads.
 
-    A hybrid space has the unknowns u and p, with J - 1 + `compressibility` p = 0.
+    The unknowns of a hybrid space are the displacement u and the pressure p. With J the determinant
+    of the deformation gradient, the second equation is J - 1 + `compressibility` p = 0.
     """
     w, weights, hybrid = fem.Function(spaces.trial), ufl.TestFunction(spaces.test), spaces.is_hybrid
     (u, p), (v, q) = (ufl.split(f) if hybrid else (f, 0.0) for f in (w, weights))
@@ -73,7 +77,7 @@ def finite_strain_residual(spaces, stress=neo_hookean_stress, degree=4, compress
 
 
 class ElasticBody:
-    """A linear elastic body on a mesh: its stiffness, loads, supports and contact problems."""
+    """A linear elastic body on a mesh, with its stiffness, loads, supports and contact problems."""
 
     def __init__(
         self, mesh, method=PW, state="plane strain", E=1000.0, nu=0.3, thickness=1.0, material=None
@@ -89,7 +93,7 @@ class ElasticBody:
 
     @cached_property
     def x(self):
-        """Return the positions (n, dim) of the nodes, ghosts included."""
+        """Return the positions (n, dim) of the nodes, including those of ghosts."""
         return self.displacements.tabulate_dof_coordinates()[:, : self.dim]
 
     @cached_property
@@ -104,7 +108,7 @@ class ElasticBody:
         return assemble_vector(self.body.body_load(force))
 
     def initial_stress_matrix(self, load, supports, form="G"):
-        """Assemble the initial stress matrix of the stress under a load."""
+        """Assemble the initial stress matrix of the stresses that a load causes."""
         displacement = as_function(self.space, solve(self.K, load, supports))
         return assemble_matrix(self.body.initial_stress(self.body.stress(displacement), form))
 
@@ -113,17 +117,17 @@ class ElasticBody:
         return assemble_vector(self.body.surface_load(np.asarray(traction), surface))
 
     def make_supports(self, *conditions):
-        """Return the reduction by (component, marker[, value]) conditions."""
+        """Return the supports given by conditions (component, marker[, value])."""
         return Reduction.dirichlet(self.space, [prescribe(self.space, *c) for c in conditions])
 
     def clamp(self, where, value=0.0):
-        """Prescribe all displacement components where the marker holds."""
+        """Return supports that prescribe all displacement components at the marked nodes."""
         return self.make_supports(*((i, where, value) for i in range(self.dim)))
 
     def solve_contact(self, pairs, supports=None, loads=None, **options):
-        """Return the states of all increments.
+        """Return the states at the ends of all increments.
 
-        Without loads there is one increment for each motion of the (first) pair.
+        Without loads there is one increment for each motion of the first pair.
         """
         supports = self.make_supports() if supports is None else supports
         if loads is None:
@@ -146,7 +150,7 @@ class BlockOnFloor(ElasticBody):
         self.pressure_load = self.traction_load((0.0, -200.0), on_plane(1, 2.0))
 
     def pull_loads(self, traction, increments=10):
-        """Return the load vectors: pressure alone, then with the traction in equal increments."""
+        """Return the load vectors of a pressure, then with a traction in equal increments."""
         pull = self.traction_load((traction, 0.0), on_plane(0, 4.0))
         load_factors = [k / increments for k in range(1, increments + 1)]
         return [
@@ -155,7 +159,7 @@ class BlockOnFloor(ElasticBody):
         ]
 
     def floor_pair(self, mu, frictionless_end=0.2):
-        """Return the contact pair of the base; the ends of the base are frictionless."""
+        """Return the contact pair of the base, which is frictionless near both ends."""
         end = frictionless_end - 1e-9
         return ContactPair(
             on_plane(1, 0.0),
@@ -169,7 +173,10 @@ class BlockOnFloor(ElasticBody):
 
 
 class PunchedBlock(ElasticBody):
-    """Block 8 x 4 with a fixed base under a parabolic punch of radius 8 (section 7.3)."""
+    """Block 8 x 4 with a fixed base under a parabolic punch of radius 8.
+
+    This is the problem of the paper's section 7.3.
+    """
 
     def __init__(
         self, divisions=(19, 4), method=PW, build=triangles, grade=1.5, comm=MPI.COMM_SELF
@@ -190,7 +197,7 @@ class PunchedBlock(ElasticBody):
 
 
 class GrecoPlate(ElasticBody):
-    """GRECO/Raous plate (code_aster SSNV128): friction 1; nodes are open, stick and slip."""
+    """GRECO/Raous plate (code_aster SSNV128) with friction 1; its nodes are open, stick or slip."""
 
     def __init__(self, n, method=PW):
         mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (0.04, 0.04), (n, n))

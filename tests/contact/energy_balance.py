@@ -2,10 +2,11 @@
 
     ./run python3 -m tests.contact.energy_balance [--increments 4 8 16 32 64]
 
-prints, for the standard and the new element and several numbers of increments per leg, the work of
-the tool less the stored energy and the friction work, over the sum of all absolute work. Friction
-work is the shear force times the slip at every node. Sums are trapezoidal, or take forces at the
-ends of increments.
+prints the energy that is not accounted for: the work of the tool less the stored energy and the
+friction work, divided by the sum of all absolute work. It does so for the standard and the new
+element and for several numbers of increments per leg of the path. Friction work is the shear force
+times the slip at every node. Work is summed by the trapezoidal rule and, for comparison, with the
+forces at the ends of increments.
 """
 
 import argparse
@@ -22,17 +23,17 @@ from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere
 from pw_elements.meshes import triangles
 from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
 
-LAME_RATIO, FRICTION = 1.5, 0.3  # over the shear modulus
-# Translations of the cylinder at the ends of the legs, over its radius
+LAME_RATIO, FRICTION = 1.5, 0.3  # Lame's lambda / shear modulus; friction coefficient
+# Translations of the cylinder at the ends of the legs, divided by its radius
 CYLINDER_PATH = ((0.0, 0.0), (0.0, -0.25), (0.25, -0.25), (-0.1, -0.25), (-0.1, 0.05))
 ELEMENTS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
 
 
 class EnergyBalance(NamedTuple):
-    """Energies at the end, over the sum of all absolute work."""
+    """Energies at the end of the path, divided by the sum of all absolute work."""
 
     remainder: float
-    end_force_remainder: float  # remainder with forces at the ends of increments
+    end_force_remainder: float  # remainder with the forces at the ends of increments
     stored_energy: float
     friction_work: float
 
@@ -40,9 +41,10 @@ class EnergyBalance(NamedTuple):
 def measure_energy_balance(
     element: str, increments: int, cells_per_radius: int = 4
 ) -> EnergyBalance:
-    """Follow the path on squares of size 1 / cells_per_radius, each halved into triangles.
+    """Follow the path with an element, and return the energies at its end.
 
-    `increments` is the number of equal increments per leg of the path.
+    The mesh has squares of size 1 / cells_per_radius, each halved into triangles. `increments` is
+    the number of equal increments per leg of the path.
     """
     divisions = (int(2.5 * cells_per_radius), cells_per_radius)
     mesh = triangles(MPI.COMM_SELF, (-1.25, -1.0), (1.25, 0.0), divisions, "right_left")
@@ -56,7 +58,7 @@ def measure_energy_balance(
     pair = ContactPair(on_plane(1, 0.0), Sphere((0.0, 1.0), 1.0), FRICTION)
     problem = ContactProblem.of_residual(residual, u, conditions, pair)
     state, total_work = problem.undeformed, 0.0
-    # work of the tool and of friction, by the weight of the forces at the increment's end
+    # work of the tool and of friction, by the weight of the force at the end of an increment
     sums = {0.5: np.zeros(2), 1.0: np.zeros(2)}
     for start, end in pairwise(CYLINDER_PATH):
         for k in range(increments):

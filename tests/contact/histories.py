@@ -1,4 +1,4 @@
-"""Histories of seven increments that are resumed after the fourth."""
+"""Histories of seven increments, which tests resume after the fourth increment."""
 
 from mpi4py import MPI
 
@@ -12,7 +12,7 @@ RESUME_INCREMENT = 4
 
 
 def block_history(comm=MPI.COMM_SELF):
-    """Return a block that is pressed, pulled to the right, and pulled back to the left."""
+    """Return the history of a block that is pressed, pulled to the right, and pulled back."""
     case = BlockOnFloor(12, comm=comm)
     pull = case.traction_load((60.0, 0.0), on_plane(0, 4.0))
     load_factors = [0, 0.5, 1.0, 0.3, -0.5, -0.9, 0.0]
@@ -22,7 +22,7 @@ def block_history(comm=MPI.COMM_SELF):
 
 
 def punch_history(comm=MPI.COMM_SELF):
-    """Return a curved punch that is pressed, pushed by forces, moved along, and released."""
+    """Return the history of a curved punch: pressed, pushed by forces, moved sideways, released."""
     case = PunchedBlock(comm=comm)
     motions = [Motion((0, None), (0, -217.3 * factor)) for factor in (0.5, 1.0)]
     motions += [Motion((None, None), (40 * factor, -217.3)) for factor in (1.0, -0.5, -0.8)]
@@ -33,7 +33,10 @@ def punch_history(comm=MPI.COMM_SELF):
 
 
 def rubber_history(comm=MPI.COMM_SELF):
-    """Return an incompressible block on another one, pressed, then pulled back and forth."""
+    """Return the history of an incompressible block that is pressed on another one and pulled.
+
+    It is pulled back and forth.
+    """
     stack = StackedBlocks((4, 3), element="hybrid", nu=0.5, comm=comm)
     problem = stack.contact_problem(stack.make_pair("upper", 0.3), stack.clamp(on_plane(1, 0.0)))
     down, sideways = (stack.traction_load(1e-3 * axis) for axis in np.eye(2)[::-1])
@@ -46,12 +49,12 @@ HISTORIES = {"rubber": rubber_history, "block": block_history, "punch": punch_hi
 
 
 def solve_history(problem, steps):
-    """Return all states from the undeformed body on."""
+    """Return all states of a history, beginning with the undeformed body."""
     return resume_history(problem, steps, problem.undeformed, 0)
 
 
 def resume_history(problem, steps, state, n_done=RESUME_INCREMENT):
-    """Return the states of the increments that follow the first `n_done`, from a state."""
+    """Return the states of the increments after the first `n_done`, computed from a given state."""
     states = []
     for step in steps[n_done:]:
         state = problem.step(state, *step)
@@ -60,9 +63,9 @@ def resume_history(problem, steps, state, n_done=RESUME_INCREMENT):
 
 
 def state_fields(state):
-    """Return the displacement and the fields of all pairs by name, infinite values set to 0."""
+    """Return a state's displacement and the fields of all pairs by name, infinite values as 0."""
     values = {"displacement": state.displacement.array_r}
-    # directions are round-off where forces vanish; numbers of nodes depend on the partition
+    # where forces vanish directions are round-off; numbers of nodes depend on the partition
     excluded = ("direction", "friction_ratio", "node", "faced_node", "opposite_node")
     for k, pair in enumerate(state.pairs):
         for name, array in vars(pair).items():
@@ -72,7 +75,7 @@ def state_fields(state):
 
 
 def field_scale(name, states):
-    """Return the largest force or length of a history, the reference for a field's differences."""
+    """Return the largest force or length of a history, as a scale of a field's differences."""
     kind = name.split()[0]
     if "force" in kind:
         return max(np.abs(state_fields(state)["force_normal 0"]).max() for state in states)

@@ -1,4 +1,4 @@
-"""Contact problems in space for which direct and iterative solvers have to agree."""
+"""Contact problems of solids for which the direct and the iterative solver have to agree."""
 
 from mpi4py import MPI
 
@@ -17,7 +17,7 @@ FLOOR = Plane((0, 0, 0), (0, 0, 1))
 
 
 class SolidBlock(ElasticBody):
-    """Block 2 x 1 x 1, n cells high."""
+    """Block of dimensions 2 x 1 x 1 that is n cells high."""
 
     def __init__(self, cell="tetrahedron", method=PW, n=3, comm=MPI.COMM_SELF, nu=0.3):
         mesh = create_box(comm, [(0, 0, 0), (2, 1, 1)], (2 * n, n, n), CellType[cell])
@@ -30,7 +30,7 @@ class SolidBlock(ElasticBody):
         return self.K, loads, supports, pairs, self.space
 
     def base_supports(self, displacement=0.0):
-        """Return supports that move the base by 1, 2 and 3 times a displacement along the axes."""
+        """Return supports that displace the base along the axes by 1, 2 and 3 times a length."""
         return self.make_supports(
             *((i, on_plane(2, 0.0), displacement * (i + 1)) for i in range(3))
         )
@@ -46,7 +46,7 @@ def nearly_sliding_arguments(solid, push_ratio=0.588):
     """Return the arguments of a block that is pressed on a floor, pushed, and pushed less.
 
     When the last nodes stick, the tangent becomes nearly singular and GMRES stagnates. `push_ratio`
-    is the push over the pressure, friction carries 0.6.
+    is the push divided by the pressure; friction can carry a ratio of 0.6.
     """
     pressure_load, side_load = (
         solid.traction_load((0.0, 0.0, -1.0), on_plane(2, 1.0)),
@@ -57,12 +57,15 @@ def nearly_sliding_arguments(solid, push_ratio=0.588):
 
 
 def _rough_floor_case(solid):
-    """Return a block that contact alone holds."""
+    """Return the arguments of a block that is held by contact with a rough floor alone."""
     return solid.press_and_push_load(), solid.no_supports, ContactPair(on_plane(2, 0.0), FLOOR, 0.3)
 
 
 def _corner_case(solid):
-    """Return a block in a corner of three planes; the nodes of each edge belong to one of them."""
+    """Return the arguments of a block in a corner of three planes.
+
+    The nodes of each edge belong to one of the two planes that meet there.
+    """
 
     def on_floor(x):
         return np.isclose(x[2], 0) & (x[0] > 1e-9) & (x[1] > 1e-9)
@@ -79,7 +82,7 @@ def _corner_case(solid):
 
 
 def _tilted_plane_case(solid):
-    """Return a block under a tilted plane that is pushed in; supports move the base."""
+    """Return the arguments of a block with moved base under a tilted plane that is pushed in."""
     normal = np.array([0.1, 0.05, -1.0]) / np.linalg.norm([0.1, 0.05, -1.0])
     plane = Plane((0, 0, 1), tuple(normal))
     pair = ContactPair(on_plane(2, 1.0), plane, 0.4, [Motion((0.01, 0.0, -0.08))])
@@ -87,16 +90,17 @@ def _tilted_plane_case(solid):
 
 
 def _moved_sphere_case(solid):
-    """Return a block under a sphere that is moved down, then along."""
+    """Return the arguments of a block under a sphere that is moved down, then sideways."""
     motions = [Motion((0, 0, -0.05)), Motion((0.02, 0.01, -0.05))]
     pair = ContactPair(on_plane(2, 1.0), Sphere((1, 0.5, 2), 1.0), 0.3, motions)
     return [solid.zero_load] * 2, solid.base_supports(0.001), pair
 
 
 def _pushed_sphere_case(solid):
-    """Return a block under a sphere that forces move in one direction, then in three.
+    """Return the arguments of a block under a sphere that is moved by forces.
 
-    Gap and normal are linearised repeatedly.
+    The sphere is free to move in one direction, then in three. Gap and normal are linearised
+    repeatedly.
     """
     motions = [Motion((0, 0, None), (0, 0, -5.0)), Motion((None, None, None), (1.0, 0.3, -5.0))]
     pair = ContactPair(on_plane(2, 1.0), Sphere((1, 0.5, 2), 1.0), 0.3, motions)
@@ -104,7 +108,7 @@ def _pushed_sphere_case(solid):
 
 
 def _pushed_plate_case(solid):
-    """Return a block under a rough plate that forces press, then push along."""
+    """Return the arguments of a block under a rough plate that forces press, then push sideways."""
     motions = [Motion((None, 0, None), (0, 0, -20.0)), Motion((None, 0, None), (3.0, 0, -20.0))]
     pair = ContactPair(on_plane(2, 1.0), Plane((0, 0, 1), (0, 0, -1)), 0.3, motions)
     return [solid.zero_load] * 2, solid.base_supports(), pair
@@ -121,7 +125,10 @@ SOLID_CASES = {
 
 
 def upper_on_lower_arguments(stack: StackedBlocks, slave, surface=None):
-    """Return an upper block that only contact with the lower one holds, pressed and pushed."""
+    """Return the arguments of two blocks, the upper one of which is held by contact alone.
+
+    The upper block is pressed and pushed.
+    """
     pair = stack.make_pair(slave, 0.2)
     if surface is not None:
         pair = ContactPair(pair.nodes, surface, pair.friction)
@@ -135,13 +142,13 @@ def upper_on_lower_arguments(stack: StackedBlocks, slave, surface=None):
 
 
 def _both_on_floor_arguments(stack, slave):
-    """Return the same two blocks, the lower one on a rigid floor without supports."""
+    """Return the arguments of two stacked blocks on a rigid floor without supports."""
     K, load, _, pair, space = upper_on_lower_arguments(stack, slave)
     return K, load, stack.make_supports(), [ContactPair(on_plane(2, 0.0), FLOOR, 0.3), pair], space
 
 
 def _frictionless_arguments(stack, slave):
-    """Return two blocks without friction, the upper one guided at its sides."""
+    """Return the arguments of two blocks without friction, the upper one guided at its sides."""
     guided = [(i, on_plane(2, end)) for i in range(2) for end in (0.0, 2.0)]
     supports = stack.make_supports(*guided, (2, on_plane(2, 0.0)))
     return (
@@ -154,7 +161,7 @@ def _frictionless_arguments(stack, slave):
 
 
 def _pushed_pair_arguments(stack, slave):
-    """Return two clamped blocks between which a force presses and pushes."""
+    """Return the arguments of two clamped blocks between which a force presses and pushes."""
     sign = 1 if slave == "upper" else -1
     motion = Motion((None, 0.0, None), (1e-4, 0.0, sign * 1e-3))
     supports = stack.moved_top_supports((0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""A rigid surface as a user would write it: a polygonal line with gap and normal."""
+"""A rigid surface as a user would write it: a polygonal line with its gap and normal."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,8 +20,9 @@ class Polyline:
     """Polygonal line in the plane; its first and last segments extend to infinity.
 
     The body lies to the left of the direction from the first to the last point. Corners that
-    protrude into the body are sharp (the normal at a point nearest to the corner is along the line
-    that joins both) or rounded by a radius; re-entrant corners stay sharp.
+    protrude into the body are sharp or rounded by a radius. At points whose nearest point is a
+    sharp corner, the normal is along the line from the corner to the point. Re-entrant corners stay
+    sharp.
     """
 
     points: Sequence[Sequence[float]]
@@ -34,7 +35,7 @@ class Polyline:
         return self._gap_and_normal(x)[1]
 
     def _offset_points(self) -> Points:
-        """Return the points of the line, moved away from the body by the radius."""
+        """Return the corners of the line, moved away from the body by the radius of rounding."""
         points = np.asarray(self.points, dtype=float)
         normals = unit_left_normals(np.diff(points, axis=0))
         offset = points.copy()
@@ -65,7 +66,7 @@ class Polyline:
         sign = np.sign(np.sum(from_nearest * normals[nearest], axis=1))
         direction = normals[nearest]
         corner = (s != clamped) & (distance > 0)
-        if corner.any():  # nearest to a corner that protrudes
+        if corner.any():  # the nearest point is a protruding corner
             first_segment = nearest[corner] - (s[corner] < 0)
             sign[corner] = np.where(turns_right[first_segment], 1.0, -1.0)
             direction[corner] = sign[corner, None] * from_nearest[corner] / distance[corner, None]

@@ -1,22 +1,25 @@
-"""Residuals of contact states, recomputed from K, a, f and the surfaces alone.
+"""Residuals of contact states, recomputed from the problem's data alone.
 
-The law is that of small displacements: with r = K a - f the nodal forces, U the translation of a
-surface, x undeformed positions and n the surface's normal at x - U,
+The data are the stiffness matrix K, the displacements a, the loads f and the surfaces. The
+contact law at small displacements is checked. With r = K a - f the nodal forces, U the translation
+of a surface, x the undeformed positions and n the surface's normal at x - U,
 
     gap = gap(x - U) + n·a,    slip = tangential part of (a - U) less the same one increment ago.
 
 Only displacements and translations are taken from the library's contact states. Nodes have no
-status here: stick means that there is no slip or that friction is at its limit, and so on. Friction
-at a node that a support holds along the surface is not contained in K a - f: it follows from the
-slip, and may have any value within its limit where the slip is zero.
+status here: stick means that there is no slip or that friction is at its limit, and so on. Where a
+support holds a node along the surface, K a - f does not contain the friction. It then follows from
+the slip, and may have any value within its limit if the slip is zero.
 
-Forces are compared with the largest nodal force (supports included) of the history so far, lengths
-with the largest displacement of a node or surface in it. Round-off is subtracted first: for forces
-50 eps (|K| max|a| + |f|), the error of a direct solver; for lengths 64 eps times the largest
-coordinate and displacement (centres may be farther away than nodes). Where friction is large, an
-error of the tangential force is divided by max(1, mu), so that it counts as much as the error of
-the normal force that explains it. If a history has no displacement or force above round-off (ten
-times that of lengths, times |K|), lengths or forces are not checked.
+Forces are compared with the largest nodal force of the history so far, reactions of supports
+included. Lengths are compared with the largest displacement of a node or surface. Round-off is
+subtracted first: for forces 50 eps (|K| max|a| + |f|), which is the error of a direct solver; for
+lengths 64 eps times the largest coordinate and displacement. The centre of a surface counts as
+well, as it may be farther away than the nodes. Where the friction coefficient mu is large, an error
+of the tangential force is divided by max(1, mu), so that it counts as much as the error of the
+normal force that causes it. Lengths are not checked if all displacements of the history are below
+ten times their round-off. Forces are not checked if all of them are below ten times the round-off
+of lengths times |K|.
 
 In axisymmetry all forces are those of the whole circumference, as in K. Everything runs in serial.
 """
@@ -37,7 +40,7 @@ from pw_elements.spaces import AssemblyRecord
 Array = npt.NDArray[np.float64]
 
 _EPS = float(np.finfo(float).eps)
-# Slip over the largest length that counts as zero, so that friction may have any direction
+# Slips below this share of the largest length count as zero: friction then has any direction
 _ZERO_SLIP_TOLERANCE = 1e-8
 
 
@@ -47,7 +50,7 @@ ProblemData = make_dataclass("ProblemData", ("K", "space", "loads", "conditions"
 
 @dataclass(frozen=True)
 class StepMotion:
-    """Displacements (nodes, dim) and surface translations (pairs, dim) of a state."""
+    """Displacements (nodes, dim) and translations of surfaces (pairs, dim) in one state."""
 
     displacement: Array
     translations: Array
@@ -61,7 +64,7 @@ class StepMotion:
 
 
 def split_into_substeps(problem, states: Sequence[ContactState]):
-    """Return the problem with each substep as an increment, their motions, and their load factors.
+    """Return the problem with an increment for each substep, their motions, and their load factors.
 
     Loads and motions vary linearly within an increment. The load factors scale prescribed
     displacements and interference, which act in full from the end of the first increment on.
@@ -107,7 +110,7 @@ def _motion_at_fraction(
 def measure_residuals(
     problem, steps: Sequence[StepMotion], load_factors: Sequence[float] | None = None
 ) -> list[dict[str, float]]:
-    """Return the largest violation of each condition, for every step of a history from its start.
+    """Return the largest violation of each condition for every step of a history from its start.
 
     `load_factors` (steps,) scale prescribed displacements and interference; they are 1 by default.
     """
@@ -173,7 +176,7 @@ def measure_residuals(
             )
             balanced[nodes[faced]] = False
             motion = pair.motions[k] if pair.motions else None
-            # the other components at supports are their reactions
+            # other components of the force at supports are reactions
             total = np.where(prescribed_mask[nodes], 0.0, r[nodes]).sum(axis=0) + on_supports
             values |= _surface_motion_residuals(motion, translation, total, slack, scale)
             for name, value in values.items():
@@ -186,14 +189,14 @@ def measure_residuals(
 
 
 def largest_residual(results: Sequence[dict[str, float]]) -> float:
-    """Return the largest violation of all conditions and steps; infinity if one is not a number."""
+    """Return the largest violation of all conditions and steps; infinity if one is NaN."""
     values = np.array([list(violations.values()) for violations in results])
     return float(np.nan_to_num(values, nan=np.inf).max(initial=0.0))
 
 
 @dataclass(frozen=True)
 class _Scales:
-    """Reference force and length, and the round-off of both."""
+    """Reference force and reference length, and the round-off of forces and of lengths."""
 
     force: float
     length: float
@@ -201,25 +204,25 @@ class _Scales:
     length_round_off: float
 
     def relative_force(self, values: Array, nodes: npt.NDArray, mu: Array | float = 0.0) -> float:
-        """Return the largest nodal force over the reference, after subtracting round-off."""
+        """Return the largest nodal force relative to the reference force, less its round-off."""
         friction_factor = np.maximum(1.0, mu)
         round_off = self.force_round_off[nodes].reshape((-1,) + (1,) * (values.ndim - 1))
         return float(((values - round_off) / friction_factor / self.force).max(initial=0.0))
 
     def relative_length(self, values: Array) -> float:
-        """Return the largest length over the reference, after subtracting round-off."""
+        """Return the largest length relative to the reference length, less its round-off."""
         return float(((values - self.length_round_off) / self.length).max(initial=0.0))
 
 
 def _contact_law_residuals(
     surface, scale: _Scales, shifted_x, a, relative_motion, r, free, acts, mu, nodes, still_inside
 ):
-    """Return the mask of faced nodes, the law's violations there, and the friction on supports.
+    """Return the mask of nodes that face the surface, violations there, and friction on supports.
 
-    Friction on supports acts in the components (n, dim) marked by `acts`. It is returned as its sum
-    (dim,) and, for nodes without slip, the amount (dim,) by which the sum may differ.
-    `still_inside` (n,) is the depth by which nodes may be inside the surface while interference is
-    resolved in substeps.
+    Friction on supports acts in the components (n, dim) marked by `acts`. Two vectors (dim,)
+    describe it: its sum, and the amount by which the sum may differ because friction is not
+    determined at nodes without slip. `still_inside` (n,) is the depth by which nodes may be inside
+    the surface while interference is resolved in substeps.
     """
     gap, normal = surface.gap(shifted_x) + still_inside, surface.normal(shifted_x)
     faced = np.isfinite(gap)
@@ -240,13 +243,13 @@ def _contact_law_residuals(
     friction, slip_length = np.linalg.norm(r_t, axis=1), np.linalg.norm(slip, axis=1)
 
     def both_nonzero(force: Array, length: Array, factor: Array | float = 0.0) -> float:
-        """Return the largest min(force, length), relative; one of them has to be zero."""
+        """Return the largest relative min(force, length), of which one has to be zero."""
         force = np.maximum(0.0, force - scale.force_round_off[nodes] * np.maximum(1.0, factor))
         length = np.maximum(0.0, length - scale.length_round_off)
         relative = force / np.maximum(1.0, factor) / scale.force
         return float(np.minimum(relative, length / scale.length).max(initial=0.0))
 
-    # force times slip, over the product of both references
+    # force times slip, divided by the product of the reference force and length
     direction_error = np.linalg.norm(
         slip_length[:, None] * r_t + (mu * r_n)[:, None] * slip, axis=1
     )
@@ -269,7 +272,7 @@ def _normal_and_tangential(vectors: Array, normal: Array) -> tuple[Array, Array]
 def _surface_motion_residuals(
     motion, translation: Array, total_force: Array, slack: Array, scale: _Scales
 ) -> dict[str, float]:
-    """Return the errors of prescribed translations and of force balance in the free directions."""
+    """Return the errors of prescribed translations, and of the forces in free directions."""
     if motion is None:
         return {"motion": scale.relative_length(np.abs(translation)), "balance": 0.0}
     free = np.array([u is None for u in motion.translation])
@@ -288,7 +291,7 @@ def _surface_motion_residuals(
 
 
 def _nodal_forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, float]:
-    """Return nodal forces r = K a - f (nodes, dim), their round-off (nodes,), and max|K|."""
+    """Return nodal forces K a - load (nodes, dim), their round-off (nodes,), and max|K|."""
     u, image = K.createVecRight(), K.createVecLeft()
     u.setArray(a.ravel())
     K.mult(u, image)
@@ -301,7 +304,7 @@ def _nodal_forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array
 def prescribed_displacements(
     conditions: Sequence[fem.DirichletBC], nodes: int, dim: int
 ) -> tuple[npt.NDArray[np.bool_], Array]:
-    """Return the mask (nodes, dim) of prescribed displacements and their values."""
+    """Return the mask of prescribed displacements (nodes, dim) and their values (nodes, dim)."""
     mask, values = np.zeros(nodes * dim, dtype=bool), np.zeros(nodes * dim)
     for condition in conditions:
         dofs = condition.dof_indices()[0]
@@ -312,7 +315,7 @@ def prescribed_displacements(
 def contact_nodes_and_friction(
     pair: ContactPair, space: fem.FunctionSpace
 ) -> tuple[npt.NDArray[np.int64], Array]:
-    """Return the sorted contact nodes of a pair and the friction coefficient at each."""
+    """Return a pair's sorted contact nodes and the friction coefficient at each of them."""
     if callable(pair.nodes):
         nodes = fem.locate_dofs_geometrical(space, pair.nodes)
     else:

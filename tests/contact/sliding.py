@@ -1,4 +1,4 @@
-"""Two neo-Hookean bodies of one mesh that are pressed together and slid on each other."""
+"""Two neo-Hookean bodies on one mesh that are pressed together and slid on each other."""
 
 from mpi4py import MPI
 
@@ -14,7 +14,7 @@ from tests.contact.two_bodies import join_meshes
 
 
 def mesh_of_two_rectangles(lower, upper, divisions, shape, comm=MPI.COMM_SELF):
-    """Return the mesh of two rectangles ((x0, y0), (x1, y1)) whose nodes are mapped by `shape`."""
+    """Return one mesh of two rectangles ((x0, y0), (x1, y1)) whose nodes are mapped by `shape`."""
     meshes = []
     for body, (box, n) in enumerate(zip((lower, upper), divisions, strict=True)):
         mesh = create_rectangle(MPI.COMM_SELF, box, n, CellType.triangle)
@@ -30,7 +30,10 @@ STORED_INCREMENT = 1
 
 
 class SlidingBodies:
-    """A body on a fixed base and one above whose top is moved, both rotated about the origin."""
+    """A body on a fixed base and a second one above it, whose top is moved; both may be rotated.
+
+    Rotations are about the origin.
+    """
 
     def __init__(
         self, mesh, slave_nodes, master_facets, base, top, friction, rotation_degrees=0.0, **options
@@ -55,7 +58,10 @@ class SlidingBodies:
         )
 
     def prescribe_base_and_top(self, translation, angle):
-        """Translate the top, then rotate base and top by an angle (degrees) about the origin."""
+        """Prescribe a translation of the top, and a rotation (degrees) of both base and top.
+
+        The rotation is about the origin, after the translation.
+        """
         x = self.space.tabulate_dof_coordinates()[:, :2]
         end_positions = x.copy()
         end_positions[self.top] += translation
@@ -66,7 +72,7 @@ class SlidingBodies:
 
 
 def slide_along_path(bodies, path=DIE_PATH, start=None):
-    """Return the states at the ends of the path's increments."""
+    """Return the states at the ends of the increments of a path."""
     return list(iterate_along_path(bodies, path, start))
 
 
@@ -98,7 +104,7 @@ def make_die_on_block(
     half_width=1.5,
     **options,
 ):
-    """Return a block and a parabolic die on it; the die's lower side is the slave by default."""
+    """Return a block and a parabolic die on it; by default the die's lower side is the slave."""
 
     def shape(x, y, body):
         bottom = 0.01 + curvature * x**2 / 2
@@ -120,8 +126,8 @@ def make_die_on_block(
 def kernel_check_differences(mortar, start, end):
     """Return the largest differences between mortar integrals of verification and iteration.
 
-    Sides move from the positions `start` (n, 2) to `end`; gaps and slips are over the longest
-    facet.
+    The nodes move from the positions `start` (n, 2) to `end`. Gaps and slips are divided by the
+    length of the longest facet.
     """
     projected, projected_start = mortar.linearise(end), mortar.linearise(start)
     slip, _ = projected.measure_slip_and_rates(mortar.make_reference(start), end)
@@ -144,7 +150,10 @@ def kernel_check_differences(mortar, start, end):
 
 
 def mortar_positions_in_states(bodies, states):
-    """Return the mortar of both bodies and its node positions (n, 2) in states and substates."""
+    """Return the mortar of both bodies and the positions (n, 2) of its nodes in each state.
+
+    Substates are included.
+    """
     mortar = bodies.problem._large_strain_stepping.interface.mortars[0]
     displacements = [
         step.displacement.array_r.reshape(-1, 2)[mortar.nodes]

@@ -1,4 +1,4 @@
-"""Blocks and a ring on rigid surfaces: patch tests, comparisons, friction."""
+"""Contact of blocks and of a ring with rigid surfaces: patch tests, comparisons, friction."""
 
 from mpi4py import MPI
 
@@ -15,7 +15,7 @@ FLOOR = Plane((0, 0), (0, 1))
 
 
 def distort_unit_square(x):
-    """Move the nodes of the unit square, those of the boundary along their sides only."""
+    """Move the nodes of the unit square; nodes on a side stay on this side."""
     distorted = x.copy()
     bubble = np.sin(np.pi * x[:, 0])
     distorted[:, 0] += 0.07 * bubble + 0.05 * bubble * np.sin(5 * x[:, 1])
@@ -54,7 +54,11 @@ def test_contact_patch_has_the_exact_nodal_forces(build, method, state, force_sh
 @pytest.mark.parametrize("method", [GALERKIN, PW])
 @pytest.mark.parametrize("state", ["solid", "axisymmetric"])
 def test_contact_patch_is_exact_in_space_and_in_axisymmetry(state, method):
-    """Vertices carry no force on T10; in axisymmetry forces are those of whole circles."""
+    """A uniform pressure has exact nodal forces on distorted meshes.
+
+    On ten-node tetrahedra the vertices carry no force. In axisymmetry, forces are those of the
+    whole circumference.
+    """
     if state == "solid":
         box = [(0, 0, 0), (1, 1, 1)]
         mesh, area = create_box(MPI.COMM_SELF, box, [2, 2, 2], CellType.tetrahedron), 1.0
@@ -79,7 +83,10 @@ def test_contact_patch_is_exact_in_space_and_in_axisymmetry(state, method):
 
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
 def test_a_tip_under_force_with_normals_by_differences_has_the_state_of_a_circle(unit):
-    """The round-off of the normals changes with the tip's position."""
+    """A circular tip whose normals are computed by differences gives the state of an exact circle.
+
+    The round-off of the normals changes with the position of the tip.
+    """
     block = quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (4 * unit, 2 * unit), (16, 8))
     body, states = ElasticBody(block), []
     tip = SignedDistance(lambda x: np.hypot(x[:, 0] - 2 * unit, x[:, 1] - 10 * unit) - 8 * unit)
@@ -97,13 +104,13 @@ def test_a_tip_under_force_with_normals_by_differences_has_the_state_of_a_circle
 
 @pytest.mark.parametrize(("method", "angle"), [(PW, 0.7), (GALERKIN, 2.5)])
 def test_a_sliding_block_in_space_has_uniform_shear_against_its_slip(method, angle):
-    """The shear is mu p, exactly, in any direction."""
+    """The shear equals the friction coefficient times the pressure, exactly, in any direction."""
     mu, p, E = 0.3, 3.0, 10.0
     direction = np.array([np.cos(angle), np.sin(angle)])
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], CellType.tetrahedron)
     body = ElasticBody(
         mesh, method, "solid", E, 0.0
-    )  # without Poisson's effect slip is uniform as well
+    )  # without Poisson's effect slip is uniform, like the shear
     shear, stress, f = mu * p * direction, np.zeros((3, 3)), body.zero_load
     stress[2, :2] = stress[:2, 2] = -shear
     stress[2, 2] = -p

@@ -1,4 +1,4 @@
-"""Work, stored energy and friction over a whole history: the remainder is the sums' step error."""
+"""Energy balance of a whole history: the remainder is the error of summation over increments."""
 
 import pytest
 
@@ -7,10 +7,11 @@ from tests.contact.energy_balance import measure_energy_balance
 
 @pytest.mark.parametrize("element", ["galerkin", "pw"])
 def test_the_remainder_of_energy_sums_decreases_with_the_increment(element):
-    """Sums with end forces are of first order; trapezoidal remainders are a hundredth of them.
+    """Sums with the forces at the ends of increments are of first order in the increment.
 
-    With piecewise-linear weights nodal forces do work on interpolated displacements; the remainder
-    of that is below 3e-4 of the work for any increment, with cells of a quarter of the radius.
+    The remainder is a hundredth of this with trapezoidal sums. With piecewise-linear weights, nodal
+    forces do work on interpolated displacements. This leaves a remainder below 3e-4 of the work for
+    any increment, with cells of a quarter of the radius.
     """
     coarse, fine, finest = (measure_energy_balance(element, n) for n in (4, 8, 16))
     assert finest.friction_work > 0.15

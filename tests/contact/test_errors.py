@@ -1,4 +1,4 @@
-"""Errors of invalid contact problems, and of problems with no or several solutions."""
+"""Errors of invalid contact problems, and of problems with several solutions or none."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ BLOCK, FLOOR, BELOW = BlockOnFloor(4), Plane((0, 0), (0, 1)), on_plane(1, 0.0)
 
 
 def solve_block(pair=None, load=BLOCK.pressure_load, reduction=BLOCK.no_supports, **options):
-    """Return the states of the block under a load, by default on the rough floor."""
+    """Return the states of the block under a load; by default the block lies on the rough floor."""
     return BLOCK.solve_contact(
         floor_pair_with() if pair is None else pair, reduction, load, **options
     )
@@ -46,7 +46,7 @@ def pair_below(surface, *options):
 
 
 def pair_with_friction_at_middle(mu):
-    """Return the floor's pair with another coefficient at the node in the middle."""
+    """Return the floor's pair with a different friction coefficient at the node in the middle."""
     return floor_pair_with(lambda x: np.where(np.isclose(x[0], 2.0), mu, 0.3))
 
 
@@ -55,7 +55,7 @@ def corner_supports(axis):
 
 
 def doubling_reduction():
-    """Return a reduction whose displacements are doubled."""
+    """Return a reduction with doubled displacements."""
     twice = 2.0 * BLOCK.no_supports.right
     return Reduction(twice, twice, BLOCK.no_supports.offset)
 
@@ -66,7 +66,7 @@ OVERTURNING = BLOCK.pressure_load + BLOCK.traction_load(
 
 
 class GivenGap:
-    """A surface of a given gap function and constant normal."""
+    """A surface with a given gap function and a constant normal."""
 
     def __init__(self, gap, normal=(0.0, 1.0)):
         self.gap, self._normal = gap, normal
@@ -76,12 +76,12 @@ class GivenGap:
 
 
 def arc_gap(x):
-    """Return the gap to a circle of radius 6 below the block, NaN far from it."""
+    """Return the gap to a circle of radius 6 below the block, NaN at points far from the circle."""
     return x[:, 1] - np.sqrt(36 - (x[:, 0] - 2.0) ** 2) + 6.0
 
 
 def pair_with_normal(normal):
-    """Return a pair of a flat surface with a wrong normal."""
+    """Return the contact pair of a flat surface that has a wrong normal."""
     return pair_below(GivenGap(lambda x: x[:, 1], normal))
 
 
@@ -89,7 +89,7 @@ N_NODES = len(BLOCK.x)
 PASSING_ARC = pair_below(GivenGap(arc_gap), 0.3, [Motion((0, 0)), Motion((-5, 0))])
 WALL_PAIR = ContactPair(on_plane(0, 0.0), Plane((0, 0), (1, 0)))
 INNER_SIDE_PAIR = ContactPair(on_plane(1, 2.0), SignedDistance(lambda x: x[:, 1] - 2.0))
-# invalid pairs, and a part of the message
+# invalid pairs, each with a part of the error message
 PAIRS = [
     *(
         (pair_with_friction_at_middle(mu), r"nodes at \(2, 0\) have a friction")
@@ -177,7 +177,7 @@ def test_valid_problems_that_resemble_invalid_ones_are_solved():
     node_support = BLOCK.make_supports((0, lambda x: np.isclose(x[0], 2) & np.isclose(x[1], 0)))
     solve_block(
         pair_below(Sphere((2, -3), 3.0)), reduction=node_support
-    )  # a circle's normals hold the rotation
+    )  # the normals of a circle prevent the rotation
     (state,) = solve_block()
     base_mask = np.isclose(BLOCK.x[:, 1], 0.0)
     for nodes in (base_mask, np.flatnonzero(base_mask)):
@@ -186,7 +186,10 @@ def test_valid_problems_that_resemble_invalid_ones_are_solved():
 
 
 def test_the_penetration_that_is_refused_grows_with_the_body():
-    """A millionth of the diagonal is allowed for round-off and the faceting of curved sides."""
+    """The allowed penetration is a millionth of the body's diagonal.
+
+    This much is needed for round-off and for curved sides that the mesh approximates by facets.
+    """
     body = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (600.0, 800.0), (3, 4)))
     supports = body.clamp(on_plane(1, 800.0))
     for depth, is_refused in ((0.9e-3, False), (1.1e-3, True)):
@@ -206,7 +209,10 @@ def test_an_error_names_its_increment():
 
 
 def test_large_friction_without_a_unique_solution_is_reported():
-    """All nodes are fixed except one contact node, which a force pulls along the floor."""
+    """An error is raised where large friction leaves several solutions or none.
+
+    All nodes are fixed except one contact node, which a force pulls along the floor.
+    """
 
     def corner(x):
         return np.isclose(x[0], 1.0) & np.isclose(x[1], 0.0)
@@ -217,7 +223,7 @@ def test_large_friction_without_a_unique_solution_is_reported():
     tangential_sign, critical = np.sign(nt), abs(tt / nt)
 
     def solve_pulled(mu, pull, starts_slipping=False, **options):
-        """Return the state of the node, which sticks or slips in the start state."""
+        """Return the state of the contact node, which sticks or slips in the start state."""
         load = nodal_load(body.space, corner, (-tangential_sign * pull, -1.0))
         problem = body.contact_problem(ContactPair(corner, FLOOR, mu), supports, **options)
         start = problem.undeformed
@@ -235,20 +241,20 @@ def test_large_friction_without_a_unique_solution_is_reported():
     assert below_limit.unique
     assert below_limit.pairs[0].status.tolist() == [SLIP]
 
-    # the slip equations have no solution, or infinitely many at the limit of stick
+    # the slip equations have no solution here, and infinitely many at the limit of stick
     with pytest.raises(NotFound, match="the equations have no solution"):
         solve_pulled(critical, 2 * critical, remedies=())
     lifted = solve_pulled(critical, 2 * critical)
     assert lifted.pairs[0].status.tolist() == [OPEN]
     assert lifted.pairs[0].gap > 0.1
-    # singular except for round-off, which would reverse the slip at the limit itself
+    # the equations are singular up to round-off, which would reverse the slip at the limit itself
     near_critical = critical * (1 - 1e-13)
     with pytest.raises(NotUnique, match="too large for a unique answer") as caught:
         solve_pulled(near_critical, near_critical, starts_slipping=True)
     assert caught.value.state.residuals.largest() < 1e-5
     assert np.abs(caught.value.state.pairs[0].slip).max() > 1e-3
 
-    # the node may stick, or slip and thereby reduce its pressure
+    # the node may stick, or it may slip and thereby reduce its pressure
     stick = solve_pulled(3 * critical, 1.5 * critical)
     assert stick.pairs[0].status.tolist() == [STICK]
     slip = solve_pulled(3 * critical, 1.5 * critical, starts_slipping=True)
@@ -261,7 +267,10 @@ def test_large_friction_without_a_unique_solution_is_reported():
 
 
 def test_nodes_without_a_facet_are_logged_before_anything_is_solved(caplog):
-    """The last one is in the middle of a facet."""
+    """A log message names the nodes without a facet before anything is solved.
+
+    The last of these nodes is in the middle of a facet.
+    """
     BLOCK.contact_problem(floor_pair_with(nodes=lambda x: np.isclose(x[1], 0) & (x[0] < 1.6)))
     (record,) = caplog.records
     assert "contact pair 0: its nodes at (1.5, 0) belong to no facet" in record.getMessage()
@@ -300,7 +309,10 @@ GROOVE_MOTIONS = {
 
 @pytest.mark.parametrize("case", GROOVE_MOTIONS)
 def test_a_body_that_ends_clear_of_all_forces_has_no_unique_position(case):
-    """Another state exists: the computed one, moved to where no gap closes."""
+    """A body that no contact force holds any more is refused, as its position is not unique.
+
+    The computed state can be moved to where no gap closes, which gives another state.
+    """
     groove = Groove()
     assert groove.pressed.pairs[0].force[1] == pytest.approx(1.0)
     with pytest.raises(NotUnique, match=r"the body is loose.*Nothing stops") as caught:
@@ -309,13 +321,16 @@ def test_a_body_that_ends_clear_of_all_forces_has_no_unique_position(case):
     assert not state.converged
     assert max(np.abs(pair.force_vector).max() for pair in state.pairs) < 1e-9
     assert min(pair.gap.min() for pair in state.pairs) > -1e-9
-    # held if loaded again
+    # the body is held if it is loaded again
     reloaded = groove.problem.step(groove.pressed, 0.5 * groove.top_load, [Motion((0.0, -0.1))] * 2)
     assert sum(pair.force[1] for pair in reloaded.pairs) == pytest.approx(1.0)
 
 
 def test_planes_that_touch_without_force_may_fix_a_body():
-    """A square in a fitting frame without load can only move where no gap closes."""
+    """A square in a fitting frame without load is accepted: it cannot move in any direction.
+
+    Without one of the four sides of the frame, the square can move and is refused.
+    """
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     body = ElasticBody(mesh, E=1e4)
     sides = {(0, 0.0): (1, 0), (0, 1.0): (-1, 0), (1, 0.0): (0, 1), (1, 1.0): (0, -1)}
@@ -335,7 +350,7 @@ def test_planes_that_touch_without_force_may_fix_a_body():
             problem.undeformed, 0.0 * body.traction_load((0.0, 1.0), on_plane(1, 1.0))
         )
 
-    assert step_between(*sides).residuals.largest() < 1e-9  # fixed on all sides
+    assert step_between(*sides).residuals.largest() < 1e-9  # the body is fixed on all sides
     for missing in ((0, 1.0), (1, 0.0)):
         with pytest.raises((NotUnique, FreeBody)):
             step_between(*(name for name in sides if name != missing))

@@ -66,7 +66,7 @@ def test_fields_and_pictures_in_space(cell, tmp_path):
     force = fields.force.x.array.reshape(-1, 3)
     assert force.sum(axis=0) == pytest.approx(pair.force, rel=1e-9)
     assert force[:, 2].sum() == pytest.approx(-80.0, rel=1e-9)
-    # sub-cells of the face are 1/6 wide its rim is not in contact: each node has the area 1/36
+    # sub-cells are 1/6 wide, and the rim of the face is open: each node has the area 1/36
     top = nodes_where(body.space, on_plane(2, 1.0))
     outwards = body.x[top] - (np.array([0.0, 0.0, 3.0]) + pair.translation)
     normal = outwards / np.linalg.norm(outwards, axis=1)[:, None]
@@ -84,7 +84,7 @@ def test_fields_and_pictures_in_space(cell, tmp_path):
     signed = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
     assert np.abs(signed).sum() / 2 == pytest.approx(4.0)  # each point of the face is covered once
     assert np.abs(signed).min() > 0.1 * np.abs(signed).max()
-    # the triangles interpolate as the weights do: the integral is the force
+    # the triangles interpolate like the weights, so that the integral is the force
     total = (np.abs(signed) / 2 * values[corners].mean(axis=1)).sum()
     tolerance = 1e-9 if cell is CellType.tetrahedron else 0.02
     assert total == pytest.approx(pair.force_normal.sum(), rel=tolerance)
@@ -123,9 +123,10 @@ def test_as_function_overwrites_the_values_of_a_function():
 
 
 def solve_hertz(edges, cell=None):
-    """Solve Hertz' contact; return the true error of stresses, the indicator, h and half width.
+    """Solve Hertz' contact; return the true stress error, its indicator, cell size and half width.
 
-    Without a cell type it is a line contact on triangles, else a quarter of a sphere's contact.
+    Without a cell type, the problem is a line contact on triangles. With a cell type, it is a
+    quarter of the contact of a sphere.
     """
     elastic, radius = HalfPlane(1.0, 0.3), 1000.0
     exact_solution = HertzSphere(elastic, radius, 1.0) if cell else HertzLine(elastic, radius, 5e-4)
@@ -175,7 +176,11 @@ def solve_hertz(edges, cell=None):
 
 
 def test_the_indicator_is_the_error_of_the_stresses():
-    """The true error follows from Hertz' pressure; it halves with h and is largest at the edge."""
+    """The error indicator agrees with the true error of the stresses of Hertz' contact.
+
+    The true error follows from Hertz' pressure. It halves with the cell size, and it is largest at
+    the edge of the contact.
+    """
     norms = []
     for edges in (6, 12):
         error, indicator, h, a = solve_hertz(edges)
@@ -303,7 +308,10 @@ def test_files_that_cannot_be_written_are_refused(tmp_path):
 
 
 def test_a_users_folder_that_resembles_a_series_is_not_overwritten(tmp_path):
-    """Neither is a series to which a user has added files."""
+    """A user's folder that looks like a time series is not overwritten.
+
+    A series to which a user has added files is not overwritten either.
+    """
     block = BlockOnFloor(4)
     states = block.solve(0.3, 60.0, increments=1)
     copy, path = tmp_path / "copy.bp", tmp_path / "block.bp"

@@ -20,7 +20,7 @@ def floor_pair(law, *options):
 
 
 class SaturatingFriction:
-    """Friction limit mu r_n / (1 + r_n / h), with h a force at each node."""
+    """Friction limit mu r_n / (1 + r_n / h), with r_n the normal force and h a nodal force."""
 
     def __init__(self, mu, half):
         self.mu, self.half_force = mu, half
@@ -34,7 +34,7 @@ class SaturatingFriction:
 
 
 class CappedFriction:
-    """Friction limit min(mu r_n, cap), which has a corner."""
+    """Friction limit min(mu r_n, cap) with r_n the normal force; it has a corner."""
 
     def __init__(self, mu, cap):
         self.mu, self.cap = mu, cap
@@ -47,7 +47,7 @@ class CappedFriction:
 
 
 class AdhesiveFriction(SaturatingFriction):
-    """A law that holds without pressure, which is not allowed."""
+    """A friction law with a limit above zero at zero pressure, which is not allowed."""
 
     def limit(self, half, force):
         limit, slope = super().limit(half, force)
@@ -55,7 +55,7 @@ class AdhesiveFriction(SaturatingFriction):
 
 
 class StiffeningFriction(SaturatingFriction):
-    """A law whose coefficient is 0.1 without pressure and four times that under large pressure."""
+    """A law whose coefficient is 0.1 without pressure and rises to 0.4 under large pressure."""
 
     def limit(self, half, force):
         limit, slope = super().limit(half, force)
@@ -65,7 +65,10 @@ class StiffeningFriction(SaturatingFriction):
 @SOLVERS
 @pytest.mark.parametrize("p", [5.0, 60.0])
 def test_a_uniform_stress_has_the_friction_of_its_pressure(solver, p):
-    """The exact solution is a uniform stress: each node has the friction of its tributary area."""
+    """Each node of a uniformly stressed block has the friction limit of its pressure.
+
+    The exact solution is a uniform stress, so that a node's force is that of its tributary area.
+    """
     mu, p_0, h = 0.6, 20.0, 0.5  # tributary length h of inner nodes, h/2 at ends
     tau = mu * p / (1 + p / p_0)
 
@@ -92,7 +95,7 @@ def test_a_uniform_stress_has_the_friction_of_its_pressure(solver, p):
 
 
 def assert_friction_law(pair, limit_of, half_force):
-    """Check force and slip of each node by independent arithmetic."""
+    """Check force and slip of each node against the friction law by independent arithmetic."""
     largest = pair.force_normal.max()
     assert pair.force_normal.min() > -1e-9 * largest
     assert np.abs(pair.force_normal * np.minimum(pair.gap, 1.0)).max() < 1e-9 * largest
@@ -135,7 +138,7 @@ def test_a_law_holds_in_space_where_slip_changes_direction():
     floor = ContactPair(on_plane(2, 0.0), FLOOR, SaturatingFriction(0.4, 1.5))
     (state,) = solid.solve_contact(floor, loads=solid.press_and_push_load())
     assert_friction_law(state.pairs[0], lambda r, h: 0.4 * r / (1 + r / h), 1.5)
-    assert state.iterations <= 12  # Newton's method converges fast here as well
+    assert state.iterations <= 12  # Newton's method converges fast even with this law
 
 
 def test_a_number_means_coulombs_law():
@@ -156,7 +159,7 @@ def test_a_number_means_coulombs_law():
 
 
 class CappedCoulomb(Coulomb):
-    """Coulomb's law with a cap on the friction force."""
+    """Coulomb's law with an upper limit of the friction force."""
 
     cap = 1.0
 
@@ -183,7 +186,10 @@ def test_a_subclass_of_coulomb_uses_its_own_limit():
 
 
 def test_coulombs_limit_is_used_at_all_nodes(monkeypatch):
-    """Half the limit gives half the friction: coefficients are multiplied nowhere else."""
+    """Half the friction limit gives half the friction force.
+
+    No other code multiplies by the friction coefficient.
+    """
     supports, floor = (
         BLOCK.make_supports((0, on_plane(0, 4.0))),
         floor_pair(0.3, [Motion((0.2, 0.0))]),
@@ -205,7 +211,7 @@ def test_coulombs_limit_is_used_at_all_nodes(monkeypatch):
 
 
 class WrongSlopeFriction(SaturatingFriction):
-    """A law whose slope is an eighth too large."""
+    """A friction law that returns a slope which is an eighth too large."""
 
     def limit(self, half, force):
         limit, slope = super().limit(half, force)
@@ -213,7 +219,7 @@ class WrongSlopeFriction(SaturatingFriction):
 
 
 class BumpyFriction(Coulomb):
-    """A law whose coefficient rises by a tenth between two forces, and falls again."""
+    """A law whose coefficient rises by a tenth between two forces, and then falls again."""
 
     low, high = 3.0, 3.3
 
@@ -237,7 +243,10 @@ def test_a_law_that_contradicts_itself_is_refused(law, message):
 
 
 def test_a_law_whose_coefficient_rises_between_the_sampled_forces_is_refused_where_it_is_used():
-    """The bump is narrower than the samples."""
+    """A rise of the friction coefficient is refused where the iteration meets it.
+
+    The rise lies between two of the forces at which a law is sampled beforehand.
+    """
 
     class NarrowBump(BumpyFriction):
         low, high = 10.0005, 10.0015
@@ -261,7 +270,10 @@ def test_sensitivity_refuses_other_laws_than_coulombs():
 
 
 def test_a_pull_above_the_friction_limit_is_proved_to_have_no_equilibrium():
-    """A pull of 0.4 of the pressure exceeds even the largest coefficient, 0.3."""
+    """A pull above the friction limit is refused with a proof that no equilibrium exists.
+
+    A pull of 0.4 times the pressure exceeds even the largest friction coefficient, 0.3.
+    """
     load = BLOCK.pressure_load + BLOCK.traction_load((0.4 * 200 * 4 / 2, 0.0), on_plane(0, 4.0))
     with pytest.raises(NoEquilibrium, match="slides"):
         BLOCK.solve_contact(floor_pair(SaturatingFriction(0.3, 1e3)), loads=load)

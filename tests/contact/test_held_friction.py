@@ -39,7 +39,7 @@ PRESSING_MOTION = Motion((0.0, None), force=(0.0, -10.0))
 
 
 class BlockBetweenWalls(ElasticBody):
-    """A unit square whose sides (or all nodes) are fixed along x, with a rough plate on top."""
+    """A unit square under a rough plate; sides or all nodes of the square are fixed along x."""
 
     def __init__(self, n, everywhere=False, comm=MPI.COMM_SELF):
         super().__init__(quadrilaterals(comm, (0.0, 0.0), (1.0, 1.0), (n, n)))
@@ -48,7 +48,7 @@ class BlockBetweenWalls(ElasticBody):
         self.supports = self.make_supports((1, on_plane(1, 0.0)), *x_conditions)
 
     def solve_under_plate(self, *motions, **options):
-        """Return the states under a rough plate with these motions."""
+        """Return the states under a rough plate that makes the given motions."""
         plate = ContactPair(
             on_plane(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)), FRICTION, list(motions)
         )
@@ -56,7 +56,7 @@ class BlockBetweenWalls(ElasticBody):
 
 
 def assert_law(pair, previous_pair, friction=FRICTION, tol=1e-9):
-    """Check the friction of each closed node by arithmetic of displacements; some nodes slip."""
+    """Check the friction of each closed node from displacements; assert that some nodes slip."""
     relative_motion = (pair.displacement - pair.translation) - (
         previous_pair.displacement - previous_pair.translation
     )
@@ -87,7 +87,10 @@ def test_a_plate_sliding_over_a_block_between_walls_has_the_full_friction(n, sol
 
 
 def test_friction_follows_the_slip_and_remains_without_slip():
-    """The plate is dragged back and forth, rests, rests under less force, and is lifted."""
+    """Friction opposes the slip, and keeps its value while there is no slip.
+
+    The plate is dragged back and forth, rests, rests under a smaller force, and is lifted.
+    """
     positions = [0.0, 0.05, 0.02, 0.02, 0.02, 0.02]
     forces = [-10.0, -10.0, -10.0, -10.0, -1.0, 0.0]
     motions = [Motion((x, None), force=(0.0, f)) for x, f in zip(positions, forces, strict=True)]
@@ -122,7 +125,10 @@ def test_a_plate_pushed_by_a_force_sticks_to_supported_nodes(solver):
 
 @SOLVERS
 def test_held_and_free_nodes_share_the_force_that_pushes_a_plate(solver):
-    """The walls are frictionless; most nodes slip before the plate does."""
+    """Supported and free nodes share the force that pushes a plate.
+
+    The walls are frictionless; most nodes slip before the plate does.
+    """
     motions = [Motion((None, None), force=(f, -10.0)) for f in (1.0, 2.9)]
     states = BlockBetweenWalls(8).solve_under_plate(PRESSING_MOTION, *motions, solver=solver)
     for previous, state, force in zip(states, states[1:], (1.0, 2.9), strict=False):
@@ -136,7 +142,7 @@ def test_held_and_free_nodes_share_the_force_that_pushes_a_plate(solver):
 
 
 def solve_plate_on_solid(solid, *motions, **options):
-    """Return the states of a block, fixed below and along x at both ends, under a plate."""
+    """Return the states of a block under a plate, fixed at its base and along x at both ends."""
     supports = solid.make_supports(
         (0, on_plane(0, 0.0)), (0, on_plane(0, 2.0)), *((i, on_plane(2, 0.0)) for i in range(3))
     )
@@ -155,7 +161,7 @@ def test_in_space_the_friction_disc_couples_a_held_and_a_free_tangent(solver):
         assert state.iterations <= 12
     is_at_end = np.isin(states[1].pairs[0].position[:, 0], (0.0, 2.0))
     friction_at_ends = states[1].pairs[0].force_tangential[is_at_end]
-    assert np.abs(friction_at_ends[:, :2]).min() > 0  # in both directions
+    assert np.abs(friction_at_ends[:, :2]).min() > 0  # friction acts in both directions
 
 
 @SOLVERS
@@ -168,7 +174,10 @@ def test_in_space_a_plate_may_be_free_along_the_supported_direction(solver):
 
 
 def test_a_ring_pushed_off_its_shaft_has_the_full_friction():
-    """The end of the ring is held, including the nodes at the end of the bore."""
+    """A ring that is pushed off its shaft has friction mu times the normal force at all nodes.
+
+    The end of the ring is held, including the nodes at the end of the bore.
+    """
     mesh = quadrilaterals(MPI.COMM_SELF, (1.0, 0.0), (2.0, 1.0), (6, 8))
     ring = ElasticBody(mesh, state="axisymmetric")
     supports = ring.make_supports((1, on_plane(1, 0.0)))
@@ -189,7 +198,10 @@ def test_a_ring_pushed_off_its_shaft_has_the_full_friction():
 
 
 def test_there_is_no_friction_on_the_axis():
-    """A plate expands radially; friction has no direction at the node on the axis."""
+    """A node on the axis of revolution has no friction under a plate that expands radially.
+
+    Friction has no direction at this node.
+    """
     mesh = quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4))
     disc = ElasticBody(mesh, state="axisymmetric")
     motions = [Motion((0.0, -0.01)), Motion((0.02, -0.01))]
@@ -205,7 +217,10 @@ def test_there_is_no_friction_on_the_axis():
 
 
 def test_matching_nodes_that_supports_move_apart_have_friction():
-    """Supports move the upper block and the walls at its sides together."""
+    """Friction acts between matching nodes that supports move relative to each other.
+
+    Supports move the upper block and the walls at its sides together.
+    """
     blocks = MatchingBlocks()
     below, above = split_facets_by_side(blocks, on_plane(1, 1.0), lambda x: x[:, 1] > 1)
     supports = blocks.make_supports((1, on_plane(1, 0.0)), (0, below), (0, above, 0.05))
@@ -219,7 +234,10 @@ def test_matching_nodes_that_supports_move_apart_have_friction():
 
 @pytest.mark.parametrize("dragged", [0.0, 0.05])
 def test_mortar_nodes_that_supports_move_apart_are_refused(dragged):
-    """Walls that hold both sides alike are symmetry planes, without friction along them."""
+    """A mortar contact with slave nodes that supports move along the other body is refused.
+
+    Walls that hold both sides alike are symmetry planes, along which there is no friction.
+    """
     stack = StackedBlocks((4, 3))
     below, above = split_facets_by_side(stack, on_plane(0, 0.0), lambda x: x[:, 1] > 1)
     supports = stack.make_supports((1, on_plane(1, 0.0)), (0, below), (0, above, dragged))
@@ -251,7 +269,10 @@ class TestFiniteSliding:
         assert all(state.residuals.largest() < 1e-8 for state in states)
 
     def test_a_rotating_plate_has_friction_at_supported_nodes(self):
-        """At an angle, the support carries a part of the normal force as well."""
+        """A rotating plate has friction at supported nodes.
+
+        If the plate is inclined, the support carries a part of the normal force as well.
+        """
         rubber = RubberUnderCircle(n=3, friction=FRICTION)
         top = prescribe(rubber.space, 0, on_plane(1, 0.0), 0.0)
         plate = rubber.problem_with(
@@ -268,12 +289,15 @@ class TestFiniteSliding:
         assert pair.normal == pytest.approx(np.tile(normal, (len(is_closed), 1)))
         shear = np.linalg.norm(pair.force_tangential, axis=1)
         assert shear == pytest.approx(FRICTION * pair.force_normal, rel=1e-9)
-        assert (pair.force_tangential @ [1.0, 0.0] > 0).all()  # dragged along x
+        assert (pair.force_tangential @ [1.0, 0.0] > 0).all()  # the body is dragged along x
         vertical = pair.force_normal * normal[1] + pair.force_tangential[:, 1]
         assert pair.force[1] == pytest.approx(vertical.sum())
 
     def test_half_of_a_symmetric_block_has_the_friction_of_the_whole(self):
-        """A circle presses in two increments; the node below it is held along the surface."""
+        """The results of a symmetric block and of its half agree.
+
+        A circle presses in two increments. The node below it is held along the surface.
+        """
         forces = []
         for left_end in (-1.0, 0.0):
             mesh = quadrilaterals(
@@ -294,7 +318,7 @@ class TestFiniteSliding:
 
 
 def collect_fields(comm):
-    """Return the forces and statuses of a plane and a solid problem on a communicator."""
+    """Return the forces and statuses of a plane and a solid problem, solved on a communicator."""
     plane = BlockBetweenWalls(4, comm=comm).solve_under_plate(
         PRESSING_MOTION,
         Motion((None, None), force=(2.0, -10.0)),
@@ -325,13 +349,13 @@ def test_derivatives_are_refused_where_friction_acts_on_supports():
         problem.sensitivity(states, [("force", 0, 0)], [("friction", 0)])
 
 
-# Seeds without a state: a plate in space, dragged in one direction and pushed by a force in the
-# other one, in which supports hold some of its nodes
+# Seeds without a state: a plate in space that is dragged in one direction, and pushed by a force in
+# the other direction, on a block with supports at some of its nodes
 UNSOLVED_SEEDS = {1, 13}
 
 
 def draw_problem(seed):
-    """Draw a fixed block under a rough plate, with top nodes held along the plate at random."""
+    """Draw a fixed block under a rough plate; random top nodes are held along the plate."""
     rng = np.random.default_rng([47, seed])
     dim = int(rng.integers(2, 4))
     body = BlockBetweenWalls(3) if dim == 2 else SolidBlock("hexahedron", n=1)
@@ -368,7 +392,10 @@ def draw_problem(seed):
 
 @pytest.mark.parametrize("seed", range(24))
 def test_random_plates_on_random_supports_obey_the_friction_law(seed):
-    """Residuals are recomputed by independent arithmetic."""
+    """The states of plates on randomly supported blocks obey the friction law.
+
+    Residuals are recomputed by independent arithmetic.
+    """
     body, problem = draw_problem(seed)
     supports = Reduction.dirichlet(body.space, problem.conditions)
     try:

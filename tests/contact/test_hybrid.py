@@ -1,4 +1,4 @@
-"""Contact of bodies of hybrid elements."""
+"""Contact of bodies that consist of hybrid elements."""
 
 from mpi4py import MPI
 
@@ -30,7 +30,7 @@ COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood
 
 
 class HybridBlock(ElasticBody):
-    """Block 4 x 2, fixed below, under a parabola of radius 8."""
+    """Block 4 x 2 of hybrid elements, fixed at its base, under a parabola of radius 8."""
 
     def __init__(self, method=HYBRID, nu=0.5, n=10):
         super().__init__(triangles(COMM, (-2.0, 0.0), (2.0, 2.0), (2 * n, n)), method, E=2e8, nu=nu)
@@ -76,7 +76,7 @@ def test_files_and_fields_contain_the_pressure_of_the_body(tmp_path):
     values = fields.body_pressure.x.array
     for node_x, value in zip(x, p.x.array, strict=True):
         assert values[np.linalg.norm(field_x - node_x, axis=1).argmin()] == pytest.approx(value)
-    # below the parabola the body's pressure is that of the contact
+    # below the parabola, the pressure unknown equals the contact pressure
     middle_node = np.linalg.norm(field_x - [0, 2, 0], axis=1).argmin()
     assert values[middle_node] == pytest.approx(fields.pressure.x.array[middle_node], rel=0.05)
     write(tmp_path / "rubber.bp", [problem.undeformed, pressed_state], case.body)
@@ -133,7 +133,10 @@ def test_tagged_facets_define_contact_nodes_and_supports(on, finite):
 
 
 def test_round_off_of_volumes_is_tolerated_in_pressure_equations_alone():
-    """Each equation is violated alone; the tolerance is over the volume around its vertex."""
+    """The tolerance for round-off of volumes applies to pressure equations alone.
+
+    Each equation is violated alone. The tolerance is relative to the volume around the vertex.
+    """
     mesh = triangles(COMM, (0.0, 0.0), (2.0, 1.0), (2, 1), "crossed")
     U = (spaces := HYBRID(mesh)).trial
     w, residual = finite_strain_residual(spaces)

@@ -1,4 +1,4 @@
-"""Problems identify the states in files: those of other problems and forged files are refused."""
+"""A problem refuses files with states of other problems, and forged files."""
 
 import json
 from functools import partial
@@ -31,7 +31,7 @@ PRESSING_MOTION, ON_TOP = Motion((0, -0.05)), on_plane(1, 0.0)
 
 
 class HiddenSaturation:
-    """A law with a saturation force that the undeformed body does not show."""
+    """A law with a saturation force that has no effect in the undeformed body."""
 
     def __init__(self, saturation_force):
         self.saturation_force = saturation_force
@@ -45,7 +45,7 @@ class HiddenSaturation:
 
 
 def stepped_circle(rise):
-    """Return a circle that far from the contact nodes is another surface."""
+    """Return a circle that becomes a different surface far from the contact nodes."""
 
     def distance(x):
         return np.linalg.norm(x - [0, 1], axis=1) - 1 + rise * np.maximum(0.0, x[:, 0] - 2.2)
@@ -54,7 +54,7 @@ def stepped_circle(rise):
 
 
 class VariableRubber:
-    """A finite-strain problem any part of which can be changed."""
+    """A finite-strain problem of which every part can be changed."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class VariableRubber:
 
 @pytest.fixture(scope="module")
 def saved_state(tmp_path_factory):
-    """Return the file of a state of the default problem."""
+    """Return the path of a file with a state of the default problem."""
     path, case = tmp_path_factory.mktemp("kept") / "state.npz", VariableRubber()
     case.problem.save(case.press(), path)
     return path
@@ -126,7 +126,7 @@ CHANGES = {
 
 
 def load_error(call):
-    """Return the message with which loading a file fails."""
+    """Return the error message of a call that loads a file."""
     with pytest.raises(ValueError, match=r"state\.npz ") as caught:
         call()
     return str(caught.value)
@@ -195,12 +195,12 @@ def test_constants_and_functions_that_loads_change_may_differ(tmp_path):
         state = other_case.problem.load(path)
         other_case.problem.save(
             state, tmp_path / "again.npz"
-        )  # the file still records what loads change
+        )  # the file still records the loads' values
         assert VariableRubber(load=0.5).problem.load(tmp_path / "again.npz").increment == 1
     assert "constant 0 of" in load_error(
         lambda: VariableRubber(shear=1.1, load=0.3).problem.load(path)
     )
-    unloaded_case = VariableRubber()  # its own load has changed values that the file's load had not
+    unloaded_case = VariableRubber()  # its load has other values than the file's load
     unloaded_case.problem.save(unloaded_case.problem.undeformed, path)
     assert case.problem.load(path).increment == 0
 
@@ -217,7 +217,7 @@ def test_saving_and_loading_do_not_change_the_problem(tmp_path):
 
 
 def block_of_two_halves(left, right):
-    """Return a symmetric block whose halves have different Young's moduli, and its problem."""
+    """Return a symmetric block whose halves differ in Young's modulus, and its problem."""
     mesh = triangles(COMM, (-2.0, 0.0), (2.0, 1.0), (8, 2), "crossed")
     modulus = fem.Function(fem.functionspace(mesh, ("DG", 0)))
     modulus.interpolate(lambda x: np.where(x[0] < 0, left, right))
@@ -262,7 +262,7 @@ def test_other_supports_and_other_facets_differ(tmp_path):
 
 
 def identity_values(comm, path):
-    """Return a problem's identifying values; several processes load a file of one process."""
+    """Return the values that identify a problem; several processes load a file of one process."""
     case = VariableRubber(comm=comm, load=0.1, warm=0.2, stiffer=0.5)
     if comm.size > 1:
         case.problem.load(path)
@@ -294,7 +294,7 @@ def test_another_version_is_named_where_a_residual_differs(tmp_path):
 
 
 def forge(path, change):
-    """Change a file's arrays and plain values, and update its digest."""
+    """Change the arrays and plain values of a file, and update its digest."""
     with np.load(path) as archive:
         arrays = dict(archive)
     values = json.loads(str(arrays["state"]))
@@ -306,22 +306,22 @@ def forge(path, change):
 
 
 def change_value(name, value):
-    """Return a change of a file that sets a plain value."""
+    """Return a function that sets a plain value of a file."""
     return lambda _, values: values.update({name: value})
 
 
 def change_entry(name, entry, value):
-    """Return a change of a file that sets an entry of a dictionary of plain values."""
+    """Return a function that sets an entry of a dictionary among the plain values of a file."""
     return lambda _, values: values[name].update({entry: value})
 
 
 def set_array(name, change):
-    """Return a change of a file that maps an array."""
+    """Return a function that replaces an array of a file by its image under `change`."""
     return lambda arrays, _: arrays.update({name: change(arrays[name])})
 
 
 def set_item(value, index=0):
-    """Return a map that sets one item of an array."""
+    """Return a function that copies an array and sets one of its items."""
 
     def change(values):
         values = values.copy()

@@ -1,4 +1,4 @@
-"""Central differences with contact against known solutions, and the study's section V12."""
+"""Central differences with contact, compared with known solutions and the study's section V12."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ FLOOR = Plane((0.0, 0.0), (0.0, 1.0))
 
 
 class ThrownBlock(ElasticBody):
-    """A block 2 x 1 of the symmetric sibling, free to fly."""
+    """A block 2 x 1 of the symmetric sibling element that can fly freely."""
 
     def __init__(self, E=50.0, comm=MPI.COMM_SELF):
         mesh = move_nodes(
@@ -48,7 +48,7 @@ class ThrownBlock(ElasticBody):
         self.no_supports = self.sibling.dirichlet([])
 
     def uniform_vector(self, vector):
-        """Return a vector with the same velocity or displacement at all nodes."""
+        """Return the vector that has the same velocity or displacement at all nodes."""
         uniform = self.K.createVecRight()
         uniform.array.reshape(-1, 2)[:] = vector
         return uniform
@@ -76,7 +76,7 @@ def test_momentum_changes_by_impulses_and_energy_by_work():
     dt, steps = history.step, len(history.time) - 1
     momentum = (BLOCK.mass * history.velocity.array).reshape(-1, 2).sum(axis=0)
     contact_impulse = history.pairs[0].total.sum(axis=0) * dt
-    # velocities are at half steps: half a step of the load is missing
+    # velocities belong to the middle of steps, so that half a step of the load is missing
     load_impulse = BLOCK.total_mass * gravity * dt * (steps - 0.5)
     assert momentum == pytest.approx(
         BLOCK.total_mass * np.array([1.0, -0.7]) + contact_impulse + load_impulse
@@ -112,7 +112,10 @@ def test_a_rough_plane_stops_a_block_after_v2_over_2_mu_g():
 
 
 def test_forces_are_the_same_in_a_moving_frame():
-    """A body is thrown at a resting plane, or the plane is moved at the resting body."""
+    """Contact forces do not depend on the motion of the frame of reference.
+
+    Either a body is thrown at a resting plane, or the plane is moved at the resting body.
+    """
     velocity = np.array([0.6, -0.8])
     thrown = BLOCK.solve_impact(1.5, velocity, 0.3)
     driven = BLOCK.solve_impact(1.5, (0.0, 0.0), 0.3, paths=lambda time: -velocity * time)
@@ -125,7 +128,10 @@ def test_forces_are_the_same_in_a_moving_frame():
 
 @pytest.mark.parametrize("scheme", ["hrz", "sibling"])
 def test_a_bar_moves_as_in_the_sections_own_scheme(scheme):
-    """The time loop of section V12's scheme `pw` shares no code with the library."""
+    """A bar that hits a wall moves as computed by section V12 of the study.
+
+    The time loop of that section's scheme `pw` shares no code with the library.
+    """
     bar = v12_impact.Scheme.of(scheme, on_strip("", 0.25))
     supports = bar.walls([1.0])
     library, own_scheme = v12_impact._by_library(bar, supports), v12_impact._by_hand(bar, supports)
@@ -146,7 +152,10 @@ def test_the_critical_step_is_that_of_the_highest_frequency():
 
 @pytest.mark.parametrize("name", ["Coulomb's", "falling"])
 def test_the_law_holds_at_random_points(name):
-    """Remaining slip is opposite to the friction, which then is at its limit."""
+    """Random nodal data give forces that obey the contact and friction law.
+
+    Where slip remains, friction is opposite to it and at its limit.
+    """
     rng = np.random.default_rng(3)
     n, step = 2000, 0.1
     normal = rng.normal(size=(n, 3))
@@ -182,7 +191,10 @@ def test_the_law_holds_at_random_points(name):
 
 
 def test_the_law_holds_at_random_points_that_supports_hold_along_the_surface():
-    """Supports prescribe a part of the slip, and friction opposes all of it."""
+    """The contact law holds for random data of nodes that supports hold along the surface.
+
+    Supports prescribe a part of the slip, and friction opposes all of it.
+    """
     rng = np.random.default_rng(5)
     n, step = 2000, 0.1
     normal = np.tile([0.0, 0.0, 1.0], (n, 1))
@@ -206,7 +218,10 @@ def test_the_law_holds_at_random_points_that_supports_hold_along_the_surface():
 
 
 def test_a_block_between_walls_has_the_friction_of_its_floor():
-    """The walls are frictionless, and the floor moves away below the block."""
+    """A block between frictionless walls has the friction of its rough floor.
+
+    The floor moves away below the block.
+    """
     supports = BLOCK.wall_supports(lambda x: x[0] > -1)
     history = BLOCK.solve_impact(1.0, (0.0, -1.0), 0.5, supports, paths=[lambda time: (time, 0.0)])
     normal_force = history.pairs[0].force[..., 1]

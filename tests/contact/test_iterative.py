@@ -1,4 +1,4 @@
-"""Contact by the iterative solver in space: the states are those of the direct one."""
+"""Contact of solids by the iterative solver, compared with the states of the direct solver."""
 
 from mpi4py import MPI
 
@@ -39,14 +39,17 @@ METHOD_NAME_BY_IS_HYBRID = {
 
 
 def assert_same_states(states, expected, tolerance=1e-10):
-    """Assert equal statuses, displacements to `tolerance`, forces to 1e-9 of the largest."""
+    """Assert equal statuses, and small differences of displacements and forces.
+
+    Displacements are compared to `tolerance`, forces to 1e-9 of the largest force.
+    """
     for state, reference in zip(states, expected, strict=True):
         assert (
             state.displacement - reference.displacement
         ).norm() < tolerance * reference.displacement.norm()
         assert (
             state.unknowns - reference.unknowns
-        ).norm() < 1e-9 * reference.unknowns.norm()  # pressures, too
+        ).norm() < 1e-9 * reference.unknowns.norm()  # pressures included
         for pair, expected_pair in zip(state.pairs, reference.pairs, strict=True):
             assert np.array_equal(pair.status, expected_pair.status)
             largest = np.abs(expected_pair.force_normal).max()
@@ -60,9 +63,9 @@ def assert_same_states(states, expected, tolerance=1e-10):
 
 
 def solve_and_compare(arguments, is_hybrid=False, max_krylov=150):
-    """Return the states by iterations, after comparing them with those of a direct solver.
+    """Return the states by the iterative solver, after comparing them with the direct solver's.
 
-    Hybrid elements lose a digit, because of their stability.
+    Hybrid elements are compared with one digit less, because of their stability.
     """
     states = solve_contact(*arguments, solver=Iterative())
     tolerance = 1e-9 if is_hybrid else 1e-10
@@ -94,7 +97,7 @@ def test_states_are_those_of_the_direct_solver(case, cell, method, nu):
 @pytest.mark.parametrize("method", [PW, HYBRID])
 def test_the_solvers_tolerance_is_used_in_contact(method):
     arguments, previous = SolidBlock(method=method).case_arguments("rough floor"), None
-    for tolerance in (1e-13, 1e-11, 1e-2):  # at most 1e-10 is used
+    for tolerance in (1e-13, 1e-11, 1e-2):  # at most 1e-10 is used as the tolerance
         (state,) = solve_contact(*arguments, solver=Iterative(tolerance=tolerance))
         n_krylov = state.report.krylov_iterations
         if previous is not None:
@@ -118,7 +121,10 @@ def test_steps_may_start_from_any_state():
 
 
 def test_bodies_that_nearly_slide_are_solved():
-    """No node sticks in the end, so that the preconditioner fixes more than the law does."""
+    """Bodies that nearly slide as a whole are solved.
+
+    No node sticks in the end, so that the preconditioner fixes more nodes than the contact law.
+    """
     states = solve_and_compare(nearly_sliding_arguments(SolidBlock()))
     assert not np.any(states[1].pairs[0].status == STICK)
     for state in states:
@@ -160,7 +166,10 @@ def test_matching_nodes_have_the_states_of_the_direct_solver(element, nu):
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_enclosed_incompressible_bodies_are_refused(friction):
-    """A nearly incompressible body has the oedometric modulus."""
+    """Incompressible bodies that are enclosed on all sides are refused.
+
+    A nearly incompressible body has the oedometric modulus.
+    """
     mesh, nu = create_unit_cube(MPI.COMM_SELF, 2, 2, 2, CellType.tetrahedron), 0.49
     walls = [(k, on_plane(k, end)) for k in (0, 1) for end in (0.0, 1.0)] + [(2, on_plane(2, 0.0))]
     lid = ContactPair(
@@ -179,7 +188,7 @@ def test_enclosed_incompressible_bodies_are_refused(friction):
 
 
 class ScipyGmres:
-    """SciPy's GMRES, which knows neither multigrid levels nor contact."""
+    """A wrapper of SciPy's GMRES, which uses neither multigrid levels nor data of the contact."""
 
     matrix_free, determinant_signs, report = True, (), SolverReport("GMRES by SciPy", 0)
 
@@ -200,7 +209,11 @@ class ScipyGmres:
 
 
 def test_a_users_krylov_method_has_the_states_of_the_direct_solver():
-    """With a free surface, whose translations border the matrix, and with two bodies."""
+    """A user's Krylov method gives the states of the direct solver.
+
+    One problem has a free surface, whose translations add rows and columns to the matrix. The other
+    one has two bodies.
+    """
     plate_arguments = SolidBlock(n=2).case_arguments("plate by forces")
     stacked_arguments = upper_on_lower_arguments(
         StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83)), "upper"
@@ -215,7 +228,7 @@ def test_a_users_krylov_method_has_the_states_of_the_direct_solver():
     load, motions = plate_arguments[1][0], plate_arguments[3].motions[:1]
     with pytest.raises(ZeroDivisionError):
         problem.step(problem.undeformed, load, motions)
-    problem.step(problem.undeformed, load, motions)  # the failure has no consequences
+    problem.step(problem.undeformed, load, motions)  # the failure has no effect on later steps
     incomplete_solver = ScipyGmres()
     incomplete_solver.iterate = None
     with pytest.raises(TypeError, match="iterate"):

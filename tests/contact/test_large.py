@@ -63,7 +63,7 @@ SOLVERS = {"factors": Direct(), "krylov": Iterative()}
 
 
 def saint_venant_stress(F):
-    """Return the first Piola stress of a Saint Venant-Kirchhoff material (lambda 1.5, mu 1)."""
+    """Return the first Piola stress of a Saint Venant-Kirchhoff material (lambda = 1.5, mu = 1)."""
     E = (F.T * F - ufl.Identity(2)) / 2
     return F * (2 * E + 1.5 * ufl.tr(E) * ufl.Identity(2))
 
@@ -96,7 +96,7 @@ class RubberUnderCircle:
 
 
 def step_through(problem, motions, start=None):
-    """Return the states after each of the motions."""
+    """Return the states after each of the motions, without the start state."""
     states = [start or problem.undeformed]
     for motion in motions:
         states.append(problem.step(states[-1], motions=motion))
@@ -104,7 +104,7 @@ def step_through(problem, motions, start=None):
 
 
 def make_hardening_rubber(comm=MPI.COMM_SELF, **options):
-    """Return the block with a history function that counts increments, and that function."""
+    """Return the block with a history function that counts increments, and this function."""
     mesh = triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))
     hardness = fem.Function(fem.functionspace(mesh, ("DG", 0)))
 
@@ -118,7 +118,7 @@ def make_hardening_rubber(comm=MPI.COMM_SELF, **options):
 
 
 def ellipse_level_set(x):
-    """Return the level set of an ellipse with half axes 2 and 1, which is no distance."""
+    """Return the level set of an ellipse with half axes 2 and 1, which is no distance function."""
     return x[:, 0] ** 2 / 4 + x[:, 1] ** 2 - 1
 
 
@@ -170,7 +170,7 @@ def test_closest_points_are_exact_and_their_derivatives_consistent(name):
 
 
 def interface_of_one_surface(surface, x, dim):
-    """Return a stand-in for an interface of one surface at points (m, dim)."""
+    """Return a stand-in for a contact interface of one surface at points (m, dim)."""
     return SimpleNamespace(
         position=x,
         pair=np.zeros(len(x), dtype=int),
@@ -207,7 +207,10 @@ def test_slip_is_the_arc_length():
 
 @pytest.mark.parametrize("stress", [neo_hookean_stress, saint_venant_stress])
 def test_no_accepted_state_has_inverted_cells(stress):
-    """This holds for any stress, also for one that stays finite in inverted cells."""
+    """The cells of all accepted states have a positive volume ratio.
+
+    This holds for any stress, even for one that stays finite in inverted cells.
+    """
     rubber = RubberUnderCircle(2, stress=stress)
     guard, states = CellGuard(rubber.u, rubber.residual), [rubber.problem.undeformed]
 
@@ -230,7 +233,7 @@ def test_no_accepted_state_has_inverted_cells(stress):
 
 @pytest.mark.parametrize("first", [0.0, 0.2])
 def test_a_tool_is_not_led_through_supports(first):
-    """Without any linear system."""
+    """A tool that would pass through supports is refused without solving any linear system."""
     solved = []
     problem = RubberUnderCircle(callback=solved.append).problem
     (pressed,) = step_through(problem, [Motion((0.0, -first))])
@@ -243,7 +246,10 @@ def test_a_tool_is_not_led_through_supports(first):
 
 
 def test_history_functions_belong_to_the_state():
-    """A history function is restored when a step starts, and updated at its end."""
+    """The values of a history function belong to a state.
+
+    A step starts with the values of its start state, and updates them at its end.
+    """
     rubber, hardness = make_hardening_rubber()
     first_state, second_state = step_through(rubber.problem, CIRCLE_MOTIONS[:2])
     assert [
@@ -254,7 +260,7 @@ def test_history_functions_belong_to_the_state():
 
 
 def collect_pair_fields(states, further_fields=()):
-    """Return fields of the first pair of each state, by "name field"."""
+    """Return fields of the first pair of each state by names such as "state field"."""
     names = ("force_vector", "slip", "gap", "status", "displacement", *further_fields)
     return {
         f"{name} {field}": getattr(state.pairs[0], field)
@@ -264,7 +270,7 @@ def collect_pair_fields(states, further_fields=()):
 
 
 def solve_pressed_and_pushed(kind, solver, comm=MPI.COMM_SELF):
-    """Return the state of a rubber block under a rough ball, in the plane or in space."""
+    """Return the state of a rubber block, plane or solid, that a rough ball presses and pushes."""
     dim, is_hybrid = (2 if kind == "T6" else 3), kind == "hybrid"
     low, high, n = [-1.0] * dim, [*[1.0] * (dim - 1), 0.0], [3] * (dim - 1) + [2]
     if dim == 2:
@@ -295,7 +301,11 @@ def test_iterative_and_direct_solvers_find_the_same_state(kind):
 
 @pytest.mark.random  # tests of this mark run at night
 def test_half_a_million_unknowns_take_less_than_four_gigabytes(request):
-    """A ball is pressed and dragged in two increments, also on a mesh of a tenth of the size."""
+    """A contact problem of half a million unknowns takes less than four gigabytes.
+
+    A ball is pressed and dragged in two increments. The same is done on a mesh of a tenth of the
+    size.
+    """
     if not request.config.getoption("--nightly"):
         pytest.skip("takes a quarter of an hour, with --nightly")
     small, large = (alone(Row("sliding", "pw-T10", n, "Iterative")) for n in (8, 17))
@@ -306,7 +316,10 @@ def test_half_a_million_unknowns_take_less_than_four_gigabytes(request):
 
 
 def press_leaning_column(solver, depths):
-    """Yield the states of a column that leans by a thousandth, pressed down to the depths."""
+    """Yield the states of a column that is pressed down to the given depths.
+
+    The column leans by a thousandth of its height.
+    """
     mesh = triangles(MPI.COMM_SELF, (-0.5, 0.0), (0.5, 8.0), (2, 16))
     mesh.geometry.x[:, 0] += 1e-3 * mesh.geometry.x[:, 1]
     spaces = Spaces.petrov_galerkin(mesh)
@@ -321,7 +334,10 @@ def press_leaning_column(solver, depths):
 
 
 def test_a_leaning_column_buckles_with_either_solver():
-    """Small increments follow the branch to the side to which the column leans."""
+    """A leaning column buckles to the side to which it leans, with either solver.
+
+    Increments are small.
+    """
     depths = (0.05, 0.06, 0.065, 0.07, 0.08, 0.1, 0.12)
     forces = []
     for solver in SOLVERS.values():
@@ -333,14 +349,20 @@ def test_a_leaning_column_buckles_with_either_solver():
 
 
 def test_an_increment_beyond_the_critical_load_is_halved():
-    """The column may bend to either side."""
+    """An increment beyond the critical load of a column is halved.
+
+    The column may bend to either side.
+    """
     *_, state = press_leaning_column(Direct(), (0.05, 0.12))
     assert state.substates
     assert np.abs(state.displacement.array_r[::2]).max() > 0.1
 
 
 def test_multigrid_levels_are_rebuilt_only_when_it_pays(monkeypatch):
-    """Most tangents reuse the levels of an earlier one, at the price of few more iterations."""
+    """Multigrid levels are rebuilt only when this saves time.
+
+    Most tangents reuse the levels of an earlier one, at the price of few additional iterations.
+    """
     mesh, rebuilt = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 8)), []
     renew = Multigrid.refresh
     monkeypatch.setattr(
@@ -360,14 +382,17 @@ def test_multigrid_levels_are_rebuilt_only_when_it_pays(monkeypatch):
     n_iterations, n_krylov, n_rebuilt = count_work()
     monkeypatch.setattr(
         KrylovTangent, "_count_operations", lambda _: 0.0
-    )  # rebuilding costs nothing
+    )  # rebuilding costs nothing in this computation
     _, n_krylov_rebuilding, n_rebuilt_always = count_work()
     assert 0 < n_rebuilt < n_iterations / 3 < n_rebuilt_always
     assert n_krylov < 1.5 * n_krylov_rebuilding
 
 
 def test_a_thin_tool_stays_on_its_side():
-    """An increment in which nodes would face the tool's other side is cut until they do not."""
+    """An increment in which nodes would face the opposite side of a thin tool is cut.
+
+    It is cut until all nodes face the side that they faced before.
+    """
     rubber = RubberUnderCircle()
 
     plate = SignedDistance(
@@ -394,7 +419,11 @@ def test_surface_areas_include_the_stretch():
 
 @pytest.mark.parametrize("kind", ["plane strain", "axisymmetric", "solid", "hybrid"])
 def test_nominal_and_true_pressure_of_uniform_compression_are_exact(kind, tmp_path):
-    """They are the first Piola and Cauchy stresses, in fields, files and pictures."""
+    """Nominal and true pressure of a uniformly compressed block are exact.
+
+    They belong to the first Piola stress and to the Cauchy stress. Compared are fields, files and
+    pictures.
+    """
     is_solid, is_hybrid, is_ring = kind == "solid", kind == "hybrid", kind == "axisymmetric"
     if is_solid:
         mesh = create_unit_cube(MPI.COMM_SELF, 1, 1, 1, CellType.tetrahedron)
@@ -404,13 +433,13 @@ def test_nominal_and_true_pressure_of_uniform_compression_are_exact(kind, tmp_pa
     w, tests = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
     (u, p), (v, q) = (ufl.split(f) if is_hybrid else (f, None) for f in (w, tests))
 
-    def gradient(f):  # in three dimensions
+    def gradient(f):  # gradient in three dimensions
         columns = [[f[i].dx(j) if max(i, j) < dim else 0 for j in range(3)] for i in range(3)]
         if is_ring:
             columns[2][2] = f[0] / ufl.SpatialCoordinate(mesh)[0]
         return ufl.as_matrix(columns)
 
-    def stress(F, pressure=None):  # Piola's
+    def stress(F, pressure=None):  # first Piola stress
         inverse_transpose, J = ufl.inv(F).T, ufl.det(F)
         return (
             F
@@ -483,7 +512,7 @@ def test_unsupported_options_are_refused_at_large_strains(attempt, kind, message
 
 
 class NearlyIncompressibleBlock:
-    """A linear elastic block whose bulk modulus grows, fixed below and touched at one node."""
+    """A linear elastic block with a growing bulk modulus, fixed below and touched at one node."""
 
     def __init__(self, cell, mid_nodes, spaces=Spaces.petrov_galerkin):
         mesh = distorted_mesh(cell, 4, 0.05, 1, mid_nodes)
@@ -514,7 +543,7 @@ class NearlyIncompressibleBlock:
         return self.states[-1]
 
     def reaction(self, depth):
-        """Return the force at the node, computed by NumPy."""
+        """Return the vertical force at the touched node, computed by NumPy."""
         K = dense(assemble_matrix(self.stiffness))
         prescribed_values = {
             int(d): 0.0 for condition in self.conditions for d in condition.dof_indices()[0]
@@ -562,7 +591,7 @@ def test_straight_plane_cells_and_standard_elements_get_no_bulk_warning(cell, ca
 
 
 class UserSphere(Sphere):
-    """A user's circle; factors scale the rotation of its normal and its normal's derivative."""
+    """A circle written by a user; factors scale the rotation and the derivative of its normal."""
 
     normal_factor, gradient_factor = 1.0, 1.0
 
@@ -596,7 +625,7 @@ def test_a_surface_with_wrong_derivatives_is_refused(kind, message):
 
 
 def flat_face(half_width, outside):
-    """Return a signed distance of a face at y = 0 above the body, and its gradient."""
+    """Return the signed distance of a horizontal face at y = 0 above the body, and its gradient."""
 
     def distance(x):
         return np.where(np.abs(x[:, 0]) <= half_width, -x[:, 1], outside)
@@ -609,8 +638,11 @@ def flat_face(half_width, outside):
 
 @pytest.mark.parametrize("with_gradient", [True, False])
 def test_nodes_face_nothing_where_a_signed_distance_is_infinite(with_gradient):
-    """The pair then equals that of a plane with the nodes below the face; later nodes leave it."""
-    half_width = 0.53  # no node passes its edge
+    """Nodes where a signed distance is infinite face nothing.
+
+    At first, the pair equals that of a plane with the nodes below the face. Later, nodes leave it.
+    """
+    half_width = 0.53  # no node passes the edge of the face
 
     def solve(surface, nodes, path):
         mesh = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 4))
@@ -637,7 +669,7 @@ def test_nodes_face_nothing_where_a_signed_distance_is_infinite(with_gradient):
         is_unfaced = np.isinf(pair.gap)
         assert is_unfaced.sum() == len(pair.gap) - len(plane_state.pairs[0].gap)
         assert np.abs(pair.force_vector[is_unfaced]).max() < 1e-10
-    # slid by more than a facet's width: nodes leave the face and others come below it
+    # slid by more than a facet's width: some nodes leave the face and others come below it
     *_, last_state = solve(face, on_plane(1, 0.0), [(0.0, -0.02), (0.1, -0.02), (0.2, -0.02)])
     (pair,) = last_state.pairs
     x = pair.position[:, 0] + pair.displacement[:, 0] - 0.2

@@ -34,7 +34,10 @@ PLANE_ABOVE = Plane((0.0, 0.0), (0.0, -1.0))
 @pytest.mark.parametrize("upper_is_slave", [True, False])
 @pytest.mark.parametrize("degrees", [0.0, 50.0])
 def test_a_body_slides_off_in_one_step(upper_is_slave, degrees):
-    """It ends where its supports have carried it, with no more systems than any other step."""
+    """A die that its supports move off a block in one step ends where the supports carry it.
+
+    This takes no more linear systems than any other step.
+    """
     bodies = make_die_on_block(
         friction=0.8, upper_is_slave=upper_is_slave, rotation_degrees=degrees
     )
@@ -94,7 +97,7 @@ def test_a_step_is_solved_in_the_usual_way_if_the_direct_attempt_fails(monkeypat
 
 
 def separates_along(problem, ends, unknowns):
-    """Return whether a circle that moves between two positions leaves the rubber."""
+    """Return whether a circle separates from the rubber as it moves between two positions."""
     stepping = problem._large_strain_stepping
     fractions = np.linspace(0, 1, 129)
     motions = np.array(
@@ -115,24 +118,27 @@ def separates_along(problem, ends, unknowns):
 
 
 def test_a_tool_that_passes_through_a_body_does_not_separate():
-    """The circle is beside the block, deepest when its centre is in the block's left side."""
+    """A tool that would pass through a body does not count as separating from it.
+
+    The circle overlaps the left side of the block, most when its centre is on this side.
+    """
     rubber = RubberUnderCircle()
     circle, on_left_side = Sphere((-1.6, 0.0), 0.6), on_plane(0, -1.0)
     problem = rubber.problem_with(surface=circle, nodes=lambda x: on_left_side(x) & (x[1] > -0.7))
     undeformed = problem.undeformed.unknowns
     assert separates_along(problem, [(0.3, 0.0), (-4.0, 0.0)], undeformed)
     assert separates_along(problem, [(0.3, 0.0), (0.3, 4.0)], undeformed)
-    assert not separates_along(problem, [(0.7, 0.0), (4.0, 0.0)], undeformed)  # behind the side
+    assert not separates_along(problem, [(0.7, 0.0), (4.0, 0.0)], undeformed)  # into the block
     assert not separates_along(problem, [(0.1, 0.0), (-4.0, 0.0)], undeformed + 5.0)  # out of reach
-    assert not separates_along(problem, [(0.1, 0.0), (1.5, 2.0)], undeformed)  # first deeper
-    assert not separates_along(problem, [(0.3, 0.0), (0.05, 0.0)], undeformed)  # not clear
-    assert not separates_along(problem, [(-1.0, 0.0), (-4.0, 0.0)], undeformed)  # not in contact
+    assert not separates_along(problem, [(0.1, 0.0), (1.5, 2.0)], undeformed)  # deeper at first
+    assert not separates_along(problem, [(0.3, 0.0), (0.05, 0.0)], undeformed)  # still overlaps
+    assert not separates_along(problem, [(-1.0, 0.0), (-4.0, 0.0)], undeformed)  # no contact yet
 
 
 @pytest.mark.parametrize("surface", [PLANE_ABOVE, Sphere((0.0, 0.6), 0.6)], ids=["plane", "circle"])
 @pytest.mark.parametrize("depth", [1.0, 1.1])
 def test_a_tool_that_leaves_no_space_for_the_body_is_refused(surface, depth):
-    """No linear system is solved."""
+    """A tool that leaves no space for the body is refused without solving any linear system."""
     calls = []
     rubber = RubberUnderCircle(callback=calls.append)
     problem = rubber.problem_with(surface=surface, options={"callback": calls.append})
@@ -150,7 +156,10 @@ def test_bodies_that_leave_no_space_for_each_other_are_refused():
 
 
 def test_supports_behind_a_gap_may_be_reached():
-    """The tool pushes the upper body alone, and may go as far as the lower one's supports."""
+    """A tool may move as far as the supports of a second body beyond a gap.
+
+    The tool pushes the upper body alone; the supports are those of the lower body.
+    """
     boxes = ((-1.0, -1.0), (1.0, 0.0)), ((-1.0, 0.5), (1.0, 1.0))
     mesh = mesh_of_two_rectangles(*boxes, ((4, 2), (4, 2)), lambda x, y, _: (x, y))
     bodies = SlidingBodies(
@@ -163,7 +172,7 @@ def test_supports_behind_a_gap_may_be_reached():
         stepping._node_positions,
         stepping._is_supported,
         0 * stepping._node_component,
-    )  # as if the bodies were connected
+    )  # positions and supports of one connected body
     motions, displacements = np.zeros((65, 1, 3)), np.zeros((65, *node_data[0].shape))
     motions[:, 0, 1] = np.linspace(0.0, -1.1, 65)
     refuse_tools_through_supports(

@@ -1,4 +1,4 @@
-"""Contact of two bodies with matching nodes."""
+"""Contact between two bodies whose nodes match in pairs."""
 
 from mpi4py import MPI
 
@@ -16,7 +16,7 @@ HEIGHT, LENGTH = 1.0, 2.0
 
 
 def nodes_of_block_at_height(space, height, of_upper):
-    """Return the nodes at a height, of the block above it or below it."""
+    """Return the nodes at a height that belong to the block above it, or to the one below it."""
     x, cells = space.tabulate_dof_coordinates(), space.dofmap.list
     axis = space.mesh.geometry.dim - 1
     is_above = x[cells][:, :, axis].mean(axis=1) > height
@@ -25,7 +25,7 @@ def nodes_of_block_at_height(space, height, of_upper):
 
 
 class MatchingBlocks(ElasticBody):
-    """Two equal blocks, one above the other; their nodes match along y = 1."""
+    """Two equal blocks, one above the other, with matching nodes along y = 1."""
 
     def __init__(self, method=PW, divisions=(6, 3), gap=0.0, comm=MPI.COMM_SELF):
         lower, upper = (
@@ -69,7 +69,7 @@ def test_uniform_pressure_is_transferred_exactly(method, slave_is_upper):
     assert pair.force_normal == pytest.approx(expected * 3.0 * LENGTH / 6, rel=1e-10)
     assert np.abs(pair.gap).max() < 1e-12
     assert state.residuals.largest() < 1e-10
-    # forces on both bodies are equal and opposite: K a - f vanishes elsewhere, except at the base
+    # forces on both bodies are equal and opposite; K a - f vanishes elsewhere, except at the base
     r = reactions(blocks.K, state.displacement, blocks.traction_load(traction)).array_r.reshape(
         -1, 2
     )
@@ -87,7 +87,7 @@ def test_either_side_may_be_the_slave(gap):
     for slave_is_upper in (True, False):
         sign = (
             -1.0 if slave_is_upper else 1.0
-        )  # Parabola's rigid side is above for a positive radius
+        )  # the rigid side of a parabola is above it if its radius is positive
         level = HEIGHT if slave_is_upper else HEIGHT + gap
         pair = blocks.make_pair(0.2, slave_is_upper, Parabola((LENGTH / 2, level), sign * 10.0))
         loads = [blocks.traction_load((pull, -2.0)) for pull in (0.0, 0.3)]

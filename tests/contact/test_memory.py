@@ -1,4 +1,4 @@
-"""Memory of each of several processes: its share of the body, plus contact data held by all."""
+"""Memory that each process needs: for its share of the body and for all contact surfaces."""
 
 import ctypes
 import gc
@@ -19,7 +19,7 @@ MARGIN = 1.25
 
 
 class HeapStatistics(ctypes.Structure):
-    """glibc's heap statistics; `mapped` and `used` are bytes in use."""
+    """Statistics of glibc's heap; `mapped` and `used` are bytes in use."""
 
     _fields_ = [
         (name, ctypes.c_size_t)
@@ -39,7 +39,7 @@ class HeapStatistics(ctypes.Structure):
 
 
 def bytes_in_use():
-    """Return the bytes of this process, including those of PETSc and DOLFINx."""
+    """Return the bytes that this process uses, including those of PETSc and DOLFINx."""
     gc.collect()
     mallinfo = ctypes.CDLL(None).mallinfo2
     mallinfo.restype = HeapStatistics
@@ -48,7 +48,7 @@ def bytes_in_use():
 
 
 class PeakMemory:
-    """Peak bytes of Python and NumPy in each stage, over those before it."""
+    """Peak bytes of Python and NumPy in each stage, beyond those in use before the stage."""
 
     def __init__(self):
         self.bytes = {}
@@ -63,7 +63,7 @@ class PeakMemory:
 
 
 def measure_stages(comm, n, path):
-    """Return the number of nodes, and peak bytes of each stage and permanent bytes.
+    """Return the number of nodes, the peak bytes of each stage, and the bytes in use at the end.
 
     The problem is a block of 2 n x n x n cells under a ball.
     """
@@ -84,15 +84,18 @@ def measure_stages(comm, n, path):
 
 
 def measure_large_and_small(comm, path):
-    """Return the nodes and bytes of a block, and the bytes of a very small one."""
+    """Return the number of nodes and the bytes of a block, and the bytes of a very small block."""
     small_path = path.with_name(f"{comm.rank}.npz")
-    measure_stages(MPI.COMM_SELF, 2, small_path)  # imports and compiles first
+    measure_stages(MPI.COMM_SELF, 2, small_path)  # imports and compiles before any measurement
     return *measure_stages(comm, 8, path), measure_stages(MPI.COMM_SELF, 2, small_path)[1]
 
 
 @pytest.mark.random  # tests of this mark run at night
 def test_a_process_holds_its_share_of_all_data_but_contact_surfaces(request, tmp_path):
-    """Ghosts are included. One process holds a whole state while it is saved or loaded."""
+    """A process holds only its share of all data except those of contact surfaces.
+
+    The share includes ghost nodes. One process holds a whole state while it is saved or loaded.
+    """
     if not request.config.getoption("--nightly"):
         pytest.skip("takes 15 processes, with --nightly")
     ((nodes, serial_bytes, _),) = run_on(1, measure_large_and_small, tmp_path / "state.npz")

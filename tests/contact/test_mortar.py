@@ -1,4 +1,4 @@
-"""Two deformable bodies on non-matching meshes."""
+"""Contact of two deformable bodies with non-matching meshes at small displacements."""
 
 from dataclasses import replace
 
@@ -53,7 +53,10 @@ def unbalanced_forces(stack, state, load):
 
 
 def imbalance(stack, state, load):
-    """Return total force and moment of the contact forces on both bodies, over the force."""
+    """Return the resultant force and moment of contact on both bodies, relative to the forces.
+
+    The reference is the sum of the magnitudes of all nodal forces.
+    """
     interface_mask = stack.side_nodes("upper") | stack.side_nodes("lower")
     force, x = unbalanced_forces(stack, state, load)[interface_mask], stack.x[interface_mask]
     moment = np.cross(x, force) if stack.dim == 3 else x[:, 0] * force[:, 1] - x[:, 1] * force[:, 0]
@@ -108,7 +111,10 @@ def test_patch_test_passes(cell, slave, friction, element, nu, state):
 
 @pytest.mark.parametrize(("slave", "amplitude"), [("upper", 0.15), ("lower", 0.05)])
 def test_patch_test_passes_on_distorted_quadrilaterals(slave, amplitude):
-    """The flat faces are no parallelograms, so that weights are no polynomials."""
+    """The patch test passes on distorted quadrilaterals, whose weights are no polynomials.
+
+    The flat faces are no parallelograms.
+    """
 
     def distort(x):
         bubble = amplitude * np.sin(np.pi * x[:, 0]) * np.sin(np.pi * x[:, 1])
@@ -124,7 +130,10 @@ def test_patch_test_passes_on_distorted_quadrilaterals(slave, amplitude):
 @pytest.mark.parametrize("slave", ["upper", "lower"])
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
 def test_patch_test_passes_where_facets_are_partly_covered(cell, slave):
-    """The upper block ends inside facets; loads press the uncovered part of the lower one."""
+    """The patch test passes where the upper block covers facets of the lower one in part.
+
+    The upper block ends inside facets. Loads press the uncovered part of the lower block.
+    """
     end, h = (0.81, 0.1) if cell in PLANE_CELLS else (0.83, 1 / 6)
     stack = StackedBlocks(
         (5, 4) if cell in PLANE_CELLS else (3, 2), cell, map_upper=lambda x: x * [end, 1.0, 1.0]
@@ -143,7 +152,7 @@ def test_patch_test_passes_where_facets_are_partly_covered(cell, slave):
     is_uncovered = x > end + h - 1e-9
     assert is_uncovered.any()
     assert np.abs(pressures[is_uncovered]).max() < 1e-12 * PRESSURE
-    # a 200th of the weights of the last covered nodes faces the master, in space far more
+    # only a 200th of the weights of the last covered nodes faces the master; for solids far more
     is_hardly_covered = ~is_uncovered & (x > end) & (cell == "triangle")
     assert np.isnan(pressures[is_hardly_covered]).all()
     assert is_hardly_covered.any() == (cell == "triangle")
@@ -151,7 +160,10 @@ def test_patch_test_passes_where_facets_are_partly_covered(cell, slave):
 
 
 def weights_beyond(corners, end):
-    """Return integrals (s, k) of the hats of axis-parallel sub-facets (s, k, dim) over x > end."""
+    """Return integrals (s, k) of the hat functions of axis-parallel sub-facets over x > end.
+
+    `corners` (s, k, dim) are the corners of the sub-facets.
+    """
     ends = corners[:, [0, -1]]
     left, width = ends[:, :, 0].min(axis=1), np.abs(ends[:, 1] - ends[:, 0])
     u = np.clip((end - left) / width[:, 0], 0.0, 1.0)
@@ -238,7 +250,10 @@ def test_invalid_mortar_pairs_are_refused(nodes, facets, kind, message):
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
 def test_elements_without_piecewise_linear_weights_are_refused(cell):
-    """With them the patch test fails, by up to 60 % of the pressure."""
+    """Elements without piecewise-linear weights are refused as slaves of a mortar contact.
+
+    With such elements the patch test fails, by up to 60 % of the pressure.
+    """
     raises_error = pytest.raises(ValueError, match="forces by piecewise-linear weights")
     for element in ("galerkin", "taylor_hood"):
         with raises_error:
@@ -280,7 +295,11 @@ def test_a_loose_body_is_named_in_the_refusal(traction, friction, kind, message)
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 def test_friction_on_a_slave_that_supports_move_along_is_refused(cell):
-    """The law is not stated there: with exchanged sides, the other body feels the friction."""
+    """Friction at slave nodes that supports move along the other body is refused.
+
+    The law is not imposed at such nodes. If both sides are exchanged, the friction acts on the
+    other body.
+    """
     stack = StackedBlocks((3, 2), cell)
     up = stack.up
     translation = np.array([0.02] + [0.0] * (up - 1) + [-0.01])
@@ -312,7 +331,10 @@ def hat_functions(x, nodes):
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
 def test_gap_slip_and_status_of_the_master_are_means_of_those_of_the_slave(slave):
-    """Both sides' hat functions are sampled."""
+    """The master's gap, slip and status are weighted means of the slave's.
+
+    The hat functions of both sides are sampled at points along the interface.
+    """
     low, high = 0.13, 0.83
     stack = StackedBlocks((5, 4), upper_range=(low, high))
     state = stack.solve_shifted_top(slave, lambda x: 0.1 + 0.2 * x[0])
@@ -351,7 +373,10 @@ def make_rectangle(low, high, divisions):
 
 
 def test_two_slaves_on_one_master_and_a_rigid_floor_have_uniform_pressure():
-    """Blocks side by side meet above the inside of a facet; the plate has a thickness."""
+    """The pressure is uniform between two slaves and one master, which lies on a rigid floor.
+
+    The two upper blocks meet above the inside of a facet. The plates have a thickness of 0.4.
+    """
     end = 0.47
     lower_mesh = make_rectangle((0.0, 0.0), (1.0, 1.0), (5, 4))
     upper_meshes = join_meshes(

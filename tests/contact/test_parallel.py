@@ -1,4 +1,4 @@
-"""Contact on two processes, three at night: one start computes everything that is compared."""
+"""Contact on two processes, at night also on three; all cases are computed in one start of MPI."""
 
 import logging
 import os
@@ -48,13 +48,16 @@ CASES_WITH_FILES = "block", "drag", "mortar", "flat mortar", "matching"
 
 
 def solve_mortar(comm, cell, divisions):
-    """Return a body on another one, which it covers partly, pressed and moved, and its state."""
+    """Return a body that is pressed on another one and moved, and its state.
+
+    The bodies have non-matching meshes, and the upper one covers the lower one in part.
+    """
     stack = StackedBlocks(divisions, cell, upper_range=(0.13, 0.83), comm=comm)
     return stack, [stack.solve_shifted_top("lower")]
 
 
 def solve_matching(comm):
-    """Return two blocks with matching nodes, the upper one held by contact, and the states."""
+    """Return two blocks with matching nodes and their states; contact alone holds the upper one."""
     blocks = MatchingBlocks(divisions=(12, 6), comm=comm)
     loads = [blocks.traction_load((pull, -3.0)) for pull in (0.0, 0.4)]
     states = blocks.solve_contact(blocks.make_pair(0.3), blocks.clamp(on_plane(1, 0.0)), loads)
@@ -68,7 +71,7 @@ def solve_matching(comm):
 
 
 def solve_block(comm):
-    """Return a block on a floor and its states; several processes have contact nodes."""
+    """Return a block on a floor and its states; several processes own contact nodes."""
     body = BlockOnFloor(20, comm=comm)
     owned = body.x[: body.space.dofmap.index_map.size_local, 1]
     has_contact_nodes = comm.allgather(np.isclose(owned, 0.0).any())
@@ -93,7 +96,7 @@ CASES = {
 
 
 def passing_error_numbers(comm, surface, depth):
-    """Return the numbers in the message about a surface that passes through the body."""
+    """Return the numbers in the error message about a surface that passes through the body."""
     case = PunchedBlock(comm=comm)
     pair = ContactPair(on_plane(1, 4.0), surface, 0.3, [Motion((0, -depth))])
     with pytest.raises(SurfacePassed) as error:
@@ -102,7 +105,7 @@ def passing_error_numbers(comm, surface, depth):
 
 
 def collect_numbers(comm, folder):
-    """Return all numbers of the cases by name, and write the files."""
+    """Return all numbers of the cases by name, and write the cases' files."""
     numbers = {
         "ball passes": passing_error_numbers(comm, Sphere((0, 6), 2.0), 5.0),
         "plate passes": passing_error_numbers(comm, Plane((0, 4), (0, -1)), 6.0),
@@ -126,7 +129,7 @@ def collect_numbers(comm, folder):
 
 
 def write_errors(comm, folder):
-    """Return the errors of writing where rank 0 alone is obstructed, and the final file names."""
+    """Return the errors of writing while rank 0 alone is obstructed, and the final file names."""
     body, states = solve_block(comm)
     path, messages = folder / "block.bp", []
     if comm.rank == 0:
@@ -164,7 +167,7 @@ def test_an_obstacle_to_writing_on_one_process_is_reported_on_all(tmp_path):
 
 
 def fail_while_writing(comm, folder):
-    """Let one process fail within the writing, while the others wait for it."""
+    """Make one process fail while it writes a file and the others wait for it."""
     body, states = solve_block(comm)
     fill = ContactFields.fill
 
@@ -187,9 +190,10 @@ def test_processes_do_not_wait_for_one_that_failed_while_writing(tmp_path):
 
 
 def solve_and_resume(name, problems, motions, folder, further_fields=()):
-    """Return the fields at the end of the motions, also of resumed problems.
+    """Return the fields at the end of the motions, computed in one history and in resumed ones.
 
-    Another problem takes up the state before the last motion, from a file or directly.
+    In the resumed histories, another problem starts from the state before the last motion, which it
+    loads from a file or gets directly.
     """
     (problem, second_problem), path = problems, folder / f"{name}.npz"
     *_, previous, end_state = large.step_through(problem, motions)
@@ -202,7 +206,10 @@ def solve_and_resume(name, problems, motions, folder, further_fields=()):
 
 
 def finite_strain_fields(comm, folder):
-    """Return fields of moved tools, of two rubber bodies, and derivatives."""
+    """Return fields of problems at large strains: with moved tools, and with two rubber bodies.
+
+    The fields include derivatives with respect to parameters.
+    """
     fields = {}
     for name, solver in large.SOLVERS.items():
         problems = [large.make_hardening_rubber(comm, solver=solver)[0].problem for _ in range(2)]
@@ -231,9 +238,9 @@ REFUSAL_TYPES = ["NoEquilibrium"] * 8 + ["FreeBody"] * 8
 
 
 def log_of_one_process(comm):
-    """Return whether a callback of rank 1 is called there alone, and the log's lines."""
+    """Return whether a callback given on rank 1 is called there alone, and the lines of the log."""
     case, lines, events = BlockOnFloor(8, comm=comm), [], []
-    case.pressure_load.scale(0.01)  # small displacements
+    case.pressure_load.scale(0.01)  # reduces the load, so that displacements are small
 
     def solve(callback=None):
         return case.solve_contact(
@@ -248,19 +255,22 @@ def log_of_one_process(comm):
     handler, library = LineHandler(), logging.getLogger("pw_elements")
     library.addHandler(handler)
     library.setLevel(logging.INFO)
-    if comm.rank == 0:  # whoever listens on one process only must not stop the others
+    if comm.rank == 0:  # one process that logs more must not stop the others
         logging.getLogger("pw_elements.contact").setLevel(logging.DEBUG)
     solve()
     return len(events) == (state.iterations + 1 if comm.rank == 1 else 0), lines
 
 
 def compared_fields(state):
-    """Return the fields of a state, the displacement by its norm."""
+    """Return the fields of a state, with the norm of the displacement in place of its values."""
     return state_fields(state) | {"displacement": state.displacement.norm()}
 
 
 def compute_everything(comm, previous_folder, folder):
-    """Compute everything that is compared; histories go on where fewer processes have stopped."""
+    """Return all results that are compared between numbers of processes.
+
+    Histories that were stopped on fewer processes are continued from `previous_folder`.
+    """
     results = {
         "numbers": collect_numbers(comm, folder),
         "words": refusal_messages(comm),
@@ -285,7 +295,7 @@ def compute_everything(comm, previous_folder, folder):
 
 
 def merge_coinciding_points(values):
-    """Return a step's fields with each point once, sorted by position; ghosts have to agree."""
+    """Return a step's fields with each point once, sorted by position; copies have to agree."""
     x = values["geometry"]
     order = np.lexsort(np.round(x, 9).T)
     is_new_point = np.append(True, np.any(np.abs(np.diff(x[order], axis=0)) > 1e-9, axis=1))
@@ -301,13 +311,13 @@ def merge_coinciding_points(values):
 
 
 def assert_same_files(name, folder, parallel_folder):
-    """Compare the time series of a case that one and several processes have written."""
+    """Compare the time series of a case that were written by one and by several processes."""
     serial_steps, parallel_steps = (
         vtx.read(path / f"{name}.bp") for path in (folder, parallel_folder)
     )
     for (time, serial), (parallel_time, parallel) in zip(serial_steps, parallel_steps, strict=True):
         assert time == parallel_time
-        if name == "matching":  # nodes of two bodies coincide
+        if name == "matching":  # nodes of both bodies coincide
             ends = [
                 [np.nanmax(step["pressure"]), np.nanmin(step["contact_force"])]
                 for step in (serial, parallel)
@@ -321,12 +331,15 @@ def assert_same_files(name, folder, parallel_folder):
             scale = np.nanmax(np.abs(reference)) if field != "gap" else 1.0
             difference = np.abs(values - parallel[field])
             assert np.array_equal(np.isnan(values), np.isnan(parallel[field])), field
-            # the law holds to 1e-9 of the largest force, and forces to a few times that
+            # the law holds to 1e-9 of the largest force, and forces to a few times 1e-9
             assert np.nanmax(difference) < 1e-8 * max(scale, 1e-3), field
 
 
 def assert_same_histories(name, serial_result, several_results, folder):
-    """Compare histories begun on one process, continued on several, and continued on one again."""
+    """Compare histories that were continued on other numbers of processes.
+
+    They begin on one process, continue on several, and continue again on one.
+    """
     problem, steps = HISTORIES[name]()
     resumed_states = resume_history(problem, steps, problem.load(folder / f"{name}.npz"))
     serial_fields = serial_result["histories"][name]
@@ -341,7 +354,7 @@ def assert_same_histories(name, serial_result, several_results, folder):
 
 
 def assert_one_process_logs(rank_0_result, *other_results):
-    """Assert that rank 0 alone logs, and that callbacks are called where they should be."""
+    """Assert that rank 0 alone logs, and that callbacks are called on the expected processes."""
     (callback_is_right, lines), other_lines = (
         rank_0_result,
         [rank_lines for _, rank_lines in other_results],
@@ -356,7 +369,10 @@ def assert_one_process_logs(rank_0_result, *other_results):
 
 
 def test_one_and_several_processes_agree(tmp_path, request):
-    """One test, so that workers do not compute its parts twice."""
+    """One and several processes compute the same results, files and messages.
+
+    All parts are in one test, so that parallel workers of pytest do not repeat computations.
+    """
     folders = [tmp_path / name for name in ("one", "several")]
     for folder in folders:
         folder.mkdir()

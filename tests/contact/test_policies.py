@@ -1,4 +1,4 @@
-"""The policies that update the active set, each tested alone."""
+"""The policies that update the active set of contact nodes; each one is tested alone."""
 
 from types import SimpleNamespace
 
@@ -28,7 +28,7 @@ def make_active_set(*status, direction=0.0):
 
 
 def make_contact_nodes(force, gap=None, slip=None, friction=0.3):
-    """Return plane contact nodes whose normal is y; forces (n, 2) are normal and tangential."""
+    """Return plane contact nodes with the normal y and normal and tangential forces (n, 2)."""
     force = np.asarray(force, dtype=float)
     n = len(force)
     frame = np.tile(np.array([[0.0, 1.0], [1.0, 0.0]]), (n, 1, 1))
@@ -90,7 +90,7 @@ def test_a_recurring_set_is_kept_until_its_equations_are_solved():
     assert not history.record_and_decide_to_keep(open_set, 1e-9)  # solved
     assert [history.record_and_decide_to_keep(slip_set, 1.0) for _ in range(6)] == [True] * 5 + [
         False
-    ]  # not for ever
+    ]  # the set is not kept forever
 
 
 def test_the_error_of_a_cycle_names_the_nodes_that_change():

@@ -15,7 +15,7 @@ BLOCK = BlockOnFloor(8)
 
 @pytest.fixture(autouse=True)
 def _clean_logger(monkeypatch):
-    """Remove handlers and levels that other tests or the study have set."""
+    """Remove logging handlers and levels that other tests or the study have set."""
     level = progress.logger.level
     monkeypatch.setattr(progress.logger, "handlers", [])
     progress.logger.setLevel(logging.NOTSET)

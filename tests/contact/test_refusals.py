@@ -1,4 +1,4 @@
-"""Refusals against statics by hand and another linear program."""
+"""Refusals of contact problems, compared with statics by hand and another linear program."""
 
 import re
 from dataclasses import replace
@@ -53,14 +53,14 @@ FLOOR_IN_SPACE = Plane((0, 0, 0), (0, 0, 1))
 
 
 class StatedProblem(ElasticBody):
-    """A body and its supports; pairs and loads of one increment follow."""
+    """A body with its supports; the pairs and loads of one increment are given later."""
 
     def __init__(self, mesh, state="plane strain", conditions=()):
         super().__init__(mesh, state=state)
         self.conditions = [prescribe(self.space, axis, where) for axis, where in conditions]
 
     def solve(self, pairs, load):
-        """Return the state under pairs and a load vector or a load per volume."""
+        """Return the state for given pairs and either a load vector or a load per volume."""
         pairs = [pairs] if isinstance(pairs, ContactPair) else pairs
         if isinstance(load, tuple):
             load = assemble_vector(self.body.body_load(load))
@@ -69,7 +69,7 @@ class StatedProblem(ElasticBody):
         return self.solve_contact(pairs, supports, load)[0]
 
     def nodal_push_loadat(self, position, force):
-        """Assemble a nodal force at a position."""
+        """Assemble the load vector of a nodal force at a position."""
         return nodal_load(
             self.space, lambda x: np.all(np.isclose(x.T[:, : self.dim], position), axis=1), force
         )
@@ -97,7 +97,10 @@ def floor_pair(mu=0.3, surface=FLOOR):
 
 
 def make_two_blocks(comm=SELF, x=5.0, y=0.0):
-    """Return two loose blocks of one mesh, the second one's corner at (x, y)."""
+    """Return two separate blocks of one mesh without supports.
+
+    The lower left corner of the first block is the origin, that of the second one is (x, y).
+    """
     first_mesh, second_mesh = (
         triangles(SELF, corner, (corner[0] + 2.0, corner[1] + 1.0), (4, 2))
         for corner in ((0.0, 0.0), (x, y))
@@ -106,7 +109,7 @@ def make_two_blocks(comm=SELF, x=5.0, y=0.0):
 
 
 def stacked_pairs(body, floor_friction, block_friction):
-    """Return the pairs of a block on a block on the floor."""
+    """Return the two contact pairs of a block on a second block, which lies on the floor."""
     lower_nodes, upper_nodes = (
         nodes_of_block_at_height(body.space, 1.0, of_upper) for of_upper in (False, True)
     )
@@ -117,7 +120,7 @@ def stacked_pairs(body, floor_friction, block_friction):
 
 
 def solve_refused(problem, pairs, load, match=None, kind=NoEquilibrium):
-    """Return the error of a refused problem, after checking its proof."""
+    """Return the error of a problem that is refused, after checking the proof in it."""
     with pytest.raises(kind, match=match) as caught:
         problem.solve(pairs, load)
     assert type(caught.value) is kind
@@ -132,7 +135,11 @@ def solve_refused(problem, pairs, load, match=None, kind=NoEquilibrium):
 
 @pytest.mark.parametrize("mu", [0.1, 1.5])
 def test_a_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
-    """The weight (s, -c) acts at the middle of the base; s - mu c gives the missing force."""
+    """A block slides on an incline whose slope exceeds the friction coefficient mu.
+
+    The weight (s, -c) acts at the middle of the base, with s and c the sine and cosine of the
+    inclination. The missing force is s - mu c.
+    """
     body = make_block()
     for slope_ratio, is_refused in ((0.99, False), (1.01, True), (1.001, True)):
         s, c = slope_ratio * mu / np.hypot(1, mu * slope_ratio), 1 / np.hypot(1, mu * slope_ratio)
@@ -152,7 +159,10 @@ def test_a_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
 
 
 def test_a_body_in_space_slides_in_any_direction():
-    """The cone is round: it is not replaced by a polygon."""
+    """A body on a plane in space slides in any direction in which a force exceeds the friction.
+
+    The friction cone is round; it is not replaced by a pyramid.
+    """
     body, ground_pair = make_solid_block(), ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE, 0.3)
     for angle in np.radians([0.0, 30.0, 100.0]):
         pull = 0.3 * np.array([np.cos(angle), np.sin(angle)])
@@ -203,7 +213,7 @@ def test_an_axisymmetric_body_is_lifted_along_its_axis_only():
 
 
 def pushed_surface_pair(surface, force, mu=0.3):
-    """Return the pair of the top under a free surface that a force pushes."""
+    """Return the contact pair of the top with a free surface that a force pushes."""
     return ContactPair(on_plane(1, 1.0), surface, mu, [Motion((None, None), force)])
 
 
@@ -223,7 +233,7 @@ def test_a_plate_that_is_pulled_off_or_along_is_refused():
 
 
 class InclinedNormal:
-    """A horizontal surface with an inclined normal."""
+    """A surface with the gap of a horizontal plane and the normal of an inclined one."""
 
     def gap(self, x):
         return x[:, 1]
@@ -263,7 +273,7 @@ FREE_MOTIONS = {
         r"translation \(0\.8, 0\.6\)",
     ),
     "apart": (make_two_blocks, FRICTIONLESS_FLOOR, GRAVITY, f"{FIRST_BODY} and {SECOND_BODY}"),
-    # a rough plate on a block on a frictionless floor is free together with the block alone
+    # a rough plate on a block on a frictionless floor is free together with the block
     "together": (
         make_block,
         [FRICTIONLESS_FLOOR, FREE_PLATE],
@@ -299,7 +309,7 @@ def test_free_motions_are_named(name):
 
 
 def refusal_messages(comm):
-    """Return messages of refusals without equilibrium, then of free bodies."""
+    """Return the messages of refusals without equilibrium, and then of free bodies."""
     upper_on_lower, floor_in_space = (
         make_two_blocks(comm, 0.0, 1.0),
         ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE, 0.3),
@@ -345,12 +355,15 @@ def test_the_nearest_state_of_a_failure_is_kept_but_cannot_be_continued(tmp_path
 
 
 def capacity_in_message(error):
-    """Return the largest friction force that the message states."""
+    """Return the largest friction force that an error message gives."""
     return float(re.search(r"of at most (\S+) along", str(error)).group(1))
 
 
 def test_the_refusal_of_a_ring_pushed_off_its_shaft_states_the_friction_capacity():
-    """Smaller increments cannot help; the capacity is mu times the force of the fit."""
+    """The refusal of a ring that is pushed off its shaft gives the largest friction force.
+
+    This force is mu times the normal force of the fit. Smaller increments cannot help.
+    """
     ring = StatedProblem(triangles(SELF, (1.0, 0.0), (2.0, 1.0), (4, 4)), "axisymmetric")
     pair = ContactPair(on_plane(0, 1.0), Plane((1.01, 0), (1, 0)), 0.3, interference=True)
     problem, area = ring.contact_problem(pair), np.pi * (2**2 - 1)
@@ -383,10 +396,13 @@ def test_refusals_of_other_causes_do_not_blame_friction():
 
 
 def rigid_points(rng, count, dim):
-    """Return contact points of a rigid body with random normals and friction, and their data."""
+    """Return random contact points of a rigid body, and their data for the other program.
+
+    The data are normals (n, dim), friction coefficients, and the rigid motions of the points.
+    """
     x = rng.uniform(-1, 1, (count, dim))
     n = rng.normal(size=(count, dim))
-    if rng.random() < 0.7:  # normals as of a floor
+    if rng.random() < 0.7:  # normals that differ little, as on a floor
         n[:, -1] = 2 + np.abs(n[:, -1])
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     modes = np.zeros((count, dim, 3 * dim - 3))
@@ -409,7 +425,10 @@ def rigid_points(rng, count, dim):
 
 
 def forces_balance(n, mu, modes, power, directions):
-    """Return whether forces along these generators of the cones balance loads."""
+    """Return whether contact forces balance the loads.
+
+    The contact forces are sums of the normals and of mu times the given tangential directions.
+    """
     generators = []
     for normal, friction in zip(n, mu, strict=True):
         t = np.linalg.svd(normal[None])[2][1:]
@@ -424,12 +443,16 @@ def forces_balance(n, mu, modes, power, directions):
 
 @pytest.mark.parametrize("seed", range(60))
 def test_a_proof_is_found_exactly_where_no_forces_balance_the_loads(seed):
-    """Coulomb's cones in the plane are two edges; in space they are between two polygons."""
+    """A proof of "no equilibrium" is found exactly where no contact forces balance the loads.
+
+    In the plane, the edges of Coulomb's cones are two vectors. In space, the cones lie between two
+    pyramids, for which the other linear program is solved.
+    """
     rng = np.random.default_rng((7, seed))
     dim = 2 + seed % 2
     points, n, mu, modes = rigid_points(rng, int(rng.integers(1, 8)), dim)
     power = rng.normal(size=modes.shape[2])
-    if rng.random() < 0.6:  # loads that nearly admissible forces balance
+    if rng.random() < 0.6:  # loads that are balanced by nearly admissible forces
         forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
         power = -np.einsum("nak,na->k", modes, forces) + 0.3 * rng.normal() * power
     velocity_and_missing = find_proof(points, power, np.abs(power))
@@ -443,7 +466,7 @@ def test_a_proof_is_found_exactly_where_no_forces_balance_the_loads(seed):
             assert not is_proved
         if not forces_balance(n, mu, modes, power, circle / np.cos(np.pi / 64)):
             assert is_proved
-    if velocity_and_missing is not None:  # the smallest missing load suffices
+    if velocity_and_missing is not None:  # the smallest missing load is enough for an equilibrium
         velocity, missing = velocity_and_missing
         tolerance = 1e-5 * np.abs(power).max()
         assert -missing @ velocity == pytest.approx(power @ velocity, abs=tolerance)
@@ -452,7 +475,10 @@ def test_a_proof_is_found_exactly_where_no_forces_balance_the_loads(seed):
 
 
 def test_no_motion_is_a_proof_where_forces_balance_the_loads():
-    """The motions are random, or near an escape."""
+    """No motion is accepted as a proof if contact forces balance the loads.
+
+    The motions are random, or near the motion by which the body would escape.
+    """
     n_overstepped = n_proved = 0
     for seed in range(200):
         rng = np.random.default_rng((8, seed))
@@ -469,19 +495,23 @@ def test_no_motion_is_a_proof_where_forces_balance_the_loads():
             if proves_imbalance(points, power, np.abs(power), motion):
                 n_proved += 1
                 assert not is_balanced, (seed, motion)
-    assert n_overstepped > 50  # motions in which loads do work but contact forces resist
+    assert n_overstepped > 50  # motions with positive work of loads, but larger resistance
     assert n_proved > 10
 
 
 def test_an_escape_outside_a_cone_is_no_proof(monkeypatch):
-    """A linear program would let a block slide on a floor, but friction does more work."""
+    """A motion that violates the friction cone is not accepted as a proof.
+
+    The motion, which is put in place of the linear program's result, lets a block slide on a floor.
+    Friction would do more work than the load.
+    """
     eye = np.eye(2)
     none_marked = np.zeros(1, dtype=bool)
     normal, tangential = np.array([[0.0, 1.0]]), np.array([[eye[0], [0.0, 0.0]]])
     points = NodeVelocities(
         np.zeros(1, dtype=int), np.array([0.5]), none_marked, normal, tangential
     )
-    power = np.array([0.3, -1.0])  # pushed by less than friction under a unit force
+    power = np.array([0.3, -1.0])  # the push is smaller than friction under a unit normal force
     motion = np.array([1.0, 0.0])
     monkeypatch.setattr(refusals, "find_escape_motion", lambda *_: (motion, np.zeros(2)))
     assert find_proof(points, power, np.abs(power)) is None
@@ -490,7 +520,11 @@ def test_an_escape_outside_a_cone_is_no_proof(monkeypatch):
 
 @pytest.mark.parametrize("blocked", [False, True])
 def test_motions_of_many_bodies_are_found_as_those_of_few(monkeypatch, blocked):
-    """Sparse algebra, and blocked stiffness matrices, give the messages of dense algebra."""
+    """Sparse and dense algebra give the same messages about motions of bodies.
+
+    Sparse algebra is used for many bodies. Stiffness matrices with blocks of nodal unknowns are
+    tested as well.
+    """
     two_blocks, messages = make_two_blocks(), []
     two_blocks.K = assemble_matrix(two_blocks.body.stiffness(), blocked=blocked)
     for n_dense in (60, 0):
@@ -505,7 +539,10 @@ def test_motions_of_many_bodies_are_found_as_those_of_few(monkeypatch, blocked):
 
 
 def test_a_stiffness_between_bodies_holds_them():
-    """Springs connect a block to a clamped one; other blocks only touch the floor."""
+    """Springs in the stiffness matrix between a free and a clamped block hold the free one.
+
+    The blocks touch nothing else that could hold them.
+    """
     two_blocks = make_two_blocks()
     two_blocks.conditions = [
         prescribe(two_blocks.space, i, lambda x: np.isclose(x[1], 0.0) & (x[0] < 2.5))

@@ -1,4 +1,4 @@
-"""The fallbacks of the active-set iteration, each tested alone."""
+"""The fallbacks of the active-set iteration; each one is tested alone."""
 
 from collections import Counter
 
@@ -18,7 +18,7 @@ from tests.oracle.random_contact import make_problem
 # Seeds on which the iteration cycles, converges slowly or meets round-off: plane strain
 # under a free sphere, a body that only contact holds, axisymmetry, tetrahedra, friction above 10
 FAILING_SEEDS = [158, 264, 991, 1134, 132]
-# Seeds on which the iteration releases a surface or a body that friction can hold
+# Seeds on which the iteration frees a surface or a body that friction can hold
 RELEASING_SEEDS = [667]
 
 
@@ -44,7 +44,10 @@ def test_problems_on_which_the_iteration_fails_are_solved_by_springs_and_logged(
 
 
 def test_a_plate_that_slides_freely_over_supported_nodes_is_solved_in_substeps():
-    """The plate is pushed across two symmetry planes in space, where springs do not help."""
+    """A plate that slides freely over supported nodes is solved in substeps.
+
+    The plate is pushed across two symmetry planes in space. Springs do not help here.
+    """
     problem = make_problem(1441)
     states = problem.solve()
     assert states[1].substates
@@ -53,11 +56,14 @@ def test_a_plate_that_slides_freely_over_supported_nodes_is_solved_in_substeps()
 
 
 def test_a_solver_that_fails_in_a_substep_is_reported(monkeypatch):
-    """No smaller substep is tried; "auto" then goes on with a direct solver."""
+    """The error of a solver that fails in a substep is reported.
+
+    No smaller substep is tried. With "auto", a direct solver then takes over.
+    """
     problem, solve_part = make_problem(158), SmallStrainStepping._solve_substep
 
     def fail_in_substeps(self, *arguments):
-        if len(arguments) == 4:  # a substep has a budget
+        if len(arguments) == 4:  # calls for a substep have a budget as fourth argument
             raise NotConverged("gave up")
         return solve_part(self, *arguments)
 
@@ -67,7 +73,10 @@ def test_a_solver_that_fails_in_a_substep_is_reported(monkeypatch):
 
 
 def test_substeps_obey_the_law_and_all_their_systems_are_counted(monkeypatch):
-    """Each substep obeys the law with the slip since the previous one, at its own loads."""
+    """Substeps obey the contact law, and all their linear systems are counted.
+
+    Each substep obeys the law at its own loads, with the slip since the previous substep.
+    """
     n_solves, n_factorisations, problem = Counter(), Counter(), make_problem(1134)
     solve_system, solve_tangent = ContactSystem.solve, AssembledTangent.solve
 
@@ -85,7 +94,7 @@ def test_substeps_obey_the_law_and_all_their_systems_are_counted(monkeypatch):
     states = problem.solve(remedies=("cutback",))
     (cut_state,) = (state for state in states if state.substates)
     assert largest_residual(measure_residuals(*split_into_substeps(problem, states))) < 1e-8
-    # the ends alone are no solution of whole increments
+    # the ends of increments alone violate the law of whole increments
     assert (
         largest_residual(
             measure_residuals(problem, [StepMotion.from_state(state) for state in states])

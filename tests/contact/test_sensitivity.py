@@ -1,4 +1,4 @@
-"""Sensitivities of histories, compared with central differences of independent solutions."""
+"""Sensitivities of histories, compared with central differences of recomputed histories."""
 
 from mpi4py import MPI
 
@@ -22,12 +22,12 @@ from pw_elements.meshes import triangles
 from tests.contact.cases import ElasticBody, finite_strain_residual, neo_hookean_stress, on_plane
 from tests.contact.test_large import RubberUnderCircle, make_hardening_rubber
 
-RELATIVE_STEP = 1e-5  # of each parameter's value
+RELATIVE_STEP = 1e-5  # change of a parameter, relative to its value
 PARAMETER_NAMES = ("shear", "lame", "base", "load", "friction", "depth", "slide", "push")
 
 
 class RandomRubber:
-    """A random rubber block under a tool that is moved, then pushed; it has all parameters."""
+    """A random rubber block with parameters of all kinds, under a tool that moves and pushes."""
 
     def __init__(self, seed, dim=2, steps=3, max_iterations=25, comm=MPI.COMM_SELF):
         rng = np.random.default_rng(seed)
@@ -81,7 +81,7 @@ class RandomRubber:
         self.push_force = -rng.uniform(0.1, 0.2)
 
     def solve(self, **changed):
-        """Return the problem and its states with changed values of some of the parameters."""
+        """Return the problem and its states after changing the values of some parameters."""
         values = self.values | changed
         self.shear.value, self.lame.value = values["shear"], values["lame"]
         pair = ContactPair(self.top, self.surface, friction=values["friction"])
@@ -110,7 +110,7 @@ class RandomRubber:
 
     @property
     def parameters(self):
-        """Return the parameters by `PARAMETER_NAMES`, with their rates in all states."""
+        """Return the parameters by `PARAMETER_NAMES`, with their rates of change in all states."""
         ramp, n = np.arange(4) / 3, self.steps + 1
         depth, slide, push = np.zeros((3, 4, self.dim))
         depth[1:3, -1], slide[1:, 0], push[3, -1] = (
@@ -128,7 +128,7 @@ class RandomRubber:
 
     @property
     def outputs(self):
-        """Return the outputs whose derivatives are computed."""
+        """Return the outputs of which derivatives are computed."""
         x, v = ufl.SpatialCoordinate(self.space.mesh), ufl.TestFunction(self.space)
         weights = assemble_vector(ufl.inner(x, v) * ufl.dx)
         axis = self.dim - 1
@@ -136,7 +136,7 @@ class RandomRubber:
         return [*forces, ("translation", 0, axis), self.energy, weights]
 
     def results(self, states):
-        """Return the outputs (states - 1, outputs), computed in another way."""
+        """Return the outputs (states - 1, outputs), computed from the states by other code."""
         rows, weights = [], self.outputs[-1]
         for state, load in zip(states[1:], self.loads, strict=True):
             load(1.0)
@@ -152,7 +152,7 @@ def statuses(states):
 
 
 class SteelBlock:
-    """A circle that is pressed on a block, slid, and pushed by a force; small displacements."""
+    """A block at small displacements on which a circle is pressed, slid, and pushed by a force."""
 
     max_iterations, loads = 25, ()
     values = dict.fromkeys(("depth", "slide", "push", "load"), 1.0) | {"friction": 0.2}
@@ -191,7 +191,7 @@ class SteelBlock:
         } | motion_parameters
 
     def results(self, states):
-        """Return the outputs, computed in another way."""
+        """Return the values of the outputs, computed from the states by other code."""
         pair_values = [
             [*state.pairs[0].force, state.pairs[0].translation[1]] for state in states[1:]
         ]
@@ -199,9 +199,9 @@ class SteelBlock:
 
 
 def difference_errors(case, sensitivities, states, groups):
-    """Return the errors of derivatives against central differences, by group of parameters.
+    """Return the differences of derivatives from central differences, by group of parameters.
 
-    The parameters of a group change together; groups in which a status changes are left out.
+    The parameters of a group change together. Groups in which a status changes are left out.
     """
     errors, names = {}, [*case.parameters]
     for group in np.array_split(names, groups):
@@ -342,7 +342,10 @@ def test_parameters_without_effect_and_invalid_numbers_are_refused():
 
 
 def test_a_status_that_is_about_to_change_is_refused():
-    """The circle just touches a node, without any force."""
+    """The sensitivity is refused where a status is about to change.
+
+    The circle just touches a node, without any force.
+    """
     problem = RubberUnderCircle().problem
     states = [problem.undeformed, problem.step(problem.undeformed)]
     message = r"state 1 has contact nodes, first at \(0, 0\), about to change their status: a force"

@@ -1,4 +1,4 @@
-"""Two bodies that meet in curved faces, and press fits, against Lame's exact solutions."""
+"""Press fits, and bodies in contact along curved faces, compared with Lame's exact solutions."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ INNER_RADIUS, INTERFACE_RADIUS, OUTER_RADIUS, PRESSURE, NU = 1.0, 1.5, 2.2, 1e-3
 
 
 def _make_tube(low, high, n, cell):
-    """Return a quarter of a tube between two radii, with n cells per unit length."""
+    """Return a quarter of a tube between two radii, with n cells per unit of length."""
     divisions = (max(2, round(1.5 * n * (high - low))), 2 * n, max(1, n // 3))
     if cell in PLANE_CELLS:
         corners = [(low, 0.0), (high, 1.0)]
@@ -46,7 +46,7 @@ def _roll_strip(x):
 
 
 def make_interface_pair(body, where, is_outside, slave, coincident=True, **options):
-    """Return the pair of two nested bodies at the marked faces."""
+    """Return the contact pair of two nested bodies at the marked faces."""
     inner_facets, outer_facets = split_facets_by_side(body, where, is_outside)
     slave_facets, master_facets = (
         (inner_facets, outer_facets) if slave == "inner" else (outer_facets, inner_facets)
@@ -56,12 +56,12 @@ def make_interface_pair(body, where, is_outside, slave, coincident=True, **optio
 
 
 class NestedShells(ElasticBody):
-    """Two nested tubes or spheres under inner pressure, held by symmetry planes."""
+    """Two nested tubes or spheres under an inner pressure, held by symmetry planes."""
 
     def __init__(self, kind, cell, divisions, slave="inner", coincident=True):
         self.power = (
             3 if kind == "revolved" else 2
-        )  # exponent of r in the stresses; "revolved" is a sphere
+        )  # exponent of the radius in the stresses; "revolved" is an axisymmetric sphere
         mesh = join_meshes(
             _make_tube(INNER_RADIUS, INTERFACE_RADIUS, divisions[0], cell),
             _make_tube(INTERFACE_RADIUS, OUTER_RADIUS, divisions[1], cell),
@@ -90,7 +90,7 @@ class NestedShells(ElasticBody):
 
     @property
     def exact_pressure(self):
-        """Return the exact pressure between both shells."""
+        """Return the exact pressure between the two shells."""
         power = self.power
         return (
             PRESSURE
@@ -99,7 +99,7 @@ class NestedShells(ElasticBody):
         )
 
     def exact_displacement(self):
-        """Return the exact displacements (nodes, dim)."""
+        """Return the exact displacements (nodes, dim) of both shells."""
         power = self.power
         r = np.linalg.norm(self.x[:, :2], axis=1)
         scale = PRESSURE * INNER_RADIUS**power / (OUTER_RADIUS**power - INNER_RADIUS**power)
@@ -123,10 +123,11 @@ SHELL_CASES = [
 
 
 def solve_and_measure_errors(shells):
-    """Return relative errors of displacement and pressures, and the largest shear of the master.
+    """Return the errors of displacement and pressures, and the largest shear stress of the master.
 
-    The error of displacements is the largest one, those of the pressures on both sides are root
-    mean squares. The shear is over the pressure.
+    The error of displacements is the largest one, divided by the largest displacement. Errors of
+    the pressures on both sides are root mean squares, relative to the exact pressure. The shear
+    stress is divided by this pressure.
     """
     (state,) = shells.solve_contact(shells.pair, shells.supports, shells.pressure_load)
     (pair,) = state.pairs
@@ -143,7 +144,10 @@ def solve_and_measure_errors(shells):
 
 @pytest.mark.parametrize(("kind", "cell", "divisions", "slave"), SHELL_CASES)
 def test_errors_of_tubes_and_spheres_are_of_second_order(kind, cell, divisions, slave):
-    """Integrals are taken over chords, which is of second order, as are pressures."""
+    """The errors of displacements and pressures in tubes and spheres are of second order.
+
+    Integrals over the chords of curved faces have errors of second order.
+    """
     errors, shear = zip(
         *(
             solve_and_measure_errors(NestedShells(kind, cell, (k, 3 * k // 2), slave))
@@ -162,7 +166,10 @@ def test_errors_of_tubes_and_spheres_are_of_second_order(kind, cell, divisions, 
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 def test_mesh_gaps_are_of_fourth_order(cell):
-    """They are closed by pressure where sides are not declared coincident."""
+    """Gaps between curved faces due to the mesh have an effect of fourth order.
+
+    The gaps of sides that are not declared coincident are closed by pressure.
+    """
     errors = [
         solve_and_measure_errors(NestedShells("tube", cell, (k, 3 * k // 2), "outer", False))[0]
         for k in (4, 8)
@@ -188,9 +195,10 @@ FIT_DEPTH = 1e-3 * INTERFACE_RADIUS
 
 
 def press_fit_error(state, edges, interference, depth=FIT_DEPTH, slave="inner"):
-    """Return the largest error of Lame's pressure on either side of two rings fixed along the axis.
+    """Return the largest error of Lame's pressure on either side of a press fit of two rings.
 
-    The outer ring is too narrow by a depth, or is declared so by a number or a function.
+    The rings are fixed along the axis. If `interference` is True, the bore of the outer ring is too
+    narrow by `depth`. Otherwise, both meshes fit, and `interference` is a number or a function.
     """
     is_plane, is_nominal = state == "plane strain", interference is not True
 
@@ -246,7 +254,10 @@ def test_mesh_gaps_beside_an_interference_are_logged_as_warnings(caplog):
 
 @pytest.mark.parametrize("slave", ["inner", "outer"])
 def test_friction_on_a_curved_face_has_coulombs_torque(slave):
-    """A ring on Gmsh's mesh expands and rotates in another one, and slips all round."""
+    """The friction torque of a rotating ring in another ring is that of Coulomb's law.
+
+    The ring has a mesh of Gmsh. It expands, rotates, and slips on its whole circumference.
+    """
     mu, radial_displacement, rotation = 0.3, 1e-3, 2e-3
 
     def ring(inner_radius, outer_radius, size):
@@ -330,7 +341,7 @@ def lame_pressure():
 
 
 class ShrunkRing(ElasticBody):
-    """A ring between two smooth planes, whose bore is smaller than the shaft by `INTERFERENCE`."""
+    """A ring between two smooth planes with a bore that is too small by `INTERFERENCE`."""
 
     def __init__(self, n, method=PW, build=triangles):
         mesh = build(MPI.COMM_SELF, (BORE_RADIUS, 0.0), (RIM_RADIUS, RING_HEIGHT), (n, 2))
@@ -360,7 +371,7 @@ def test_a_shrunk_ring_has_lames_pressure(method, build):
             )
         )
         assert np.abs(first_state.pairs[0].gap).max() < 1e-12
-        # the interference acts in the first increment alone
+        # the interference acts from the first increment on
         assert second_state.displacement.array_r == pytest.approx(
             first_state.displacement.array_r, abs=1e-12
         )

@@ -39,7 +39,7 @@ FRICTION = 0.3
 
 
 def quadratic_trace(n, curve, first_node, outward):
-    """Return a curve over [-1, 1] of n quadratic facets."""
+    """Return a curve over the interval [-1, 1] that consists of n quadratic facets."""
     s = np.linspace(-1, 1, 2 * n + 1)
     x = np.stack([s, curve(s)], axis=1)
     node = 2 * np.arange(n)[:, None] + [0, 2, 1]
@@ -47,7 +47,7 @@ def quadratic_trace(n, curve, first_node, outward):
 
 
 def disturbed_sides(revolved):
-    """Return a mortar of two curved sides and disturbed positions of its nodes."""
+    """Return a mortar of two curved sides and two disturbed sets of positions of its nodes."""
     slave_side = quadratic_trace(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
     master_side = quadratic_trace(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
     mortar, rng = SlidingMortar(slave_side, master_side, revolved), np.random.default_rng(3)
@@ -99,7 +99,10 @@ def test_derivatives_agree_with_central_differences(revolved):
 @pytest.mark.parametrize("at_ends", [(True, True), (False, True), (True, False)])
 @pytest.mark.parametrize("seed", range(5))
 def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
-    """Disturbed sides shift and rotate; normals of ends may lie in symmetry planes."""
+    """Independent verification and mortar compute the same integrals for disturbed sides.
+
+    The sides are shifted and rotated. Normals at their ends may lie in symmetry planes.
+    """
     mortar, x = disturbed_sides(revolved)
     end_nodes = np.setxor1d(*mortar.sides.slave_facets.T)
     mortar.allowed_components[end_nodes[0]] = at_ends
@@ -118,12 +121,15 @@ def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
 
 @pytest.mark.parametrize("degrees", [90, 170])
 def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
-    """Mortar operators are those of the start, so that paired points stay paired."""
+    """A rigid motion of both bodies together causes no slip.
+
+    Mortar operators are those at the start of the increment, so that paired points stay paired.
+    """
     mortar, x = disturbed_sides(False)
     end = x @ rotation_matrix(np.radians(degrees)).T + [3.0, -2.0]
     start, projected = mortar.make_reference(x), mortar.linearise(end)
     assert abs(projected.distance_rows - start.distance_rows).max() < 1e-13
-    # nor is there slip of nodes that face nothing at the start, wherever they are
+    # nor do nodes slip that face nothing at the start, wherever they are
     unfaced_start = replace(
         start,
         distance_rows=0.0 * start.distance_rows,
@@ -134,7 +140,10 @@ def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
 
 
 def test_linear_fields_are_transferred_exactly():
-    """The sides are straight, with non-matching meshes, and covered partly."""
+    """Linear fields are transferred exactly between the sides of a mortar.
+
+    The sides are straight, have non-matching meshes, and cover each other in part.
+    """
     slave_side = quadratic_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
     master_side = quadratic_trace(3, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(slave_side, master_side, False)
@@ -148,7 +157,10 @@ def test_linear_fields_are_transferred_exactly():
 
 @pytest.fixture(scope="module")
 def die_history():
-    """Return the die, its states along the path, and (increment, violation) of all iterations."""
+    """Return the die, its states along the path, and the violations of the law in all iterations.
+
+    The violations are pairs (increment, violation).
+    """
     violations = []
 
     def record_violation(progress):
@@ -168,7 +180,10 @@ def test_the_verification_of_states_agrees_with_the_iteration(die_history):
 
 @pytest.mark.parametrize("revolved", [False, True])
 def test_the_verification_agrees_for_bodies_cut_by_a_symmetry_plane(revolved):
-    """Normals at the end of half a die's side lie in the plane; areas may be revolved."""
+    """Independent verification and mortar agree for bodies that a symmetry plane cuts in half.
+
+    The normal at the end of the die's side lies in this plane. The bodies may be axisymmetric.
+    """
 
     def bottom(x):
         return 0.01 + 0.6 * x**2
@@ -196,7 +211,11 @@ def test_the_verification_agrees_for_bodies_cut_by_a_symmetry_plane(revolved):
 
 
 def cone_violation(state):
-    """Return the largest error of friction where nodes slip, or its excess over mu p elsewhere."""
+    """Return the largest error of the friction law, relative to the largest nodal force.
+
+    At slipping nodes it is the difference of the shear force from the friction limit, elsewhere its
+    excess above this limit.
+    """
     (pair,) = state.pairs
     limit = FRICTION * pair.force_normal
     shear = np.linalg.norm(pair.force_tangential, axis=1)
@@ -205,7 +224,10 @@ def cone_violation(state):
 
 
 def test_a_die_slides_by_more_than_an_element(die_history):
-    """Forces balance, the cone holds at each node, and Newton's method converges quadratically."""
+    """A die slides on a block by more than the length of an element.
+
+    Forces balance, each node obeys the friction law, and Newton's method converges quadratically.
+    """
     _, states, violations = die_history
     for k, state in enumerate(states):
         (pair,) = state.pairs
@@ -220,7 +242,7 @@ def test_a_die_slides_by_more_than_an_element(die_history):
 
 
 def make_narrow_punch(divisions):
-    """Return a flat block, the slave, under a narrower punch; both are rough."""
+    """Return a flat block as the slave under a narrower punch; both are rough."""
     boxes = ((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.01), (0.5, 1.0))
     mesh = mesh_of_two_rectangles(*boxes, ((divisions, 4), (4, 4)), lambda x, y, _: (x, y))
     return SlidingBodies(
@@ -230,7 +252,10 @@ def make_narrow_punch(divisions):
 
 @pytest.mark.parametrize(("divisions", "last_closed_x"), [(6, 0.75), (12, 0.5)])
 def test_nodes_that_reach_the_end_of_the_master_slip_with_it(divisions, last_closed_x):
-    """The block sticks to the punch: shears do not depend on the number of increments."""
+    """Slave nodes that reach the end of the master slip together with it.
+
+    As the block sticks to the punch, shears do not depend on the number of increments.
+    """
     shears = []
     for n_increments in (1, 2, 4):
         bodies = make_narrow_punch(divisions)
@@ -238,7 +263,7 @@ def test_nodes_that_reach_the_end_of_the_master_slip_with_it(divisions, last_clo
         (pair,) = slide_along_path(bodies, path)[-1].pairs
         is_closed = pair.status != OPEN
         assert np.abs(pair.position[is_closed, 0]).max() == pytest.approx(last_closed_x)
-        assert np.abs(pair.slip).max() < 1e-3  # half a facet is .125
+        assert np.abs(pair.slip).max() < 1e-3  # half the length of a facet is 0.125
         is_right = is_closed & (pair.position[:, 0] > 0.2)
         assert (pair.force_tangential[is_right, 0] > 0).all()  # all shears have one sign
         shears.append(pair.force_tangential[:, 0] / pair.force[1])
@@ -247,7 +272,10 @@ def test_nodes_that_reach_the_end_of_the_master_slip_with_it(divisions, last_clo
 
 
 def test_nothing_is_faced_beyond_the_point_where_normals_meet():
-    """A hollow side is far away from the other one, beyond the point where its normals meet."""
+    """Slave nodes face nothing beyond the point where the normals of their side meet.
+
+    A hollow slave side is moved so far away that the other side lies beyond this point.
+    """
     slave_side = quadratic_trace(5, lambda s: 0.6 * s**2 + 0.01, 0, -1.0)
     master_side = quadratic_trace(4, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(slave_side, master_side, False)
@@ -263,7 +291,10 @@ def test_nothing_is_faced_beyond_the_point_where_normals_meet():
 
 @pytest.mark.parametrize("upper_is_slave", [True, False])
 def test_a_die_slides_off_its_block(upper_is_slave):
-    """It ends without any force, after a motion of more than its size."""
+    """A die that slides off its block ends without any contact force.
+
+    It moves farther than its own width.
+    """
     bodies = make_die_on_block(friction=FRICTION, upper_is_slave=upper_is_slave)
     path = [(0.0, -0.12), *((0.4 * k, -0.12) for k in range(1, 8))]
     states = slide_along_path(bodies, path)
@@ -277,7 +308,10 @@ def test_a_die_slides_off_its_block(upper_is_slave):
 
 
 def test_slip_agrees_with_that_of_the_path(die_history, caplog):
-    """The slip of material points has other formulas; a warning tells where slip is lost."""
+    """Slip agrees with the slip of material points along the path.
+
+    The two slips are computed by different formulas. A warning is logged if the slip is incomplete.
+    """
     bodies, states, _ = die_history
     for state in states[2:]:
         (pair,) = state.pairs
@@ -304,7 +338,11 @@ def test_slip_agrees_with_that_of_the_path(die_history, caplog):
 
 
 def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monkeypatch):
-    """It differs at nodes beyond the master's end from the mean over the covered part."""
+    """Slip that is computed from the closest point is refused by the verification.
+
+    At nodes beyond the master's end, it differs from the mean over the covered part. Without the
+    verification, a warning would be logged.
+    """
     make_reference = SlidingMortar.make_reference
 
     def make_reference_by_closest_points(mortar, x):
@@ -331,7 +369,10 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monk
 @pytest.mark.parametrize("upper_is_slave", [True, False])
 @pytest.mark.parametrize("path", [[(0.0, -3.0)], [(0.0, -0.12), (0.1, -3.0)]])
 def test_bodies_are_not_driven_through_each_other(upper_is_slave, path):
-    """No linear system is solved where supports pass each other; beside each other they may."""
+    """Bodies whose supports would pass through each other are refused.
+
+    No linear system is solved.
+    """
     calls = []
     bodies = make_die_on_block(upper_is_slave=upper_is_slave, callback=calls.append)
     start = slide_along_path(bodies, path[:-1])
@@ -355,7 +396,10 @@ def test_a_body_may_move_down_beside_another_one():
 
 
 def test_the_depth_of_penetration_is_measured_between_the_ends_of_a_side():
-    """Only nodes that were outside at first have a depth."""
+    """The depth of penetration is measured at nodes between the ends of the other side.
+
+    It is zero for nodes that were not outside of the other body at first.
+    """
     slave_side = quadratic_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
     master_side = quadratic_trace(3, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(slave_side, master_side, False)
@@ -370,7 +414,7 @@ def test_the_depth_of_penetration_is_measured_between_the_ends_of_a_side():
 
 
 def test_both_sides_may_be_the_slave(die_history):
-    """Resultants of exchanged sides agree to the accuracy of the mesh."""
+    """With exchanged slave and master, resultant forces agree to the accuracy of the mesh."""
     histories = die_history[1], slide_along_path(make_die_on_block(upper_is_slave=False))
     forces = [states[-1].pairs[0].force for states in histories]
     assert np.abs(forces[0] + forces[1]).max() < 0.03 * np.abs(forces[0]).max()
@@ -435,7 +479,10 @@ def test_fields_contain_pressures_and_forces_of_both_sides(die_history):
 
 
 def test_a_uniform_pressure_is_transferred_exactly():
-    """Two blocks of different width and mesh lie between smooth walls."""
+    """A uniform pressure is transferred exactly between two blocks of different widths and meshes.
+
+    The blocks lie between smooth walls.
+    """
     mesh = mesh_of_two_rectangles(
         ((0, 0), (1, 0.5)), ((0, 0.51), (1, 1)), ((7, 2), (5, 2)), lambda x, y, _: (x, y)
     )
@@ -459,7 +506,7 @@ def test_a_uniform_pressure_is_transferred_exactly():
 
 
 def invalid_pairs():
-    """Return residuals and pairs that are refused with their messages, and the bodies."""
+    """Return the cases (residual, pair, error message) of refused pairs, and the two bodies."""
     bodies = make_die_on_block()
     surface = bodies.pair.surface
     galerkin = Spaces.galerkin(bodies.space.mesh)

@@ -1,4 +1,4 @@
-"""Histories that stop and go on: `ContactProblem.step`, and states in files."""
+"""Histories that are stopped and resumed: `ContactProblem.step`, and states in files."""
 
 import io
 import os
@@ -25,7 +25,7 @@ from tests.contact.histories import (
 )
 from tests.contact.test_matching import MatchingBlocks
 
-# Relative difference of two computations of a state: their systems are solved to 1e-13 of the load
+# Relative difference of two computations of a state. Their systems are solved to 1e-13 of the load
 # by factors of another matrix, and forces of two bodies are some ten times less accurate
 RESTART_TOLERANCE = 1e-11
 BLOCK = BlockOnFloor(4)
@@ -34,7 +34,7 @@ LOWER_PLANE = Plane((0, -0.01), (0, 1))
 
 
 def relative_difference(states, reference_states, scale_states=()):
-    """Return the largest difference of any field, over its scale in a history."""
+    """Return the largest difference of any field, relative to its scale in a history."""
     largest = 0.0
     for name in state_fields(reference_states[-1]):
         scale = field_scale(name, [*reference_states, *scale_states])
@@ -52,7 +52,7 @@ def test_a_history_resumed_from_a_state_or_a_file_is_the_same(name, tmp_path):
     problem, steps = HISTORIES[name]()
     states = solve_history(problem, steps)
     stored_state = states[RESUME_INCREMENT - 1]
-    second_problem, _ = HISTORIES[name]()  # another object, which gets the state alone
+    second_problem, _ = HISTORIES[name]()  # another problem, which gets nothing but the state
     problem.save(stored_state, tmp_path / "state.npz")
     loaded_state = second_problem.load(tmp_path / "state.npz")
     assert (loaded_state.increment, loaded_state.unique, loaded_state.report) == (
@@ -115,7 +115,7 @@ def test_files_without_a_state_of_this_problem_are_refused(tmp_path):
     path.write_bytes(content[: len(content) // 2])  # an incomplete copy
     assert_refused(r"state\.npz holds no contact state")
     PROBLEM.save(PROBLEM.undeformed, path)
-    np.savez(path, state=np.load(io.BytesIO(content))["state"])  # without its arrays
+    np.savez(path, state=np.load(io.BytesIO(content))["state"])  # a file without its arrays
     assert_refused(r"state\.npz holds no contact state")
     half_pair = ContactPair(
         lambda x: on_plane(1, 0.0)(x) & (x[0] < 2.1), Plane((0, 0), (0, 1)), 0.3
@@ -228,7 +228,10 @@ def test_a_full_disk_and_another_writer_leave_the_file_complete(tmp_path, monkey
 
 
 def test_coinciding_nodes_keep_their_displacements_in_files(tmp_path):
-    """Two touching blocks have nodes at the same position, which a file has to distinguish."""
+    """Nodes at the same position keep their own displacements in files.
+
+    Two blocks touch at these nodes.
+    """
     blocks = MatchingBlocks()
     problem = blocks.contact_problem(blocks.make_pair(), blocks.base_supports)
     state = problem.step(problem.undeformed, blocks.traction_load((0.0, -3.0)))
@@ -249,11 +252,14 @@ def test_uniqueness_is_not_examined_without_determinants():
     assert difference.norm() < 1e-10 * by_mumps.displacement.norm()
 
 
-MAX_FACTORISATIONS = 4  # at most, for 51 linear systems
+MAX_FACTORISATIONS = 4  # upper limit, for 51 linear systems
 
 
 def test_factors_are_reused_while_few_rows_change():
-    """The mesh is large enough for it: most increments of a slow pull need no new factors."""
+    """Factors of a matrix are reused while few of its rows change.
+
+    Most increments of a slow pull need no new factors; the mesh is large enough for this.
+    """
     states = BlockOnFloor(48).solve(0.3, 60.0, increments=10)
     reports = [state.report for state in states]
     assert reports[0].factorisations >= 1

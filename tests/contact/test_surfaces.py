@@ -1,4 +1,4 @@
-"""Rigid surfaces: gaps, normals, closest points, and errors of wrong gradients."""
+"""Rigid surfaces: gaps, normals and closest points, and the refusal of wrong gradients."""
 
 from decimal import Decimal, getcontext
 
@@ -49,14 +49,17 @@ def test_the_normal_is_the_gradient_of_the_gap(name):
     gradient = np.stack(
         [(surface.gap(x + h * e) - surface.gap(x - h * e)) / (2 * h) for e in np.eye(dim)], axis=1
     )
-    is_smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1) < 1e-4  # not across a medial axis
+    is_smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1) < 1e-4  # not across the medial axis
     assert is_smooth.mean() > 0.98
     assert normal[is_smooth] == pytest.approx(gradient[is_smooth], abs=1e-4)
 
 
 @pytest.mark.parametrize("radius", [1e-6, 1.0, 1e6])
 def test_normals_by_differences_are_accurate_in_any_unit(radius):
-    """A fixed step would be a circle's whole radius, or lost in round-off."""
+    """Normals by differences of a distance function are accurate in any unit of length.
+
+    A fixed step would be as large as the circle, or it would be lost in round-off.
+    """
     circle = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1]) - radius)
     angle = np.linspace(0.0, 6.0, 20)
     normal = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -84,7 +87,11 @@ def test_a_flat_punch_faces_nothing_beyond_its_edge():
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_small_gaps_to_large_spheres_keep_their_digits(dim, side):
-    """The reference has fifty digits: |y| - R in double precision would lose almost all digits."""
+    """Small gaps to a large sphere keep their digits.
+
+    The reference has fifty digits; |y| - R in double precision would lose almost all of them, with
+    y the position from the centre and R the radius.
+    """
     radius = 2.0**20
     ball = Sphere([*[0.5] * (dim - 1), side * radius], radius)
     rng = np.random.default_rng(3)
@@ -119,7 +126,10 @@ def test_a_gradient_that_contradicts_its_function_is_refused_where_it_is_used(co
 
 
 def test_an_edge_of_a_function_does_not_contradict_its_gradient():
-    """The function is the distance from two sides of a corner; either side's gradient is valid."""
+    """A gradient is accepted where the distance function has an edge.
+
+    The function is the distance from two sides of a corner; the gradient on either side is valid.
+    """
     roof = SignedDistance(
         lambda x: x[:, 1] + np.abs(x[:, 0]),
         lambda x: np.stack([np.where(x[:, 0] < 0, -1.0, 1.0), np.ones(len(x))], axis=1),
@@ -137,7 +147,10 @@ def test_a_centre_has_no_closest_point(dim):
 
 
 def test_a_step_of_differences_that_is_too_large_is_logged(caplog):
-    """Differences of a circle's distance err by a sixth of (step / radius)^2 at most points."""
+    """A warning is logged if the step of differences is too large.
+
+    Differences of a circle's distance have an error of (step / radius)^2 / 6 at most points.
+    """
     body = ElasticBody(triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2)))
     supports = body.clamp(on_plane(1, 0.0))
 
@@ -172,7 +185,10 @@ def test_a_step_of_differences_that_is_too_large_is_logged(caplog):
 
 
 def test_closest_points_are_infinitely_far_where_nothing_is_faced():
-    """Differences near the edge are one-sided, others are central."""
+    """Closest points are infinitely far where nodes face nothing.
+
+    Differences near the edge are one-sided, elsewhere they are central.
+    """
 
     def half_circle(x):
         return np.where(x[:, 0] <= 0.5, np.hypot(x[:, 0], x[:, 1]) - 1.0, np.inf)

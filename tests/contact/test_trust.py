@@ -1,4 +1,4 @@
-"""No state that is far off, no refusal without cause."""
+"""No state with large errors is accepted, and no problem is refused without cause."""
 
 import logging
 from dataclasses import fields, replace
@@ -76,7 +76,10 @@ def test_a_stiffness_that_is_scaled_between_steps_is_noticed():
 
 
 def test_a_slave_node_on_the_axis_neither_sticks_nor_slips():
-    """Its weighted slip contains that of its neighbours, which their friction allows or not."""
+    """The status of a slave node on the axis is neither stick nor slip but "held".
+
+    Its slip is a weighted mean that contains the slip of its neighbours.
+    """
     stack = StackedBlocks((4, 3), state="axisymmetric", modulus_ratio=30.0)
     supports, load = (
         stack.make_supports((0, on_plane(0, 0.0)), (1, on_plane(1, 0.0))),
@@ -93,7 +96,10 @@ def test_a_slave_node_on_the_axis_neither_sticks_nor_slips():
 
 
 def test_residuals_of_two_bodies_that_stick_are_round_off(caplog):
-    """Lengths are relative to both bodies' displacements, not to the small relative ones."""
+    """The residuals of two bodies that stick to each other are at the level of round-off.
+
+    Lengths are divided by the displacements of both bodies, not by their small difference.
+    """
     caplog.set_level(logging.INFO)
     stack = StackedBlocks((3, 2))
     pair, load = stack.make_pair(friction=10.0), stack.traction_load((0.0, -0.01))
@@ -104,7 +110,10 @@ def test_residuals_of_two_bodies_that_stick_are_round_off(caplog):
 
 @pytest.fixture(scope="module")
 def converged_increment():
-    """Return an increment, its solution and its start state; nodes are open, stick and slip."""
+    """Return a contact increment, its solution and its start state.
+
+    The solution has open, sticking and slipping nodes.
+    """
     punch = PunchedBlock()
     problem = punch.contact_problem(punch.punch_pair(0.6), punch.base_supports)
     stepping, motion = problem._small_strain_stepping, Motion((0.02, None), (0, -217.3))
@@ -131,7 +140,7 @@ def converged_increment():
 
 
 def measure_violation(increment, state):
-    """Return the violation of the law in a Newton state that has been changed."""
+    """Return the violation of the contact law in a Newton state, which may have been changed."""
     largest_force, of_displacements, of_coordinates = increment._largest_force_and_round_offs(
         state.force, state.displacement_size, state.kinematics.torque_map
     )
@@ -141,7 +150,10 @@ def measure_violation(increment, state):
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Residuals)])
 def test_no_state_is_accepted_that_its_residuals_reject(converged_increment, name):
-    """Each condition is violated alone, by 1e-7 and 1e-10 of the largest force."""
+    """The iteration accepts no state that is rejected because of its residuals.
+
+    Each condition is violated alone, by 1e-7 and by 1e-10 of the largest force.
+    """
     increment, solution, start = converged_increment
     contact = solution.nodes
     status, largest = contact.active_set.status, np.abs(solution.force).max()
@@ -181,7 +193,10 @@ def test_no_state_is_accepted_that_its_residuals_reject(converged_increment, nam
 
 @pytest.mark.parametrize(("load_ratio", "is_unique"), [(0.9, True), (1.0, False)])
 def test_a_block_pulled_at_the_friction_limit_is_not_unique(load_ratio, is_unique):
-    """It may slide by any distance."""
+    """The state of a block that is pulled at the friction limit is not unique.
+
+    The block may slide by any distance.
+    """
     block = BlockOnFloor(8)
     states = block.solve(0.3, load_ratio * 120.0, increments=1, frictionless_end=0.0)
     assert states[-1].unique is is_unique
@@ -189,7 +204,11 @@ def test_a_block_pulled_at_the_friction_limit_is_not_unique(load_ratio, is_uniqu
 
 @pytest.mark.parametrize("mu", [0.0, 0.3])
 def test_a_ball_released_to_zero_force_just_touches(mu):
-    """No fallback is needed if the iteration starts from touching, not from the last active set."""
+    """A ball that is released to zero force just touches the body.
+
+    The iteration needs no fallback if it starts from touching nodes. It would need one from the
+    last active set.
+    """
     body = ElasticBody(triangles(MPI.COMM_SELF, (-2.0, 0.0), (2.0, 2.0), (9, 4)))
     motions = [Motion((0, None), (0, force)) for force in (-300.0, -20.0, 0.0)]
     pair = ContactPair(on_plane(1, 2.0), Sphere((0.37, 7.0), 5.0), mu, motions)
@@ -212,14 +231,17 @@ def test_a_refusal_names_the_fallbacks_and_the_part_that_was_reached(caplog):
 
 
 def test_a_fallback_costs_at_most_its_multiple_of_the_first_attempt(monkeypatch):
-    """Only a part that has begun may exceed the budget."""
+    """A fallback costs at most its multiple of the work of the first attempt.
+
+    Only a substep that has already begun may exceed this budget.
+    """
     budgets, remaining_budgets = [], []
     budget = SmallStrainStepping._make_budget
 
     def record_budget(stepping, remedy, free):
         remaining_budgets.extend(
             remaining() for remaining, _ in budgets[-1:]
-        )  # of the previous fallback
+        )  # what the previous fallback has left
         remaining = budget(stepping, remedy, free)
         budgets.append((remaining, remaining()))
         return remaining

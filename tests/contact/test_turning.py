@@ -1,4 +1,4 @@
-"""Rigid tools that rotate: derivatives, equivalent pivots, torques, restart, refusals."""
+"""Rotating rigid tools: derivatives, equivalent pivots, torques, restart, refusals."""
 
 import logging
 from dataclasses import replace
@@ -48,7 +48,7 @@ POSE_FIELDS = ("translation", "rotation", "torque")
 
 
 def make_roller(pivot=PIVOT, mesh=None, friction=0.3, **options):
-    """Return the block of `RubberUnderCircle` below a circle with a pivot."""
+    """Return the block of `RubberUnderCircle` under a circle that can rotate about a pivot."""
     rubber = RubberUnderCircle(mesh=mesh, friction=friction)
     rubber.problem = rubber.problem_with(options=options, pivot=pivot)
     return rubber
@@ -75,7 +75,10 @@ def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
     R, w = np.eye(dim) + surfaces.rotation_minus_identity(q), linearised.torque_map.w
 
     def invariants(step, motion, displacement_change):
-        """Return gap, slip, normal and force in the surface's frame, shear size, and torque."""
+        """Return quantities in the surface's frame for motions and displacements changed by a step.
+
+        They are gap, slip, normal, force, magnitude of the shear force, and torque.
+        """
         changed_q, changed_a = q + step * motion, a + step * displacement_change
         changed_kinematics, rotation = kinematics.linearise(changed_q, changed_a, r), np.eye(dim)
         rotation = rotation + surfaces.rotation_minus_identity(changed_q)
@@ -110,7 +113,7 @@ def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
         assert np.abs(gap[:, 0] - expected[:, 0]).max() < 1e-7
         tangents = linearised.frame[:, 1:] @ R
         assert np.abs(np.einsum("nta,na->nt", tangents, slip) - expected[:, 1:]).max() < 1e-7
-        # derivative of the normal component, with r fixed in space
+        # derivative of the normal component, with the force fixed in space
         force_rotation = np.einsum("nba,nb->na", R, w) * motion[-1]
         assert np.abs(force + force_rotation).max() < 1e-7
         rotated = np.einsum("nb,nba->na", linearised.frame[:, 0], R), np.einsum("nba,nb->na", R, r)
@@ -135,7 +138,11 @@ def rotate(vectors, angle):
 
 
 def test_any_pivot_can_describe_the_same_poses():
-    """A rotation about another pivot needs a translation; torques differ by F x r."""
+    """The same positions of a tool can be described with any pivot.
+
+    A rotation about another pivot needs an additional translation. The torques differ by the cross
+    product of the vector between the pivots and the force.
+    """
     (pair,) = step_through(make_roller().problem, [Motion((0.05, -0.15), rotation=0.3)])[-1].pairs
     other_pivot, shift = (-0.4, 0.1), np.array([-0.6, -0.4])
     translation = rotate(shift, 0.3) - shift + [0.05, -0.15]
@@ -154,7 +161,10 @@ def test_any_pivot_can_describe_the_same_poses():
 
 
 def test_a_free_angle_under_a_torque_is_the_prescribed_one():
-    """So is the free height; Newton's method converges quadratically."""
+    """A tool under a torque takes the angle at which this torque was computed.
+
+    Its height under a force agrees as well. Newton's method converges quadratically.
+    """
     violations = []
     rubber = make_roller(callback=lambda progress: violations.append(progress.violation))
     pressed_state, driven_state = step_through(
@@ -176,7 +186,10 @@ def test_a_free_angle_under_a_torque_is_the_prescribed_one():
 
 
 def test_a_tool_that_rotates_with_its_body_does_not_slip():
-    """Body and tool are rotated by a right angle: forces rotate, and all nodes stick."""
+    """A tool that rotates together with the body does not slip on it.
+
+    Body and tool are rotated by a right angle: the forces rotate, and all nodes stick.
+    """
     rubber = make_roller()
     base_displacement = fem.Function(rubber.space)
     x = rubber.space.tabulate_dof_coordinates()[:, :2]
@@ -203,7 +216,7 @@ def test_a_tool_that_rotates_with_its_body_does_not_slip():
 
 
 def rotate_in_increments(problem, pressed_state, depth, angle, n_increments):
-    """Return the state after a rotation that is made in equal increments."""
+    """Return the state after a rotation in equal increments."""
     ends = angle * np.arange(1, n_increments + 1) / n_increments
     motions = [Motion((0.0, -depth), rotation=end) for end in ends]
     return step_through(problem, motions, pressed_state)[-1]
@@ -211,7 +224,10 @@ def rotate_in_increments(problem, pressed_state, depth, angle, n_increments):
 
 @pytest.mark.parametrize("angle", [5.0, 6.0, 2 * np.pi, -2 * np.pi, 4 * np.pi])
 def test_whole_turns_are_counted_as_slip(angle):
-    """One increment gives the same state as equal increments of a quarter turn at most."""
+    """The slip of a rotating tool includes whole turns.
+
+    One increment gives the same state as several equal increments of at most a quarter turn.
+    """
     problem = make_roller((0.0, 0.6)).problem
     pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
     n_increments = 4 if abs(angle) < 7 else 8
@@ -230,7 +246,10 @@ def test_whole_turns_are_counted_as_slip(angle):
 
 
 def test_a_rotation_that_the_slip_misses_would_be_logged(caplog, monkeypatch):
-    """The slip of the path contains whole turns."""
+    """A warning is logged if the slip does not include a rotation of the tool.
+
+    The slip along the path, with which it is compared, includes whole turns.
+    """
     problem = make_roller((0.0, 0.6)).problem
     pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
@@ -238,21 +257,24 @@ def test_a_rotation_that_the_slip_misses_would_be_logged(caplog, monkeypatch):
         assert np.abs(pair.slip - pair.path_slip).max() < 0.01 * np.abs(pair.slip).max()
         assert not caplog.records
         monkeypatch.setattr(finite, "MAX_SUBSTEP_ROTATION", np.inf)
-        # the verification would refuse the state, since its slip contains whole turns as well
+        # the verification would refuse the state, since its slip includes whole turns
         monkeypatch.setattr(finite, "verify_state", lambda found, *_: found)
         (pair,) = rotate_in_increments(problem, pressed, 0.1, 2 * np.pi, 1).pairs
     is_closed = pair.status != OPEN
     path_lengths = np.linalg.norm(pair.path_slip[is_closed], axis=1)
     assert path_lengths == pytest.approx(
         2 * np.pi * 0.6, rel=0.05
-    )  # less the shortening by eight chords
+    )  # the sum of eight chords is slightly shorter
     assert np.abs(pair.slip).max() < 1e-12
     (record,) = caplog.records
     assert "slip differs from that of the path by up to" in record.getMessage()
 
 
 def test_rolling_in_smaller_increments_converges():
-    """A wheel that rolls with 5 % of slip sticks in places: shears depend on the increments."""
+    """The shears of a rolling wheel converge as increments become smaller.
+
+    A wheel that rolls with 5 % of slip sticks in places, and its shears depend on the increments.
+    """
     problem = make_roller((0.0, 0.6), friction=0.9).problem
     pressed = problem.step(problem.undeformed, motions=Motion((-0.4, -0.1)))
     shears = []
@@ -265,13 +287,13 @@ def test_rolling_in_smaller_increments_converges():
         (pair,) = step_through(problem, motions, pressed)[-1].pairs
         shears.append(pair.force_vector / np.abs(pair.force_vector).max())
     differences = [np.abs(shear - finer_shear).max() for shear, finer_shear in pairwise(shears)]
-    assert differences[0] < 1e-8  # as a single increment is cut in two
+    assert differences[0] < 1e-8  # a single increment is cut in two
     assert differences[4] < differences[3] < differences[2] < differences[1]
     assert differences[4] < 0.05
 
 
 def problem_on_rotating_base(pivot, angle):
-    """Return a block's problem, and a load that rotates its base about the tool's pivot."""
+    """Return a block's problem, and a load that rotates its base about the pivot of the tool."""
     rubber = make_roller(pivot)
     base_displacement = fem.Function(rubber.space)
     x = rubber.space.tabulate_dof_coordinates()[:, :2]
@@ -287,7 +309,11 @@ def problem_on_rotating_base(pivot, angle):
 
 
 def test_rotations_of_the_body_by_supports_are_counted_as_slip():
-    """A body that rotates under a resting tool is as a body under a tool that rotates backwards."""
+    """Rotations of the body by its supports are included in the slip.
+
+    A body that rotates under a resting tool has the same contact as a body under a tool that
+    rotates backwards.
+    """
     angle, pivot = 2 * np.pi, np.array([0.0, 0.6])
     problem = make_roller(pivot).problem
     pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
@@ -301,7 +327,10 @@ def test_rotations_of_the_body_by_supports_are_counted_as_slip():
 
 
 def test_an_increment_with_too_large_a_free_rotation_is_cut(monkeypatch):
-    """The angle is known at the end only; no substep exceeds the allowed one."""
+    """An increment in which a free tool rotates too far is cut.
+
+    The angle is known only at the end. No substep exceeds the allowed angle.
+    """
     problem = make_roller().problem
     pressed = problem.step(problem.undeformed, motions=PRESSING_MOTION)
 
@@ -319,7 +348,7 @@ def test_an_increment_with_too_large_a_free_rotation_is_cut(monkeypatch):
 
 
 def make_ball_problem(friction, **options):
-    """Return the problem of a fixed cube below a sphere that rotates about its vertical axis."""
+    """Return the problem of a fixed cube below a ball that rotates about its vertical axis."""
     mesh = create_unit_cube(MPI.COMM_SELF, 2, 2, 2, CellType.tetrahedron)
     spaces = Spaces.petrov_galerkin(mesh)
     u, residual = finite_strain_residual(spaces)
@@ -332,7 +361,10 @@ def make_ball_problem(friction, **options):
 
 
 def test_a_ball_rotates_about_an_axis():
-    """Without friction nothing happens; with friction, a torque rotates the ball as far."""
+    """A ball that rotates about its vertical axis has a friction torque, or none without friction.
+
+    If this torque is prescribed, the ball rotates by the same angle.
+    """
     down = (0.0, 0.0, -0.15)
     frictionless_states = step_through(
         make_ball_problem(0.0), [Motion(down), Motion(down, rotation=0.7)]
@@ -360,13 +392,13 @@ def test_a_ball_rotates_about_an_axis():
 
 
 def roller_and_motions(solver):
-    """Return a plane problem whose last motion is free to rise."""
+    """Return the problem and motions of a plane roller that is free to rise in the last one."""
     weighted = Motion((0.1, None), (0.0, -0.3), rotation=-0.1)
     return make_roller(solver=solver).problem, [PRESSING_MOTION, weighted]
 
 
 def ball_and_motions(solver):
-    """Return a problem in space with a rotation about a vertical axis."""
+    """Return the problem and motions of a ball that rotates about its vertical axis."""
     down = (0.0, 0.0, -0.15)
     return make_ball_problem(0.5, solver=solver), [Motion(down), Motion(down, rotation=0.05)]
 
@@ -384,7 +416,10 @@ def test_iterative_and_direct_solvers_rotate_tools_alike(make_case):
 
 
 def test_a_state_with_another_pivot_is_refused(tmp_path):
-    """The same angle would mean another position."""
+    """A state is refused by a problem whose tool has another pivot.
+
+    The same angle would mean another position of the tool.
+    """
     problem, path = make_roller().problem, tmp_path / "state.npz"
     problem.save(problem.undeformed, path)
     for pivot in ((-0.4, 0.1), None):
@@ -404,7 +439,10 @@ def test_an_increment_that_is_cut_rotates_in_proportion():
 
 
 def test_sensitivities_of_rotated_tools_are_refused():
-    """They would lack the rotation of the frame in which slip is measured."""
+    """Sensitivities of histories with rotating tools are refused.
+
+    They would lack the rotation of the frame in which slip is measured.
+    """
     problem = make_roller().problem
     (state,) = step_through(problem, [PRESSING_MOTION])
     with pytest.raises(ValueError, match="has turned"):

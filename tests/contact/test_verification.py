@@ -1,4 +1,4 @@
-"""States that violate the law are refused, whatever the iteration accepts."""
+"""States that violate the contact law are refused, whatever the iteration accepts."""
 
 from dataclasses import replace
 
@@ -59,7 +59,11 @@ def test_residuals_stay_within_tolerance_and_allowance(name):
 
 @pytest.mark.parametrize("name", HISTORIES)
 def test_a_state_that_the_iteration_accepts_too_early_is_refused(name, monkeypatch):
-    """The first iterate of every increment is accepted as a solution, and mostly it is not one."""
+    """A state that the iteration accepts too early is refused.
+
+    The first iterate of every increment is accepted as its solution. Most of these iterates do not
+    obey the law.
+    """
     monkeypatch.setattr(Increment, "violation", lambda *_: 0.0)
     with pytest.raises(NotFound, match=r"violates .*, computed anew from its displacements"):
         HISTORIES[name]()
@@ -80,7 +84,10 @@ WRONG_KINEMATICS = {
 
 @pytest.mark.parametrize("wrong", WRONG_KINEMATICS)
 def test_wrong_kinematics_lead_to_no_state(wrong, monkeypatch):
-    """Gap, slip or normal of the iteration are wrong, consistently with their derivatives."""
+    """No state is returned if gap, slip or normal of the iteration are wrong.
+
+    Their derivatives are wrong in the same way, so that the iteration itself converges.
+    """
     linearise, change = DeformedKinematics.linearise, WRONG_KINEMATICS[wrong]
     monkeypatch.setattr(DeformedKinematics, "linearise", lambda *a: change(linearise(*a)))
     with pytest.raises(ContactFailed, match=r"computed anew|active set|singular"):
@@ -108,7 +115,10 @@ WRONG_PROJECTIONS = {
 
 @pytest.mark.parametrize("wrong", [*WRONG_PROJECTIONS, "slip"])
 def test_wrong_mortar_integrals_lead_to_no_state(wrong, monkeypatch):
-    """The verification computes gap, normal, slip and master forces by independent code."""
+    """No state is returned if the mortar integrals of the iteration are wrong.
+
+    The verification computes gap, normal, slip and forces on the master by independent code.
+    """
     bodies = make_die_on_block(friction=0.3)
     meet, motions = SlidingMortar.linearise, LinearisedMortar.measure_slip_and_rates
     if wrong == "slip":
@@ -138,7 +148,10 @@ def test_a_residual_of_the_wrong_sign_is_refused_at_once():
 
 
 def test_residuals_agree_with_plain_arithmetic():
-    """The state is a disturbed solution, so that the iteration cannot know its residuals."""
+    """The residuals of a state agree with residuals computed by plain arithmetic.
+
+    The state is a randomly disturbed solution, so that its residuals are not small.
+    """
     body, mu = StatedProblem(triangles(SELF, (0.0, 0.0), (2.0, 1.0), (4, 2))), 0.3
     problem = body.contact_problem(ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)), mu))
     load = body.body_force_load((0.1, -1.0))
@@ -180,7 +193,10 @@ def test_residuals_agree_with_plain_arithmetic():
 
 @pytest.mark.parametrize("angle", [2.0, 5.0, 2 * np.pi, 4 * np.pi])
 def test_a_tool_that_rotates_in_one_increment_slips_all_the_way(angle):
-    """The pressed circle slips against its rotation, so that friction drags the body along."""
+    """A tool that rotates in one increment slips during the whole rotation.
+
+    The pressed circle slips against its rotation, so that friction drags the body along.
+    """
     rubber = make_roller(pivot=(0.0, 0.6))
     translation = (0.0, -0.15)
     pressed_state = rubber.problem.step(rubber.problem.undeformed, motions=Motion(translation))

@@ -1,4 +1,4 @@
-"""Checks of small displacements, of passing surfaces, and of residuals of unloaded states."""
+"""Checks for large displacements, passing surfaces, and residuals of unloaded states."""
 
 import logging
 from itertools import pairwise
@@ -37,7 +37,7 @@ PLATE_ABOVE = Plane((0, 2), (0, -1))
 
 
 def move_surface(surface, *motions, friction=0.0, body=BLOCK, supports=BASE_SUPPORTS, level=2.0):
-    """Return the states of the block under a surface that takes these translations."""
+    """Return the states of the block under a surface that is moved by the given translations."""
     motions = [motion if isinstance(motion, Motion) else Motion(motion) for motion in motions]
     on_surface = on_plane(len(motions[0].translation) - 1, level)
     return body.solve_contact(ContactPair(on_surface, surface, friction, motions), supports)
@@ -47,7 +47,7 @@ def move_surface(surface, *motions, friction=0.0, body=BLOCK, supports=BASE_SUPP
 
 
 def bend(x):
-    """Return points moved by a smooth map, invertible on the unit square and cube."""
+    """Return points after a smooth map that is invertible on the unit square and cube."""
     return x + 0.08 * np.sin(2 * x[:, [1, 0, 2]] + np.array([0.0, 1.0, 2.0]))
 
 
@@ -75,7 +75,7 @@ SPACES = {
 
 
 def vector_of_field(space, field):
-    """Return the vector of the nodal values (n, dim) of a field of positions (n, 3)."""
+    """Return the vector of the nodal values (n, dim) that a function of positions (n, 3) gives."""
     owned = space.dofmap.index_map.size_local
     values = field(space.tabulate_dof_coordinates()[:owned])[:, : space.mesh.geometry.dim]
     return PETSc.Vec().createWithArray(np.ascontiguousarray(values).ravel(), comm=MPI.COMM_SELF)
@@ -103,7 +103,11 @@ def test_uniform_gradients_are_measured_exactly(name):
 
 
 def test_states_report_strain_rotation_and_slip():
-    """In uniaxial stress the strain is d/h without rotation; the block widens."""
+    """States report the largest strain, rotation and slip.
+
+    In uniaxial compression by a depth d of a block of height h, the strain is d/h without rotation.
+    The block widens and therefore slips on the plate.
+    """
     supports = BLOCK.make_supports((1, on_plane(1, 0.0)), (0, on_plane(0, 0.0)))
     shear_motion = Motion((-0.3, -0.02))
     first_state, resting_state, lifted_state = move_surface(
@@ -113,11 +117,14 @@ def test_states_report_strain_rotation_and_slip():
     expected = Smallness(0.01, 0.0, (0.3 + widened) / edge)
     assert vars(first_state.smallness) == pytest.approx(vars(expected), abs=1e-12)
     assert resting_state.smallness.slip == pytest.approx(0.0, abs=1e-12)  # slip of this increment
-    assert lifted_state.smallness.slip == 0.0  # slip of touching nodes
+    assert lifted_state.smallness.slip == 0.0  # only touching nodes have a slip
 
 
 def test_the_slip_of_matching_nodes_is_the_total_one():
-    """The pairs of nodes never change, so that all slip since the start counts."""
+    """States of matching nodes report the total slip since the start.
+
+    The pairs of nodes never change.
+    """
     blocks = MatchingBlocks()
     problem = blocks.contact_problem(blocks.make_pair(0.0), blocks.base_supports)
     state, slips = problem.undeformed, []
@@ -127,7 +134,7 @@ def test_the_slip_of_matching_nodes_is_the_total_one():
         )
         (pair,) = state.pairs
         relative = np.abs(pair.displacement[:, 0] - translation_x).max()
-        assert state.smallness.slip == pytest.approx(relative * 3)  # edges of 1/3
+        assert state.smallness.slip == pytest.approx(relative * 3)  # edges have a length of 1/3
         slips.append(state.smallness.slip)
     assert slips[1] == pytest.approx(0.15, rel=0.1)
 
@@ -225,9 +232,12 @@ def test_surfaces_that_pass_through_the_thickness_are_refused_in_space(cell):
 
 
 def test_random_paths_through_the_body_agree_with_dense_sampling():
-    """Balls move above and below the top; the path of each is sampled densely."""
+    """Random paths through the body are detected as by dense sampling of the path.
+
+    Balls move above and below the top surface of the body.
+    """
     rng = np.random.default_rng(1)
-    # without the nodes at the block's sides
+    # leaves out the nodes at the sides of the block
     x = BLOCK.x[np.isclose(BLOCK.x[:, 1], 2.0) & (np.abs(BLOCK.x[:, 0] - 2) < 1.99)]
     refusals = []
     for _ in range(20):
@@ -255,7 +265,10 @@ def test_random_paths_through_the_body_agree_with_dense_sampling():
 
 
 def test_states_carry_the_scale_of_their_history(tmp_path):
-    """The punch presses, and is released in tiny steps until no force is left."""
+    """States carry the largest force and length of their history.
+
+    The punch presses, and it is released in tiny steps until no force is left.
+    """
     case = PunchedBlock()
     problem = case.contact_problem(case.punch_pair(0.6), case.base_supports)
     depths, states = (-0.2, -0.1, -1e-5, -1e-9, -1e-13, 0.0, 5.0, -0.05), [problem.undeformed]
@@ -269,7 +282,7 @@ def test_states_carry_the_scale_of_their_history(tmp_path):
         states[1].pairs[0].force_normal, np.abs(states[1].pairs[0].force_tangential[:, 0])
     ).max()
     assert states[-1].scale.force == pytest.approx(largest_force)
-    assert states[-1].scale.length < 0.3  # not the motion without contact
+    assert states[-1].scale.length < 0.3  # the motion of the surface without contact is not counted
     problem.save(states[-2], tmp_path / "lifted.npz")
     loaded_state = problem.load(tmp_path / "lifted.npz")
     assert (loaded_state.scale, loaded_state.smallness) == (states[-2].scale, states[-2].smallness)

@@ -1,4 +1,4 @@
-"""Two stacked blocks, parts of one mesh, whose nodes need not match at the interface."""
+"""Two stacked blocks that are parts of one mesh; nodes need not match at the interface."""
 
 from mpi4py import MPI
 
@@ -21,13 +21,13 @@ from pw_elements.spaces import locate_exterior_facets
 from study.elements import composite, taylor_hood
 from tests.contact.cases import ElasticBody, on_plane
 
-PRESSURE = 1e-3  # over the lower Young's modulus
+PRESSURE = 1e-3  # divided by Young's modulus of the lower block
 PLANE_CELLS = ("triangle", "quadrilateral")
 COMPARISON_ELEMENTS = {"composite": composite, "taylor_hood": taylor_hood}
 
 
 def join_meshes(lower, upper, comm=MPI.COMM_SELF):
-    """Return one mesh of the cells of two meshes of COMM_SELF, distributed over a communicator."""
+    """Return one mesh with the cells of two serial meshes, distributed over a communicator."""
     a, b = lower.geometry.x, upper.geometry.x
     cells = np.concatenate([cell_nodes(lower), cell_nodes(upper) + len(a)]).astype(np.int64)
     x = np.ascontiguousarray(np.concatenate([a, b])[:, : lower.geometry.dim])
@@ -37,9 +37,9 @@ def join_meshes(lower, upper, comm=MPI.COMM_SELF):
 
 
 def split_facets_by_side(elastic, marker, is_beyond):
-    """Return the marked exterior facets of the cells before and beyond an interface.
+    """Return two arrays of the marked exterior facets: before and beyond an interface.
 
-    `is_beyond` takes midpoints (n, dim) of cells.
+    The function `is_beyond` decides this by the midpoints (n, dim) of cells.
     """
     facets = locate_exterior_facets(elastic.mesh, marker)
     is_beyond_cell = is_beyond(elastic.x[elastic.displacements.dofmap.list].mean(axis=1))
@@ -49,11 +49,12 @@ def split_facets_by_side(elastic, marker, is_beyond):
 
 
 class StackedBlocks(ElasticBody):
-    """One block on another one; they meet near x_up = 1.
+    """One block on another one; they meet near x_up = 1, where x_up is the last coordinate.
 
-    `lower_range` and `upper_range` are the first and last coordinate across, `element` is the name
-    of a method of `Spaces` or of a comparison element, `map_upper` maps the nodes (n, 3) of the
-    upper block, and `modulus_ratio` is the upper modulus over the lower one, which is 1.
+    `lower_range` and `upper_range` are the first and last coordinate of the blocks across this
+    axis. `element` is the name of a method of `Spaces` or of a comparison element. `map_upper` maps
+    the nodes (n, 3) of the upper block. `modulus_ratio` is Young's modulus of the upper block
+    divided by that of the lower block, which is 1.
     """
 
     def __init__(
@@ -99,12 +100,12 @@ class StackedBlocks(ElasticBody):
         self.sides = {"upper": self._along_interface(high), "lower": self._along_interface(low)}
 
     def _along_interface(self, facets):
-        """Return the facets along the interface, without those of the sides."""
+        """Return the given facets without those that lie in the sides of the blocks."""
         extent = np.ptp(self.x[facet_nodes(self.displacements, facets)], axis=1)
         return facets[extent[:, self.up] < extent[:, : self.up].max(axis=1)]
 
     def side_nodes(self, side):
-        """Return the mask (n,) of the nodes of the "upper" or "lower" side of the interface."""
+        """Return the mask (n,) of the nodes on the "upper" or "lower" side of the interface."""
         mask = np.zeros(len(self.x), dtype=bool)
         facets = self.sides[side]
         mask[fem.locate_dofs_topological(self.displacements, self.up, facets)] = True
@@ -115,13 +116,13 @@ class StackedBlocks(ElasticBody):
         return super().traction_load(traction, where or on_plane(self.up, 2.0))
 
     def make_pair(self, slave="upper", friction=0.0, motions=()):
-        """Return the contact pair whose slave is the given side."""
+        """Return the contact pair with the "upper" or "lower" side as the slave."""
         master = "lower" if slave == "upper" else "upper"
         surface = DeformableSurface(self.sides[master])
         return ContactPair(self.side_nodes(slave), surface, friction, motions)
 
     def moved_top_supports(self, translation, side_conditions=()):
-        """Return supports that fix the base and translate the top."""
+        """Return supports that fix the base and move the top by a translation."""
         top_conditions = [(i, on_plane(self.up, 2.0), translation[i]) for i in range(self.dim)]
         return self.make_supports(
             *((i, on_plane(self.up, 0.0)) for i in range(self.dim)),
@@ -135,13 +136,13 @@ class StackedBlocks(ElasticBody):
         return self.solve_contact(self.make_pair(slave, friction), supports, **options)[0]
 
     def solve_uniaxial(self, slave="upper", friction=0.0, load=None):
-        """Return the state of uniaxial stress: symmetry planes and a pressure on top."""
+        """Return the state of uniaxial stress, with symmetry planes and a pressure on the top."""
         load = self.traction_load(-PRESSURE * np.eye(self.dim)[self.up]) if load is None else load
         supports = self.make_supports(*((i, on_plane(i, 0.0)) for i in range(self.dim)))
         return self.solve_contact(self.make_pair(slave, friction), supports, load)[0]
 
     def uniaxial_displacement(self, nu=0.3):
-        """Return the exact displacements (nodes, dim) of uniaxial stress."""
+        """Return the exact displacements (nodes, dim) of uniaxial stress under `PRESSURE`."""
         modulus = 1.0
         if self.body.state.value == "plane strain":
             modulus, nu = 1 / (1 - nu**2), nu / (1 - nu)

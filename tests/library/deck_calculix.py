@@ -1,7 +1,8 @@
 """Results of CalculiX for the decks of `deck_models`: `python3 -m tests.library.deck_calculix`.
 
-It needs Python, NumPy and `ccx` (Debian's calculix-ccx), and writes `deck_calculix.json`: for each
-deck its digest, the volumes of elements, and the members of the sets.
+The script needs Python, NumPy and `ccx` (Debian's calculix-ccx), and it writes
+`deck_calculix.json`. For each deck, the file has a digest, the volumes of the elements, and the
+members of the sets.
 """
 
 import hashlib
@@ -29,7 +30,7 @@ def digest(kind):
 
 
 def compute(kind, ccx):
-    """Compute volumes of elements by number, and members of each set, with CalculiX."""
+    """Return the volumes of elements by number, and the members of each set, from CalculiX."""
     section = {"S": "SHELL", "M": "MEMBRANE"}.get(kind[0], "SOLID")
     step = f"""*ELSET,ELSET=SECTION
 LEFT,RIGHT

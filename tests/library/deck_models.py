@@ -44,7 +44,7 @@ ELEMENT_TYPES += ["C3D8R", "C3D8I", "C3D10", "C3D10T", "C3D20", "C3D20R"]
 
 
 def count_nodes(kind):
-    """Return the number of nodes of an element type."""
+    """Return the number of nodes that an element type has."""
     digits = kind.removeprefix("C3D").removeprefix("M3D").strip("CPSEAXRIT")
     return int(digits)
 
@@ -61,7 +61,7 @@ def distort(point, kind):
 
 
 def make_mesh(kind):
-    """Return points (n, 3), cells as lists of indices of points, and lattice points."""
+    """Return the points (n, 3), the cells as lists of indices of points, and the lattice points."""
     n_nodes, is_solid = count_nodes(kind), kind.startswith("C3D")
     if is_solid:
         pattern = BRICK_CORNERS if n_nodes in (8, 20) else TETRAHEDRON_CORNERS
@@ -88,7 +88,7 @@ def make_mesh(kind):
 
 
 def format_coordinate(value, rng):
-    """Return a coordinate in a random notation of Fortran."""
+    """Return a coordinate in a randomly chosen Fortran notation."""
     text = f"{value:.6f}"
     if value == 0:
         return str(rng.choice(["", "0.", " 0.0 ", "0.D0", "-0"]))
@@ -104,7 +104,7 @@ def format_coordinate(value, rng):
 
 
 def write_deck(kind):
-    """Return the text of a deck with nodes, elements, sets and surfaces, without materials."""
+    """Return the text of a deck with nodes, elements, sets and surfaces, but without materials."""
     rng = np.random.default_rng(sum(map(ord, kind)) * 131 + len(kind))
     points, cells, lattice = make_mesh(kind)
     first_number, step = int(rng.integers(1, 90)), int(rng.integers(1, 4))
@@ -121,7 +121,7 @@ def write_deck(kind):
         row = ",".join([str(number), *(format_coordinate(c, rng) for c in point)])
         lines.append(row.rstrip(",") + str(rng.choice(["", ","])))
 
-    # cells in two sets
+    # the cells are in two sets
     left_cells = [k for k, cell in enumerate(cells) if lattice[cell[0]][0] == 0]
     for name, members in (
         ("left", left_cells),
@@ -134,7 +134,7 @@ def write_deck(kind):
             lines.append(", ".join(row[:line_length]) + ("," if len(row) > line_length else ""))
             lines += [" , ".join(row[line_length:])] if len(row) > line_length else []
 
-    # edges of shells are S3, S4 ... in CalculiX
+    # CalculiX calls the edges of shells S3, S4 ...
     face = "S3" if kind.startswith(("S", "M3D")) else "S2"
     lines += [f"*SURFACE, NAME=front, {case('type=element')}", f"BOTH , {face}"]
     lines += [f"{element_numbers[0]}, {'S5' if face == 'S3' else 'S3'}"]

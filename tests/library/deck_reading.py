@@ -1,7 +1,7 @@
-"""Independent reader of Abaqus' decks, which shares no code with the library.
+"""Independent reader of Abaqus' input files (decks), which shares no code with the library.
 
 It reads decks without parts. Cells and facets are frozen sets of the coordinates of their corners,
-which are compared digit by digit.
+and coordinates are compared digit by digit.
 """
 
 import re
@@ -12,7 +12,7 @@ import numpy as np
 
 QUAD_EDGES = ((1, 2), (2, 3), (3, 4), (4, 1))
 TRIANGLE_EDGES = ((1, 2), (2, 3), (3, 1))
-# Nodes (from 1) of the faces of (kind, number of nodes), corners first: CalculiX' manual, 6.2
+# Nodes (from 1) of the faces by (kind, number of nodes), corners first: CalculiX' manual, 6.2
 FACES = {
     ("plane", 3): TRIANGLE_EDGES,
     ("plane", 4): QUAD_EDGES,
@@ -56,7 +56,7 @@ def element_kind_of(kind):
 
 
 class DeckReading:
-    """Nodes, elements, sets of numbers, and surfaces (element, face from 1) of a deck."""
+    """Content of a deck: nodes, elements, sets of numbers, and surfaces (element, face from 1)."""
 
     def __init__(self, path):
         self.nodes, self.elements = {}, {}
@@ -166,7 +166,7 @@ class DeckReading:
         return self.sets["NSET"][self._normalize(member)]
 
     def cells(self):
-        """Yield number, kind and nodes of the elements of the highest dimension."""
+        """Yield number, kind and nodes of each element of the highest dimension."""
         has_solids = any(kind.startswith("C3D") for kind, _ in self.elements.values())
         for number, (kind, nodes) in self.elements.items():
             element_kind = element_kind_of(kind)
@@ -177,7 +177,7 @@ class DeckReading:
         return frozenset(self.nodes[n] for n in nodes)
 
     def cell_sets(self):
-        """Return the corners of the cells in each ELSET with cells."""
+        """Return the corners of the cells in each ELSET that contains cells."""
         corners = {
             n: self._coordinates(nodes[: CORNERS[element_kind[:2]]])
             for n, element_kind, nodes in self.cells()
@@ -189,7 +189,7 @@ class DeckReading:
         return {name: members for name, members in sets.items() if members}
 
     def facet_sets(self):
-        """Return the corners of the facets in each NSET and SURFACE with facets."""
+        """Return the corners of the facets in each NSET and SURFACE that contains facets."""
         faces, n_cells = {}, Counter()
         for number, element_kind, nodes in self.cells():
             for k, face in enumerate(FACES[element_kind[:2]], 1):
@@ -225,7 +225,7 @@ class DeckReading:
         return {name: facets for name, facets in sets.items() if facets}
 
     def volumes(self):
-        """Return the volume of each cell by its number."""
+        """Return a dictionary with the volume of each cell by its number."""
         return {
             number: integrate_volume(np.array([self.nodes[n] for n in nodes]), element_kind)
             for number, element_kind, nodes in self.cells()
@@ -233,7 +233,7 @@ class DeckReading:
 
 
 def integrate_volume(x, element_kind):
-    """Return the volume of an element with nodes (n, 3), by Gauss quadrature of det J."""
+    """Return the volume of an element with nodes (n, 3), by Gauss quadrature of its Jacobian."""
     dimension_kind, n_nodes, _ = element_kind
     dim = 2 if dimension_kind == "plane" else 3
     simplex = (dimension_kind, n_nodes) in {("plane", 3), ("plane", 6), ("solid", 4), ("solid", 10)}

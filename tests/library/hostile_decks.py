@@ -1,15 +1,15 @@
-"""More than 150 hostile decks: wrong meshes if read carelessly, excessive memory or time.
+"""More than 150 hostile decks; carelessly read, they give wrong meshes or exhaust memory or time.
 
-`HOSTILE_DECKS` maps the name of each case to its files ("deck.inp" is read) and whether the deck
-has to be refused (True), has to be read (False), or may be either (None). A mesh that is read has
-to agree with a second, independent reading.
+`HOSTILE_DECKS` has, for the name of each case, its files, of which "deck.inp" is read. It also says
+whether the deck has to be refused (True), has to be read (False), or may be either (None). A mesh
+that is read has to agree with a second, independent reading.
 """
 
 import random
 
 from tests.library.deck_models import DECK_MODELS
 
-LONG_DECK_SIZE = 900_000  # characters of the long ones
+LONG_DECK_SIZE = 900_000  # characters of long decks
 
 GOOD_DECK = """*NODE
 1, 0., 0.
@@ -49,7 +49,7 @@ TEN_NODE_DECK = """*NODE
 
 
 def repeat_line(make_line, min_size=LONG_DECK_SIZE):
-    """Return lines `make_line(k)` for k = 0, 1, ... until they have a minimum size."""
+    """Return the lines `make_line(k)` for k = 0, 1, ... until they have a minimum size."""
     lines, length = [], 0
     while length < min_size:
         lines.append(make_line(len(lines)))
@@ -213,7 +213,7 @@ def _name_cases():
 
 
 def _include_cases():
-    """Yield decks with INCLUDEs, unusual encodings, binary data and unsupported keywords."""
+    """Yield decks with included files, unusual encodings, binary data and unsupported keywords."""
     yield "INCLUDE without INPUT", GOOD_DECK + "*INCLUDE\n", True
     yield "INCLUDE of nothing", GOOD_DECK + "*INCLUDE,INPUT=\n", True
     yield "INCLUDE that is not there", GOOD_DECK + "*INCLUDE,INPUT=none.inp\n", True
@@ -334,7 +334,7 @@ def _long_cases():
 
 
 def _mutated_cases():
-    """Yield valid decks in which a random line or character is changed."""
+    """Yield valid decks after changing a random line or character in them."""
     rng = random.Random(41)
     kinds = ("CPS3", "CPS8", "C3D4", "C3D8", "C3D10", "C3D20", "S6", "CAX4")
     for k in range(48):

@@ -1,6 +1,6 @@
 """More than 200 hostile mesh files: scripts, contradictory, damaged and exhausting files.
 
-`describe_differences` compares a mesh that the library has read with its file.
+The function `describe_differences` compares a mesh that the library has read with its file.
 """
 
 import random
@@ -25,12 +25,12 @@ HEAD = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
 
 
 def hostile_files():
-    """Return for each name a file and a pattern of its error message, or None if it may be read."""
+    """Return, by name, a file and a pattern of its error message, or None if it may be read."""
     return {**_script_files(), **_contradictory_files(), **_damaged_files(), **_exhausting_files()}
 
 
 def _script_files():
-    """Return scripts, each of which creates the file `ran` if it is run, and other files."""
+    """Return scripts that create the file `ran` if anyone runs them, and other files."""
     system_call = 'SystemCall "touch {ran}";\n'
     valid_mesh = write_msh(lattice_mesh("triangle", 1), "4.1").decode()
     scripts = {
@@ -205,7 +205,7 @@ def _contradictory_files():
 
 
 def _damaged_files():
-    """Return files that are cut off or changed at random; some may still be valid."""
+    """Return files that are cut off or changed at random; some of them may still be valid."""
     files, rng = {}, random.Random(48)
     for file_format in FORMATS:
         for cell, degree in (("triangle", 2), ("hexahedron", 1)):
@@ -339,9 +339,9 @@ def _exhausting_files():
 
 
 def summarise_mesh(mesh_data):
-    """Return the groups of the cells and facets of a mesh, by the coordinates of their nodes.
+    """Return the groups of cells and facets of a mesh, identified by coordinates of their nodes.
 
-    Keys of cells are (corners, edges with ends and middle), keys of facets their corners.
+    Keys of cells are (corners, edges with ends and middle). Keys of facets are their corners.
     """
     dim = max(block.dim for block in mesh_data.blocks if block.elements)
     x = {int(node[0]): tuple(node[1 : 1 + dim]) for node in mesh_data.nodes}
@@ -377,7 +377,10 @@ def _edges_with_middles(type_number, positions):
 
 
 def describe_differences(part, mesh_data):
-    """Return a description of the differences between a mesh and the content of its file, or ""."""
+    """Return a description of the differences between a mesh and the content of its file.
+
+    It is an empty string if there are none.
+    """
     mesh, expected = part.mesh, summarise_mesh(mesh_data)
     dim = mesh.topology.dim
     x = mesh.geometry.x[:, :dim].tolist()
@@ -429,5 +432,8 @@ def describe_differences(part, mesh_data):
 
 
 def compare_with_file(part, path):
-    """Return the differences between a mesh and an independent reading of its file, or ""."""
+    """Return the differences between a mesh and an independent reading of its file.
+
+    They are described by an empty string if there are none.
+    """
     return describe_differences(part, read_msh(path.read_bytes()))

@@ -2,7 +2,8 @@
 
 `python3 -m tests.library.limited_reading COMPARISON FILE ...` reads files one after the other, and
 prints a line of JSON for each. The process ends if a file takes more than `CPU_SECONDS`. COMPARISON
-is a function "module:name" of a mesh and the path of its file, which returns their differences.
+is the name "module:name" of a function. Its arguments are a mesh and the path of the mesh's file,
+and it returns their differences.
 """
 
 import json
@@ -18,16 +19,16 @@ from pathlib import Path
 
 CPU_SECONDS, MAX_MEGABYTES = 2.0, 500
 PROJECT = Path(__file__).parents[2]
-# Address space that the libraries reserve without using it is below this limit
+# Includes address space that the libraries reserve without using it
 _ADDRESS_SPACE = 8_000_000_000
 
 
 def read_under_limits(paths, comparison):
-    """Read files in child processes; return a dict for each path.
+    """Read files in child processes, and return a dictionary for each path.
 
-    Its "outcome" is "read", "refused" (by ValueError or FileNotFoundError), "raw error" or "died";
-    "message", "seconds", "megabytes" and "differences" tell more. After a file that ends the
-    process, another process reads the files that are left.
+    The value of "outcome" is "read", "refused" (by ValueError or FileNotFoundError), "raw error" or
+    "died". Further keys are "message", "seconds", "megabytes" and "differences". If a file ends the
+    process, another process reads the remaining files.
     """
     results, remaining = {}, [*paths]
     while remaining:
@@ -75,7 +76,7 @@ def _read(path, compare):
 
 
 def _memory(quantity):
-    """Return a memory size of this process in MB."""
+    """Return a memory size of this process, such as "VmHWM", in MB."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith(quantity):
             return int(line.split()[1]) // 1000

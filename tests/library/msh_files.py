@@ -1,7 +1,7 @@
 """Independent writer and reader of Gmsh's mesh files, and small meshes to write.
 
-Both follow the "Gmsh Reference Manual", version 4.13, and share no code with the library. The
-reader does not check its input.
+Writer and reader follow the "Gmsh Reference Manual", version 4.13, and share no code with the
+library. The reader does not check its input.
 """
 
 import re
@@ -28,7 +28,7 @@ FACES = {
         *((1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7)),
     ],
 }
-# Gmsh's type numbers of each cell for degrees 1 and 2; nodes, dimension and corners of types
+# By cell, Gmsh's type numbers for degrees 1 and 2; by type, number of nodes, dimension and corners
 CELL_TYPE_NUMBERS = {"triangle": (2, 9), "quadrilateral": (3, 10), "tetrahedron": (4, 11)}
 CELL_TYPE_NUMBERS["hexahedron"] = (5, 12)
 N_NODES = {15: 1, 1: 2, 8: 3, 2: 3, 9: 6, 3: 4, 10: 9, 4: 4, 11: 10, 5: 8, 12: 27, 21: 10, 6: 6}
@@ -71,7 +71,7 @@ class Block:
 
 @dataclass
 class MeshData:
-    """Content of a mesh file: nodes [number, x, y, z], blocks, and names of (dimension, group)."""
+    """Content of a mesh file: nodes [number, x, y, z], blocks, and names by (dimension, group)."""
 
     nodes: list[list[float]]
     blocks: list[Block]
@@ -79,7 +79,7 @@ class MeshData:
 
 
 def lattice_mesh(cell, degree, divisions=2, seed=0):
-    """Return a square or cube of cells, in two groups, and one group of facets at x = 0.
+    """Return a square or cube of cells in two groups, and one group of facets at x = 0.
 
     Nodes have random numbers, and random displacements that make all coordinates distinct.
     """
@@ -128,7 +128,7 @@ def lattice_mesh(cell, degree, divisions=2, seed=0):
 
 
 def _cells_of_square(cell, square):
-    """Yield the cells of a square or cube of the lattice, as lists of their corners."""
+    """Yield the cells in a square or cube of the lattice, as lists of their corners."""
     origin = np.array([*square, 0][:3]) * 2
     quad = [tuple(origin + 2 * np.array(c)) for c in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))]
     quad = [tuple(map(int, p)) for p in quad]
@@ -160,10 +160,10 @@ def write_msh(mesh_data, file_format, counts=(), entities=None):
     """Return the content of a mesh file, optionally with false counts.
 
     Args:
-        mesh_data: the mesh.
+        mesh_data: nodes, blocks and group names of the mesh.
         file_format: version, then optionally " binary", " >" (big-endian) and " 4" (short counts).
-        counts: false counts of "nodes", "elements" (all), "node block", "element block", "names".
-        entities: groups by (dimension, entity), instead of those of the blocks.
+        counts: false counts of "nodes", "elements" (all), "node block", "element block" or "names".
+        entities: groups by (dimension, entity), which replace those of the blocks.
     """
     version, *words = file_format.split()
     counts, binary = dict(counts), "binary" in words
@@ -245,7 +245,7 @@ def _format_number(value):
 
 
 class _NumberSource:
-    """Sequential reader of the numbers of a section, text or binary."""
+    """Sequential reader of the numbers in a section, as text or binary."""
 
     def __init__(self, data, binary, order, size):
         self.data, self.binary, self.order, self.size, self.position = data, binary, order, size, 0
@@ -268,7 +268,7 @@ class _NumberSource:
 
 
 def read_msh(data):
-    """Return the content of a mesh file."""
+    """Return the content of a mesh file, given as bytes."""
     sections = {}
     for match in re.finditer(rb"\$(\w+)[ \t]*\r?\n(.*?)\$End\1", data, re.DOTALL):
         sections.setdefault(match[1].decode(), match[2])

@@ -1,14 +1,18 @@
-"""Map of the least singular values of displacement elements as nu -> 1/2.
+"""Map of the least singular values of displacement elements near incompressibility.
 
     ./run python3 -m tests.library.near_incompressible [--samples 4] [--cells tetrahedron ...]
 
-prints, by cell, distortion and Poisson's ratio, the least singular value of L^-1 K L^-T, where K
-has piecewise-linear weights and K_G = L L^T is the standard element's stiffness on the same mesh:
-1 for the standard element itself, 0 for a singular K; and the number of meshes with a negative
-det K. The square or cube has its base clamped. Vertices (on "curved" meshes mid nodes) are moved at
-random by up to a fraction of the cell size. The map is coarse: a few meshes of 2 to 4 cells a side.
-The guide's page on theory has the results and the limits derived from them ("Nearly incompressible
-bodies").
+prints a line for each cell, distortion and Poisson's ratio. The line has the least singular value
+of the matrix
+
+    L^-1 K L^-T,    K_G = L L^T,
+
+and the number of meshes on which det K is negative. Here, K is the stiffness with piecewise-linear
+weights, and K_G is the standard element's stiffness on the same mesh. The singular value is 1 for
+the standard element itself and 0 for a singular K. The square or cube has its base clamped.
+Vertices (on "curved" meshes mid-side nodes) are moved at random by up to a fraction of the cell
+size. The map is coarse: a few meshes of 2 to 4 cells a side. The guide's page on theory has the
+results and the limits derived from them ("Nearly incompressible bodies").
 """
 
 import argparse
@@ -28,27 +32,30 @@ from study.matrices import dense
 
 RATIOS = (0.45, 0.48, 0.49, 0.495, 0.499, 0.4995, 0.4999, 0.49999)
 DIVISIONS = {"triangle": 4, "quadrilateral": 4, "tetrahedron": 2, "hexahedron": 2}
-# Shares of a cell's size by which vertices are moved; of mid nodes on curved meshes
+# Random shifts of vertices, or of mid-side nodes on curved meshes, relative to the size of cells
 MOVED = {False: (0.0, 0.1, 0.2), True: (0.02, 0.05)}
 
 
 class Sample(NamedTuple):
-    """Least singular value, and sign of det K, for one mesh and one Poisson's ratio."""
+    """Least singular value and sign of the determinant of K, for a mesh and a Poisson's ratio.
 
-    least: float  # singular value of L^-1 K L^-T
-    sign: int  # of det K
+    See the module for K and L.
+    """
+
+    least: float  # least singular value of L^-1 K L^-T
+    sign: int  # sign of the determinant of K
     energy: float  # least eigenvalue of the symmetric part of L^-1 K L^-T
 
 
 def distorted_mesh(cell: str, n: int, moved: float, seed: int, mid_nodes: bool = False) -> Mesh:
-    """Create a unit square or cube of n cells a side, with random vertices or mid nodes."""
+    """Create a unit square or cube of n cells a side, with moved vertices or mid-side nodes."""
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
     build, ends = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
     mesh = build(MPI.COMM_SELF, ends, [n] * dim, CellType[cell])
     rng = np.random.default_rng(seed)
 
     def shifts(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return random shifts (n, 3); zero for vertices if `mid_nodes`, and within the base."""
+        """Return random shifts (n, 3), zero in the base, and zero at vertices if `mid_nodes`."""
         shift = np.zeros_like(x)
         shift[:, :dim] = rng.uniform(-1, 1, (len(x), dim)) * moved / n
         vertex = np.isclose(x * n, np.round(x * n)).all(axis=1)
@@ -63,14 +70,17 @@ def distorted_mesh(cell: str, n: int, moved: float, seed: int, mid_nodes: bool =
 
 
 def stiffnesses(spaces: Spaces, degree: int | None) -> list[npt.NDArray[np.float64]]:
-    """Assemble the matrices A and B of K = mu A + lambda B, with clamped base."""
+    """Assemble the matrices A and B of the stiffness mu A + lambda B, with clamped base.
+
+    The factors mu and lambda are Lame's constants.
+    """
     mesh = spaces.mesh
     dim = mesh.geometry.dim
     state = "plane strain" if dim == 2 else "solid"
     base = [prescribe(spaces.trial, k, lambda x: np.isclose(x[dim - 1], 0.0)) for k in range(dim)]
     reduction = Reduction.dirichlet(spaces.trial, base)
     matrices = []
-    for nu in (0.0, 0.25):  # lambda = 0, mu = 1/2; lambda = mu = 2/5
+    for nu in (0.0, 0.25):  # for these ratios lambda = 0 and mu = 1/2, or lambda = mu = 2/5
         body = Body(spaces, Material(1.0, nu), state, quadrature_degree=degree)
         matrices.append(dense(reduction.matrix(assemble_matrix(body.stiffness()))))
     A = 2 * matrices[0]
@@ -78,13 +88,13 @@ def stiffnesses(spaces: Spaces, degree: int | None) -> list[npt.NDArray[np.float
 
 
 def samples(mesh: Mesh, ratios: Sequence[float], degree: int | None = None) -> list[Sample]:
-    """Compute a sample at each Poisson's ratio."""
+    """Return a sample for each Poisson's ratio."""
     pw, standard = (
         stiffnesses(make(mesh), degree) for make in (Spaces.petrov_galerkin, Spaces.galerkin)
     )
     result = []
     for nu in ratios:
-        lame = 2 * nu / (1 - 2 * nu)  # over mu
+        lame = 2 * nu / (1 - 2 * nu)  # lambda divided by mu
         K, K_G = (A + lame * B for A, B in (pw, standard))
         L = np.linalg.cholesky((K_G + K_G.T) / 2)
         half = scipy.linalg.solve_triangular(L, K, lower=True)
@@ -96,7 +106,7 @@ def samples(mesh: Mesh, ratios: Sequence[float], degree: int | None = None) -> l
 
 
 def main() -> None:
-    """Print the map."""
+    """Print the map as a table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=4)
     parser.add_argument("--cells", nargs="+", default=list(DIVISIONS), choices=list(DIVISIONS))

@@ -1,4 +1,4 @@
-"""Helpers of element tests: small problems, dense matrices and bounds of round-off."""
+"""Helpers for tests of elements: small problems, dense matrices and bounds of round-off."""
 
 import functools
 from dataclasses import dataclass, field
@@ -30,21 +30,21 @@ METHODS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
 
 
 def unit_mesh(cell, n):
-    """Create a square or cube of n cells a side, with distorted interior."""
+    """Create a square or cube of n cells a side, with randomly moved inner vertices."""
     dim = 2 if cell.name in ("triangle", "quadrilateral") else 3
     build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
     return move_nodes(build(MPI.COMM_SELF, corners, [n] * dim, cell), distorted)
 
 
 def boundary_dofs(space):
-    """Return the unknowns of a space at the boundary."""
+    """Return the unknowns of a space that lie on the boundary."""
     topology = space.mesh.topology
     topology.create_connectivity(topology.dim - 1, topology.dim)
     return fem.locate_dofs_topological(space, topology.dim - 1, exterior_facet_indices(topology))
 
 
 def dense_solution(K, f, conditions):
-    """Solve with NumPy, with the rows of prescribed unknowns replaced by conditions."""
+    """Return the solution of K x = f by NumPy, with the rows of prescribed unknowns replaced."""
     A, b = dense(K), f.array.copy()
     for condition in conditions:
         dofs, _ = condition.dof_indices()
@@ -56,18 +56,18 @@ def dense_solution(K, f, conditions):
 
 
 def assert_small(error, bound):
-    """Assert that all errors are below the bound, and none is NaN."""
+    """Assert that all errors are below the bound and none of them is NaN."""
     largest = np.abs(error).max(initial=0.0)
     assert largest <= bound, f"{largest:.3g} exceeds {bound:.3g}"
 
 
 def max_row_entries(A):
-    """Return the largest number of entries in a row, which bounds the round-off of a product."""
+    """Return the largest number of entries in a row of A, a factor in bounds of round-off."""
     return np.count_nonzero(A, axis=1).max()
 
 
 def rigid_modes(x):
-    """Return translations and rotations about the centre, (n, dim, modes), at nodes x (n, dim)."""
+    """Return translations and rotations about the centre (n, dim, modes) at nodes x (n, dim)."""
     n, dim = x.shape
     s = x - x.mean(axis=0)
     s = s / np.abs(s).max()
@@ -81,7 +81,7 @@ def rigid_modes(x):
 
 @dataclass(frozen=True)
 class Elastic:
-    """Elastic body on a moved and scaled grid, with its stiffness and nodes."""
+    """Elastic body on a grid in a given placement, with its stiffness, mass and nodes."""
 
     grid: Grid
     placement: Placement = field(default_factory=Placement)
@@ -129,23 +129,23 @@ class Elastic:
         return Reduction.dirichlet(self.space, conditions)
 
     def solve_statics(self, force):
-        """Compute displacements, reactions and loads (n, dim) under a body force."""
+        """Return displacements, reactions and loads, each (n, dim), under a body force."""
         f = assemble_vector(self.body.body_load(force))
         a = solve(self.K, f, self.clamp())
         vectors = (a, reactions(self.K, a, f), f)
         return tuple(v.array.reshape(-1, self.grid.dim) for v in vectors)
 
     def error_of_forces(self, a):
-        """Bound the round-off of nodal forces K a and of a direct solver's residual."""
+        """Return a bound of the round-off of nodal forces K a and of a direct solver's residual."""
         K = np.abs(dense(self.K))
         return len(K) * self.round_off * (K @ np.abs(a.ravel())).max()
 
     def error_of_solution(self, reduction, a, f, round_off=None):
-        """Bound the errors of displacements and nodal forces that round-off of the data causes.
+        """Return bounds of the errors of displacements and forces due to round-off of the data.
 
-        With entries of K and f wrong by a relative d the solution is wrong by at most
-        |K^-1| (d |K||a| + d |f|), component by component (R. D. Skeel 1979); the forces K a by
-        |K| times that and d |K||a|.
+        If entries of K and f have a relative error d, the error of the solution a is at most |K^-1|
+        (d |K||a| + d |f|), component by component (R. D. Skeel 1979). The error of the forces K a
+        is at most |K| times this plus d |K||a|.
         """
         A, full = dense(reduction.matrix(self.K)), np.abs(dense(self.K))
         d = max_row_entries(full) * (self.round_off if round_off is None else round_off)
@@ -158,9 +158,10 @@ class Elastic:
 
 
 def eigenvalue_error(A, B, which, wrong_A, wrong_B):
-    """Return an eigenvalue of A d = mu B d, and its error if A and B have errors of these norms.
+    """Return an eigenvalue of A d = mu B d, and a bound of its error.
 
-    First order: |y|(|dA| + |mu||dB|)|x| / |y B x| with the left and right eigenvectors y and x.
+    The errors of A and B have the norms `wrong_A` and `wrong_B`. To first order, the error is
+    |y|(|dA| + |mu||dB|)|x| / |y B x|, with the left and right eigenvectors y and x.
     """
     mu, left, right = scipy.linalg.eig(A, B, left=True)
     k = which(mu)

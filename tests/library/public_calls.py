@@ -1,4 +1,4 @@
-"""Correct calls of all public collective functions, on any number of processes."""
+"""Correct calls of all public collective functions, for any number of processes."""
 
 import inspect
 from pathlib import Path
@@ -39,7 +39,7 @@ FOOT, TOP = on_plane(1, 0.0), on_plane(1, 2.0)
 
 
 def public_objects():
-    """Return public functions, classes and methods by their names."""
+    """Return a dictionary of public functions, classes and methods by their names."""
     objects = {}
     for module in (pw_elements, pw_elements.contact, pw_elements.meshes):
         for name in module.__all__:
@@ -56,7 +56,7 @@ def public_objects():
 
 
 def correct_calls(comm):
-    """Return for each collective function, by name, the function and correct arguments."""
+    """Return each collective function with correct arguments, by its name."""
     block = BlockOnFloor(8, comm=comm)
     w = SimpleNamespace(block=block, body=block.body, U=block.space, K=block.K, mesh=block.mesh)
     w.spaces, w.load, w.pair = block.body.spaces, block.pressure_load, block.floor_pair(0.3)
@@ -279,7 +279,7 @@ def correct_calls(comm):
 
 
 def altered_values(value):
-    """Yield values that differ from a value, first valid ones of its type, then invalid ones."""
+    """Yield values that differ from a given one: valid values of its type, then invalid ones."""
     if isinstance(value, bool):
         yield not value
     elif isinstance(value, int | float):

@@ -1,7 +1,7 @@
-"""Random meshes of all cell types, and transformations that leave a problem on them unchanged.
+"""Random meshes of all cell types, and transformations under which a problem stays the same.
 
-Strategies draw only a few numbers, among them a seed for NumPy's random generator: arrays drawn by
-hypothesis would take more time than the finite elements.
+Strategies draw only a few numbers, among them a seed for NumPy's random generator. If hypothesis
+drew arrays, it would take more time than the finite elements.
 """
 
 from dataclasses import dataclass, replace
@@ -29,14 +29,14 @@ BODY_CELLS = CELLS[1:]  # cells of elastic bodies
 SIMPLICES = ("interval", "triangle", "tetrahedron")
 MACHINE_EPSILON = float(np.finfo(float).eps)
 
-# Largest shift of a vertex in a structured mesh, relative to half the distance of its neighbour;
-# below 1/2, cells stay convex
+# Largest shift of a vertex in a structured mesh, relative to half the distance of its neighbour.
+# Cells stay convex if it is below 1/2
 _MAX_SHIFT = 0.4
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Vertices (n, dim), and vertices (m, k) of the cells in Basix' order."""
+    """Coordinates `x` (n, dim) of vertices, and vertex numbers `cells` (m, k) in Basix's order."""
 
     cell: str
     x: np.ndarray
@@ -58,9 +58,10 @@ class Grid:
         return replace(self, x=point_map(self.x))
 
     def altitude(self):
-        """Return a lower bound of the thickness of all cells; for simplices, the least altitude.
+        """Return a lower bound of the thickness of all cells, which for simplices is the altitude.
 
-        It is the inverse of the largest gradient of a linear shape function at the cells' corners.
+        The bound is the inverse of the largest gradient of a linear shape function at the cells'
+        corners.
         """
         element = basix.create_element(basix.ElementFamily.P, basix.CellType[self.cell], 1)
         gradients = element.tabulate(1, element.points)[1:, :, :, 0]
@@ -69,7 +70,7 @@ class Grid:
         return 1 / np.linalg.norm(physical_gradients, axis=-1).max()
 
     def slope_round_off(self):
-        """Return the relative round-off in gradients of shape functions due to rounded vertices."""
+        """Return the relative round-off of shape functions' gradients due to rounded vertices."""
         return MACHINE_EPSILON * np.abs(self.x).max() / self.altitude()
 
     def renumber(self, seed):
@@ -96,7 +97,10 @@ def _random_symmetry(cell, rng):
 
 @dataclass(frozen=True)
 class Placement:
-    """Affine map x -> unit A (x + offset): change of units, rigid motion or skew."""
+    """Affine map from x to unit A (x + offset): change of units, rigid motion or skew.
+
+    A is the field `matrix`, the identity by default.
+    """
 
     unit: float = 1.0
     matrix: np.ndarray | float = 1.0
@@ -106,7 +110,7 @@ class Placement:
         return self.unit * self.place_vectors(np.asarray(x) + self.offset)
 
     def place_vectors(self, v):
-        """Map directions (..., dim) by A, without the unit."""
+        """Map directions (..., dim) by the matrix, without the factor `unit`."""
         v = np.asarray(v, dtype=float)
         return v @ self.matrix.T if np.ndim(self.matrix) else v
 
@@ -115,11 +119,11 @@ class Placement:
         return Placement(1.0, inverse).place_vectors(x / self.unit) - self.offset
 
     def side_marker(self, axis, value):
-        """Return a marker of the placed image of the plane x[axis] = value."""
+        """Return a function that marks the placed image of the plane x[axis] = value."""
 
         def is_on_side(x):
             dim = len(self.matrix) if np.ndim(self.matrix) else np.size(self.offset)
-            # far from the origin coordinates keep 1e-10; neighbours are 1e-3 apart or more
+            # far from the origin coordinates have errors of 1e-10; neighbours are over 1e-3 apart
             return np.abs(self.undo(x.T[:, : max(dim, axis + 1)])[:, axis] - value) < 1e-6
 
         return is_on_side
@@ -133,7 +137,10 @@ def random_rotation(dim, seed):
 
 
 def match_nodes(x, y, placement=None):
-    """Return for each node of y its index in x, whose placed image is a permutation of y."""
+    """Return the index in x of each node of y, which are the same nodes in another order.
+
+    Nodes x are first mapped by the placement, if there is one.
+    """
     if placement is not None:
         x = placement.place_points(x)
     distance, node_index = cKDTree(x).query(y)
@@ -144,7 +151,10 @@ def match_nodes(x, y, placement=None):
 
 
 def random_cell_points(cell, n_points, seed):
-    """Return random points of a reference cell; equally many in each sub-cell of a tetrahedron."""
+    """Return random points (n, dim) of a reference cell.
+
+    Each sub-cell of a tetrahedron has equally many of them.
+    """
     rng, corners = np.random.default_rng(seed), basix.geometry(basix.CellType[cell])
     if cell != "tetrahedron":
         return rng.dirichlet(np.ones(len(corners)), n_points) @ corners
@@ -158,9 +168,9 @@ def random_cell_points(cell, n_points, seed):
 
 
 def structured_grid(cell, lines, seed=0, distortion=0.0):
-    """Return a grid of a box between coordinate lines, with random diagonals of triangles.
+    """Return a grid of a box between coordinate lines; triangles have random diagonals.
 
-    `distortion` (0 to 1) scales random shifts of the vertices; vertices on sides stay on them.
+    `distortion` (0 to 1) scales the random shifts of the vertices. Vertices on sides stay on them.
     """
     rng = np.random.default_rng(seed)
     dim, shape = CELL_DIMENSION[cell], tuple(len(line) for line in lines)
@@ -197,7 +207,7 @@ def structured_grid(cell, lines, seed=0, distortion=0.0):
 
 
 def _random_shifts(lines, rng):
-    """Return random vectors (n, dim) at grid points, up to half the distance of the neighbours."""
+    """Return random vectors (n, dim) at grid points, up to half the neighbours' distance."""
     max_shifts = []
     for line in lines:
         spacing = np.diff(line)
@@ -209,7 +219,7 @@ def _random_shifts(lines, rng):
 
 
 def random_graded_line(n_cells, length, seed):
-    """Return n_cells + 1 increasing coordinates, with steps that vary by a factor of up to 4."""
+    """Return n_cells + 1 increasing coordinates; steps differ by a factor of up to 4."""
     steps = np.random.default_rng(seed).uniform(0.25, 1.0, n_cells)
     return length * np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
 
@@ -221,7 +231,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 @st.composite
 def grids(draw, cells=CELLS, size=None, max_divisions=None):
-    """Draw a graded, perhaps distorted grid of a box, by default of side 1."""
+    """Draw a graded grid of a box, by default of side 1, which may be distorted."""
     cell, seed, is_distorted = draw(st.sampled_from(cells)), draw(SEEDS), draw(st.booleans())
     dim = CELL_DIMENSION[cell]
     max_divisions = max_divisions or {1: 8, 2: 4, 3: 2}[dim]
@@ -241,7 +251,7 @@ def random_skew_matrix(dim, seed):
 
 
 def powers_of_ten(low, high):
-    """Draw numbers from 10**low to 10**high, with uniformly distributed exponents."""
+    """Draw numbers from 10**low to 10**high whose exponents are uniformly distributed."""
     return st.integers(10 * low, 10 * high).map(lambda exponent: 10.0 ** (exponent / 10))
 
 

@@ -1,7 +1,7 @@
-"""Calls in which the arguments or results on one process differ from those on the others, by name.
+"""Calls in which arguments or results on one process differ from those on the others, by name.
 
-If an argument is wrong, differs or is NaN on one process, all have to raise the same error. If a
-difference is allowed, or a user's function communicates, all have to succeed.
+If an argument is wrong, differs or is NaN on one process, all processes have to raise the same
+error. If a difference is allowed, or if a user's function communicates, all have to succeed.
 """
 
 # ruff: noqa: ARG005 (functions of what they do not need)
@@ -66,7 +66,7 @@ NAN, INF = float("nan"), float("inf")
 
 
 class RankProblem:
-    """Block on a floor; the process that differs is the last one with nodes on the floor."""
+    """Block on a floor, for calls that differ on the last process with nodes on the floor."""
 
     def __init__(self):
         self.block = BlockOnFloor(8, comm=COMM)
@@ -84,7 +84,7 @@ class RankProblem:
         self.clamped = Reduction.dirichlet(self.U, self.foot_conditions)
 
     def pick(self, wrong, right):
-        """Return the first value on the process that differs, and the second on the others."""
+        """Return the first value on the process that differs, the second value on the others."""
         return wrong if self.is_selected else right
 
     def make_body(self, *material, **named):
@@ -101,7 +101,7 @@ class RankProblem:
     def solve_residual_step(
         self, surface=FLOOR, load=None, history=(), conditions=(), friction=0.3, **options
     ):
-        """Solve a step at large strains."""
+        """Solve one increment of a problem that is given by a residual."""
         u, v = fem.Function(self.U), ufl.TestFunction(self.spaces.test)
         top_conditions = [prescribe(self.U, i, TOP) for i in (0, 1)]
         form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
@@ -193,13 +193,13 @@ class HiddenLaw:
 
 
 def communicate(values):
-    """Communicate within a user's function, which all processes have to call equally often."""
+    """Communicate inside a user's function, so that all processes have to call it equally often."""
     COMM.allreduce(1)
     return values
 
 
 class CommunicatingPlane(HiddenPlane):
-    """Plane that communicates in each method."""
+    """Plane that communicates with other processes in each of its methods."""
 
     def gap(self, x):
         return communicate(super().gap(x))
@@ -212,7 +212,7 @@ class CommunicatingPlane(HiddenPlane):
 
 
 class CommunicatingLaw(HiddenLaw):
-    """Friction law that communicates in each method."""
+    """Friction law that communicates with other processes in each of its methods."""
 
     def parameter_at(self, x):
         return communicate(super().parameter_at(x))
@@ -231,7 +231,7 @@ def circle_gradient(x, radius=50.0):
 
 
 def setter_of(function, value):
-    """Return a function of the load factor that sets the values of another function."""
+    """Return a function of the load factor that sets the values of a finite-element function."""
 
     def set_values(share=1.0):
         function.x.array[:] = value * share
@@ -239,7 +239,7 @@ def setter_of(function, value):
     return set_values
 
 
-# Arguments that are wrong on one process: w.pick(wrong, right)
+# Arguments that are wrong on one process, by w.pick(wrong, right)
 REFUSED_ON_ONE = {
     "modulus -1": lambda w: w.make_body(w.pick(-1.0, 1.0), 0.3),
     "modulus nan": lambda w: w.make_body(w.pick(NAN, 1.0), 0.3),
@@ -579,7 +579,7 @@ def flux_vector(w, value=0.0):
 
 
 def diagonal_matrix(K, vector):
-    """Return a matrix with the layout of K and a vector on its diagonal."""
+    """Return a matrix with the parallel layout of K and with a vector on its diagonal."""
     matrix = K.duplicate()
     matrix.setDiagonal(vector)
     matrix.assemble()

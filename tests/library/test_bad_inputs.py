@@ -1,7 +1,7 @@
 """Bad input to the whole public API raises an error of the library that names the argument.
 
-`REFUSED_CALLS` lists the beginning of each error message and a call that raises it;
-`REFUSED_VALUES` lists values of one argument that raise the same error.
+`REFUSED_CALLS` lists the beginnings of error messages with calls that raise them. `REFUSED_VALUES`
+lists values of one argument that raise the same error.
 """
 
 # ruff: noqa: ARG005 (correct_calls are functions of what they do not need)
@@ -73,7 +73,7 @@ NAN, INF = float("nan"), float("inf")
 FLOOR, STILL, UP, NODE_0 = Plane((0, 0), (0, 1)), Motion((0, 0)), (0.0, 1.0), np.array([0])
 COINCIDENT = DeformableSurface([0], coincident=True)
 LOW, HIGH = (0.0, 0.0), (1.0, 1.0)
-CROSSING_AXIS = triangles(COMM, (-1.0, 0.0), HIGH, (2, 1))  # across x = 0
+CROSSING_AXIS = triangles(COMM, (-1.0, 0.0), HIGH, (2, 1))  # a mesh on both sides of x = 0
 left, right = on_plane(0, 0.0), on_plane(0, 2.0)
 
 
@@ -148,7 +148,7 @@ def nan_state(state):
 
 
 class ValidObjects:
-    """Valid objects, to be combined with an invalid one."""
+    """Valid objects that are combined with an invalid one."""
 
     def __init__(self):
         self.mesh, self.other = rectangle_mesh(), rectangle_mesh()
@@ -198,7 +198,7 @@ class ValidObjects:
 
     @cached_property
     def finer_problem(self):
-        """Stiffness, load, reduction and space on a finer mesh."""
+        """Return the stiffness, load, reduction and space of the problem on a finer mesh."""
         return self.problem_on(rectangle_mesh(3))
 
     @cached_property
@@ -298,12 +298,12 @@ def w():
     return ValidObjects()
 
 
-# By the beginning of the error message: a call with one value, and values that it refuses
+# By the beginning of the error message: a call with one value, and values that are refused
 REFUSED_VALUES = {
     "youngs_modulus = ": (
         lambda w, E: Material(E(w) if callable(E) else E),
         [0.0, -5, NAN, INF, "210", None, True, 1j, np.array(-5.0), np.ones(2), [1.0]]
-        # and constants and functions that are not positive
+        # both numbers, and constants and functions that are not positive
         + [lambda w, E=E: w.constant(E) for E in (-1.0, NAN)]
         + [lambda w, E=E: w.function_with_value(E) for E in (-1.0, NAN)],
     ),
@@ -719,7 +719,7 @@ REFUSED_CALLS = [
 
 
 def error_message(call, *arguments):
-    """Return the error message of a call, after the type of the error unless it is ValueError."""
+    """Return the error message of a call, after the error's type unless it is ValueError."""
     with pytest.raises(Exception) as caught:  # noqa: PT011
         call(*arguments)
     kind = "" if caught.type is ValueError else f"{caught.type.__name__}: "
@@ -775,7 +775,7 @@ EXPECTED_ERRORS = (TypeError, ValueError, OSError, RuntimeError)
 def test_any_value_in_place_of_any_argument_is_refused_by_the_library_itself(
     request, tmp_path, monkeypatch
 ):
-    """Valid values are accepted; errors of Python, PETSc or UFL are never raised."""
+    """Any value in place of any argument is accepted, or refused by an error of the library."""
     monkeypatch.chdir(tmp_path)
     values = (
         WRONG_VALUES + MORE_WRONG_VALUES if request.config.getoption("--nightly") else WRONG_VALUES

@@ -1,4 +1,4 @@
-"""An error, or a different argument, on one process raises the same error on all of them."""
+"""All processes raise the same error if one process fails or gets a different argument."""
 
 import re
 from dataclasses import replace
@@ -43,7 +43,7 @@ from tests.library.public_calls import ROOT, altered_values, correct_calls, publ
 from tests.library.rank_scenarios import diagonal_matrix, floor_pair
 from tests.parallel import run_on
 
-# Time limit (s) of a list of scenarios, which shows that a process waits forever
+# Time limit (s) of a list of scenarios; if it is exceeded, a process waits forever
 WAITING = 600
 
 COMM = MPI.COMM_WORLD
@@ -67,7 +67,7 @@ RAISED_ERROR = KeyError("x")
 
 
 def fail_on_one_rank(value):
-    """Return a value, or raise `RAISED_ERROR` on one process."""
+    """Return a value, or raise `RAISED_ERROR` if this process is the one that fails."""
     if IS_WRONG_RANK:
         raise RAISED_ERROR
     return value
@@ -90,7 +90,7 @@ def solve_block(pair=None, loads=LOAD, reduction=BLOCK.no_supports, K=K, **optio
 
 
 class FailingClosestPoints(Plane):
-    """Plane whose closest points fail on one process."""
+    """Plane whose method for closest points fails on one process."""
 
     def closest(self, x):
         return fail_on_one_rank(super().closest(x))
@@ -111,7 +111,7 @@ class FailingLaw:
 
 
 class FailingKrylovSolver:
-    """Krylov solver that fails on one process after a number of products."""
+    """Krylov solver that fails on one process after a given number of products."""
 
     matrix_free, determinant_signs, report = True, (), SolverReport("steepest descent", 0)
 
@@ -154,13 +154,13 @@ def singular(*_):
 
 
 def fail_in_proof():
-    """Solve a problem without solution, where process 0 alone fails in the proof of this."""
+    """Solve a problem without solution; process 0 alone fails in the proof of this."""
     with patch("pw_elements.contact.rescue.refusals._combine_proofs", singular):
         return solve_block(loads=BLOCK.pull_loads(1e3, 1))
 
 
 class FailingPlane:
-    """Plane with a method that fails, or returns a wrong shape, on one process."""
+    """Plane with a method that fails or returns a wrong shape on one process."""
 
     def __init__(self, fails="", wrong=""):
         self._fails, self._wrong = fails, wrong
@@ -178,7 +178,7 @@ class FailingPlane:
 
 
 class FailingObject:
-    """Object with an attribute that fails on one process, instead of a reduction."""
+    """Object that is passed instead of a reduction; one attribute fails on one process."""
 
     @property
     def mesh(self):
@@ -221,7 +221,7 @@ def step_from_other_problem():
 
 
 def step_from_changed_state(**values):
-    """Solve a step from a state with changed values on one process."""
+    """Solve an increment from a state in which values are changed on one process."""
     start = make_problem().undeformed
     (pair,) = start.pairs
     wrong_values = {
@@ -387,7 +387,7 @@ USER_ERRORS = [KeyboardInterrupt(), KeyError("x"), SystemExit(3), GeneratorExit(
 
 
 def failed_scenarios(comm, errors):
-    """Return the scenarios with unexpected errors, and the errors of all processes."""
+    """Return the scenarios in which any process has an unexpected error, with all errors."""
     failures = [
         (message, outcomes)
         for message, scenario in SCENARIOS
@@ -405,7 +405,7 @@ def failed_scenarios(comm, errors):
 
 
 def gather_outcomes(comm, function):
-    """Call a function; return its error message (or "nothing") on each process."""
+    """Call a function, and return its error message or "nothing" for each process."""
     try:
         function()
         outcome = "nothing"
@@ -418,7 +418,10 @@ def gather_outcomes(comm, function):
 
 
 def failed_argument_changes(comm, max_values):
-    """Return calls without a common error although one argument differs on one process."""
+    """Return the calls that raise no common error although an argument differs on one process.
+
+    The second value returned is the number of calls.
+    """
     failures, count = [], 0
     for name, (function, arguments) in correct_calls(comm).items():
         for argument, value in arguments.items():
@@ -453,7 +456,10 @@ def test_an_error_and_a_different_argument_on_one_process_end_all_with_the_same_
 
 
 def test_each_public_function_compares_its_arguments_or_is_listed_as_local():
-    """Dataclasses compare them in their `__post_init__`."""
+    """Each public function compares its arguments between processes or is documented as local.
+
+    Dataclasses compare their fields in `__post_init__`.
+    """
     text = (ROOT / "docs/how-to/parallel.md").read_text()
     local_names = set(
         re.findall(r"`([\w.]+)`", text.partition("stay local:")[2].partition("\n\n")[0])
@@ -473,13 +479,16 @@ def test_each_public_function_compares_its_arguments_or_is_listed_as_local():
 
 
 def test_only_a_writer_that_others_wait_for_ends_them_all():
-    """Within ADIOS2, the other processes would wait forever for one that has failed."""
+    """The library calls MPI's Abort only while other processes wait for a writer.
+
+    Inside ADIOS2, they would wait forever for a process that has failed.
+    """
     paths = (ROOT / "pw_elements").rglob("*.py")
     assert [p.name for p in paths if "Abort(" in p.read_text()] == ["time_series.py"]
 
 
 def comparison_time_share(comm):
-    """Return the time of digests and their comparison, relative to a contact solution."""
+    """Return the time for digests and their comparison, divided by that of a contact solution."""
     block = BlockOnFloor(80, comm=comm)
     assert block.K.getSize()[0] > 25_600
     durations, open_calls, compute_digest = [], [], guard._compute_digest

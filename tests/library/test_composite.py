@@ -25,7 +25,12 @@ MESH = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), dist
     ("state", "reduced"), [("plane stress", NU / (1 - NU)), ("plane strain", NU / (1 - 2 * NU))]
 )
 def test_stiffness_is_that_of_the_assumed_strain_method(state, reduced):
-    """The reference is K = G^T (D x M^-1) G, with G = (q, eps(u)) and discontinuous linear q."""
+    """The stiffness of the composite triangle is that of an assumed-strain method.
+
+    The reference is K = G^T (D x M^-1) G with the Kronecker product x. The matrix G has the
+    products of the discontinuous linear functions q and the strains eps(u), M is the mass matrix of
+    q, and D the elasticity matrix.
+    """
     K = dense(ElasticBody(MESH, composite, state, E).K)
     W = fem.functionspace(MESH, macro_element("triangle", (2,)))
     Q = fem.functionspace(MESH, basix.ufl.element("DG", "triangle", 1, shape=(2, 2)))
@@ -39,4 +44,4 @@ def test_stiffness_is_that_of_the_assumed_strain_method(state, reduced):
     assumed = np.linalg.solve(M, G)
     assert np.abs(K - assumed.T @ D @ assumed).max() < 1e-13
     linear = dense(assemble_matrix(Body(Spaces(W, W), Material(E, NU), state).stiffness()))
-    assert np.abs(K - linear).max() > 0.1  # four linear triangles without the projection
+    assert np.abs(K - linear).max() > 0.1  # differs without the projection

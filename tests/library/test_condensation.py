@@ -37,7 +37,10 @@ def sort_points(points):
 
 @pytest.fixture(params=["pw-Q8", "pw-Q9"])
 def problem(request):
-    """Distorted square with a body load on inner nodes: discretisation, load and inner nodes."""
+    """Return the discretisation, load and inner nodes of a distorted square.
+
+    The load is a body load on the inner nodes.
+    """
     body = discretise(request.param, square, MATERIAL, StressState.PLANE_STRESS)
     f = assemble_vector(body.body.body_load((0.3, -1.0)))
     inner = (2 * body.inner_nodes()[:, None] + [0, 1]).ravel()
@@ -57,7 +60,7 @@ def test_left_and_right_matrices_against_dense_algebra(problem):
     right[inner] = -inverse @ K[np.ix_(inner, kept)]
     assert np.abs(dense(reduction.left) - left).max() < 1e-13
     assert np.abs(dense(reduction.right) - right).max() < 1e-13
-    assert np.abs(left - right).max() > 0.01  # K is unsymmetric
+    assert np.abs(left - right).max() > 0.01  # the matrix is unsymmetric
     assert np.abs(dense(reduction.matrix(body.K)) - left.T @ K @ right).max() < 1e-12
 
 
@@ -98,7 +101,7 @@ def test_inner_nodes_are_the_middles_of_the_quadrilaterals(pattern):
 
 def test_refuses_triangles_without_partner():
     crossed = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2), "crossed")
-    h = np.sqrt(0.75)  # four equal-sided triangles in a row, no side of which is the longest
+    h = np.sqrt(0.75)  # four equal-sided triangles in a row, where no side is the longest one
     corners = np.array([[0, 0], [1, 0], [2, 0], [0.5, h], [1.5, h], [2.5, h]])
     strip = _mesh(corners, [[0, 1, 3], [1, 2, 4], [1, 3, 4], [2, 4, 5]])
     odd = _mesh(corners, [[0, 1, 3], [1, 3, 4], [1, 2, 4]])

@@ -1,4 +1,4 @@
-"""Decks of Abaqus are read as by CalculiX and by a second, independent reader."""
+"""The library reads Abaqus' decks as CalculiX and as a second, independent reader."""
 
 import json
 
@@ -52,7 +52,7 @@ def corner_coordinates(part, dim, entities):
 
 
 def integrate_volume(part, cells=None, weight=1.0, degree=9):
-    """Return the integral of a weight over cells; over all cells if None."""
+    """Return the integral of a weight over the given cells; over all cells if `cells` is None."""
     mesh, metadata = part.mesh, {"quadrature_degree": degree}
     if cells is None:
         return assemble_scalar(weight * ufl.dx(mesh, metadata=metadata))
@@ -61,7 +61,10 @@ def integrate_volume(part, cells=None, weight=1.0, degree=9):
 
 
 def check_against_second_reading(part, path):
-    """Compare all sets, by the coordinates of corners, and the volume with a second reading."""
+    """Compare all sets and the volume of a mesh with a second reading of its file.
+
+    Sets are compared by the coordinates of corners.
+    """
     reading, dim = DeckReading(path), part.mesh.topology.dim
     mesh = part.mesh
     expected = {name: members for name, members in reading.cell_sets().items() if name[0] != "_"}
@@ -90,11 +93,12 @@ def test_a_second_reading_finds_the_same_sets_and_volume(tmp_path, kind):
 
 
 def check_against_calculix(part, path, element_type, answer):
-    """Compare the cells of sets, the volume of each cell, and facets of node sets with CalculiX.
+    """Compare the cells of sets, the volumes of cells, and the facets of node sets with CalculiX.
 
-    CalculiX prints seven digits. Its axisymmetric elements are wedges of two degrees, whose round
-    side is a chord (degree 1) or close to the arc (degree 2). Its quadrature of curved tetrahedra
-    and reduced elements is inexact; the same number of points is used here.
+    CalculiX prints seven digits. Its axisymmetric elements are wedges of two degrees. The round
+    side of a wedge is a chord (for elements of degree 1) or close to the arc (degree 2). Its
+    quadrature of curved tetrahedra and of reduced elements is inexact; here the same number of
+    points is used.
     """
     weight = 1.0
     degree = (
@@ -213,7 +217,10 @@ def test_shells_in_other_planes_keep_two_coordinates(tmp_path, caplog, axes, mes
 
 
 def test_cells_keep_their_shape_and_faces_hold_added_nodes(tmp_path, caplog):
-    """A set of all nodes of a face of C3D20 selects the facet, which has nine nodes."""
+    """A set of all nodes of a face selects the facet, and cells keep their shape.
+
+    Faces of C3D20 elements have eight nodes, the facet of the mesh has nine.
+    """
     part = read_text(tmp_path, DECK_MODELS["C3D20"])
     assert "8 cells of 20 nodes have got 7 more" in caplog.text
     space = functionspace(part.mesh, ("Lagrange", 2))

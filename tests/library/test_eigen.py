@@ -40,7 +40,10 @@ METHODS = [GALERKIN, PW]
 
 
 def strip(method, stress=-1.0, divisions=(16, 4)):
-    """Create a simply supported strip under uniform axial stress: K, K_sigma, supports."""
+    """Return stiffness, initial stress matrix and supports of a strip under uniform axial stress.
+
+    The strip is simply supported.
+    """
     mesh = create_rectangle(COMM, [(0.0, -0.5), (LENGTH, 0.5)], list(divisions))
     body = ElasticBody(mesh, method, "plane stress", E, 0.2)
     centre = (0, lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
@@ -58,7 +61,7 @@ def test_first_three_modes_of_a_strip(method):
     assert modes.imaginary_ratio == 0
     assert modes.residuals.max() < 1e-9
     for shape in modes.shapes:
-        assert shape.norm(3) == pytest.approx(1.0)  # largest entry
+        assert shape.norm(3) == pytest.approx(1.0)  # the largest entry is one
 
 
 def test_against_dense_eigenvalues():
@@ -79,7 +82,10 @@ def test_buckling_under_tension_is_refused():
 
 
 def clamped_column(stress, E=1.0, width=1.0, form="G", hybrid=False):
-    """Create a column of height 1, clamped below and loaded above: K, K_sigma, supports."""
+    """Return stiffness, initial stress matrix and supports of a column that is loaded from above.
+
+    The column has the height 1 and is clamped at its base.
+    """
     mesh = quadrilaterals(COMM, (0.0, 0.0), (width, 1.0), (4, 8))
     spaces = Spaces.hybrid(mesh) if hybrid else Spaces.petrov_galerkin(mesh)
     body = Body(spaces, Material(E, 0.3), "plane strain")
@@ -98,13 +104,16 @@ def test_a_clamped_column_does_not_buckle_under_tension(E, form, hybrid):
     with pytest.raises(NoModes, match=r"prestress is .* times the stiffness.*reverse it"):
         buckling(*clamped_column(1.0, E, 0.5, form, hybrid))
     modes = buckling(*clamped_column(-1.0, E, 0.5, form, hybrid), count=2)
-    # at the strain of the first one, sigma (1 - nu^2) / E, within the range of one mode's shape
+    # strain of the first one: sigma (1 - nu^2) / E, within the range of one mode's shape
     assert 0.3 < modes.prestress_ratios[0] / (modes.factors[0] * 0.91 / E) < 1.5
     assert (modes.prestress_ratios < 0.4).all()
 
 
 def test_prestress_ratio_is_that_of_the_part_that_buckles():
-    """A loaded soft column, and a separate block that is a million times as stiff."""
+    """The prestress ratio is that of the part of the body that buckles.
+
+    A loaded soft column buckles; a separate block is a million times as stiff.
+    """
     K, K_sigma, supports = clamped_column(1.0)
     stiff = clamped_column(0.0, 1e6)[0]
     pair = [
@@ -138,7 +147,7 @@ BODIES = {
 
 
 def free_steel_body(setting, method=PW):
-    """Create a free steel body; return it and the number of its rigid modes."""
+    """Return a free steel body and the number of its rigid modes."""
     make_mesh, state, rigid = BODIES[setting]
     material = Material(2.1e11, 0.3, density=7856.0)
     return ElasticBody(make_mesh(), method, state, material=material), rigid
@@ -152,7 +161,7 @@ def test_rigid_modes_of_a_free_body(setting, method, symmetrised):
     modes = vibration_modes(body.K, body.M, body.make_supports(), 9, symmetrised)
     assert modes.imaginary_ratio == 0
     if setting == "2-D curved" and symmetrised and method == PW:
-        # a rotation is no test function there, so K^T gives it forces
+        # a rotation is no test function on curved cells, so that K^T converts it into forces
         assert modes.n_rigid == 2
         assert -1e-3 * modes.eigenvalues[3] < modes.eigenvalues[0] < 0
         return
@@ -189,7 +198,7 @@ def test_both_left_matrices_of_guyans_reduction(element):
         assert modes.imaginary_ratio == 0
         assert 1e-6 < np.abs(modes.eigenvalues / full_eigenvalues - 1).max() < 0.05
         eigenvalues[name] = modes.eigenvalues
-        # a translation has the mass of the body: R takes it to a translation
+        # the reduction keeps a translation, which therefore has the mass of the body
         reduced = mass_left(body.supports([]), name)
         shift = np.tile([1.0, 0.0], reduced.right.getSize()[1] // 2)
         mass = shift @ dense(reduced.matrix(M)) @ shift
@@ -211,7 +220,7 @@ def test_slender_cantilever_is_not_taken_for_free():
     bar = ElasticBody(triangles(COMM, (0.0, 0.0), (n, 1.0), (n, 1)), PW, "plane stress", 1.0, 0.0)
     modes = vibration_modes(bar.K, bar.M, bar.clamp(on_plane(0, 0.0)), 2)
     assert modes.n_rigid == 0
-    assert modes.report.factorisations == 2  # of the second shift, too
+    assert modes.report.factorisations == 2  # the second one is for the second shift
     assert modes.eigenvalues[0] == pytest.approx(1.8751040687**4 / 12 / n**4, rel=2e-3)
     assert vibration_modes(bar.K, bar.M, bar.make_supports(), 4).n_rigid == 3
 
@@ -243,7 +252,10 @@ def test_lumped_mass_of_the_new_element(setting):
 
 
 def test_lumped_mass_of_standard_elements_is_refused():
-    """Lumped masses at vertices are zero on triangles, negative on 8-node quadrilaterals."""
+    """The lumped mass of standard elements is refused.
+
+    Lumped masses at vertices are zero on triangles and negative on 8-node quadrilaterals.
+    """
     T6 = triangles(COMM, (0.0, 0.0), (1.0, 1.0), (1, 1))
     Q8 = quadrilaterals(COMM, (0.0, 0.0), (1.0, 1.0), (2, 1))
     for count, mesh, method, state in (

@@ -1,4 +1,7 @@
-"""Weight functions on all cells, and quadrature of the mean of three cuts on tetrahedra."""
+"""Weight functions on all cells; on tetrahedra the quadrature of the mean over three cuts.
+
+A cut divides the octahedron inside a tetrahedron along one of its three diagonals.
+"""
 
 from mpi4py import MPI
 
@@ -55,7 +58,7 @@ def test_slopes_are_those_of_the_values(cell):
     for direction, slope in enumerate(table[1:]):
         h = step * np.eye(points.shape[1])[direction]
         above, below = (element.tabulate(0, points + s * h)[0] for s in (1, -1))
-        # (multi)linear pieces: differences are exact where no side of a sub-cell is straddled
+        # weights are piecewise (multi)linear: differences are exact inside a sub-cell
         within = np.abs(above - 2 * table[0] + below).max(axis=1) < 1e-13
         assert within.mean() > 0.9
         difference = (above - below) / (2 * step)
@@ -74,7 +77,7 @@ def test_serendipity_is_nodal_and_holds_the_right_polynomials():
         return np.abs(table @ f(*nodes.T) - f(*points.T)).max()
 
     assert interpolation_error(lambda x, y: x**2 * y - 3 * x * y**2 + y**2 - x * y + 2) < 1e-13
-    assert interpolation_error(lambda x, y: x**2 * y**2) > 1e-2  # Q9 has it, Q8 does not
+    assert interpolation_error(lambda x, y: x**2 * y**2) > 1e-2  # contained in Q9, not in Q8
 
 
 UNIT_SQUARE = [(0.0, 0.0), (1.0, 1.0)]
@@ -92,7 +95,7 @@ def meshes():
 
 @pytest.mark.parametrize("mesh", list(meshes()), ids=lambda mesh: mesh.topology.cell_name())
 def test_poisson_with_the_test_space_meets_a_quadratic(mesh):
-    # a quadratic solution is in the trial space, so any consistent test space must return it
+    # a quadratic solution is in the trial space, so that any consistent test space returns it
     V = fem.functionspace(mesh, ("Lagrange", 2))
     d = mesh.geometry.dim
     u, v = ufl.TrialFunction(V), ufl.TestFunction(pw_elements.test_space(V))
@@ -113,7 +116,10 @@ NODES = np.array(ELEMENTS["T10"].nodes) / 2
 
 
 def cuts():
-    """Yield the eight sub-cells (8, 4) of each cut: diagonals 4-9, 5-8, 6-7 join opposite edges."""
+    """Yield the eight sub-cells (8, 4) of a tetrahedron for each of the three cuts.
+
+    The diagonals 4-9, 5-8 and 6-7 of the octahedron join the middles of opposite edges.
+    """
     corners = [(0, 7, 8, 9), (1, 5, 6, 9), (2, 4, 6, 8), (3, 4, 5, 7)]
     diagonals = [(4, 9), (5, 8), (6, 7)]
     for diagonal in diagonals:
@@ -122,7 +128,7 @@ def cuts():
 
 
 def integrate_over_cuts(integrand):
-    """Integrate over all sub-cells of each cut, and return the mean over the cuts.
+    """Return the mean of the three integrals over the sub-cells of each cut.
 
     The integrand takes weights (q, 10), their slopes (d, 10) and points (q, d).
     """
@@ -183,7 +189,11 @@ def test_rule_is_exact_on_each_cell_of_every_cut(degree):
 
 @pytest.mark.parametrize("degree", [2, 4])
 def test_slopes_are_not_taken_on_sides_of_sub_cells(degree):
-    """Basix's rules of degree 4, 5 and 7 have points on sides: DOLFINx's matrix is wrong."""
+    """Slopes of weights are evaluated inside sub-cells, never on their sides.
+
+    Basix's rules of degree 4, 5 and 7 have points on these sides, where slopes jump. Therefore the
+    matrix that DOLFINx assembles by these rules is wrong.
+    """
     spaces = one_cut(tetrahedra(5).mesh(), ())
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx(metadata={"quadrature_degree": degree})
@@ -205,7 +215,7 @@ def test_own_forms_are_integrated_on_the_twelve_cells():
     on_side = boundary_measure(mesh, lambda x: np.isclose(x[0], 0))
 
     def of(dx):
-        """Create forms of a matrix and of vectors, some with a function of the test space."""
+        """Yield forms of matrices and of vectors, some with a function of the test space."""
         wind = ufl.as_vector((1.0, 2.0, x[0]))
         yield ufl.inner((1 + x[0] * x[1]) * ufl.grad(u), ufl.grad(v)) * dx + u * v * dx
         yield ufl.dot(wind, ufl.grad(u)) * v * dx + u * v * on_side
@@ -223,13 +233,13 @@ def test_own_forms_are_integrated_on_the_twelve_cells():
         ours.axpy(-1.0, reference)
         assert ours.norm() < 1e-14 * size
 
-    # four points do for slopes times linear functions, of straight cells
+    # four points are enough for slopes times linear functions on straight cells
     slopes = x[0] * v.dx(1)
     for number, integrand in ((4, slopes), (12, slopes + v), (48, x[1] * slopes)):
         (integral,) = add_sub_cell_rules(integrand * ufl.dx).integrals()
         assert len(integral.metadata()["quadrature_points"]) == number
 
-    # a degree the user gives is taken
+    # a degree that the user gives is used
     crude = assemble_matrix(u * v * ufl.dx(metadata={"quadrature_degree": 1}))
     same = dolfinx_matrix(fem.form(u * v * cell_measure(W, 1)))
     same.assemble()
@@ -292,7 +302,7 @@ def test_refuses_dolfinx_own_integrals():
     for degree in (0, 1, 4):
         volume = fem.assemble_scalar(fem.form(w * cell_measure(spaces.test, degree)))
         assert volume == pytest.approx(1.0, rel=1e-14)
-    # faces have FFCx's own rule, and need no other
+    # faces have the rule of FFCx, and need no other
     area = fem.assemble_vector(fem.form(v * ufl.ds)).array
     assert area.sum() == pytest.approx(6.0, rel=1e-14)
     with pytest.raises(ValueError, match="quadrature_degree"):
@@ -320,4 +330,4 @@ def test_values_and_nodal_slopes_may_be_asked_for():
 
 def _points(space):
     points = space.element.interpolation_points
-    return points() if callable(points) else points  # a method up to DOLFINx 0.9
+    return points() if callable(points) else points  # in DOLFINx up to 0.9 this is a method

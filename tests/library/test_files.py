@@ -1,4 +1,7 @@
-"""Replacement of files and folders: old or new content after failures, foreign files untouched."""
+"""Replacement of files and folders: content is old or new after failures, never mixed.
+
+Foreign files stay untouched.
+"""
 
 import errno
 import fcntl
@@ -104,7 +107,7 @@ def test_a_folder_without_the_right_mark_is_not_replaced(tmp_path, mark):
         claim_folder(path, FOLDER_KIND)
     assert (path / "one").read_text() == "mine"
     assert os.listdir(tmp_path) == ["made"]
-    if mark is not None:  # the mark may be all that the user has there
+    if mark is not None:  # the mark may be the only thing that the user has in the folder
         (path / "one").unlink()
         content = (path / MARK_NAME).read_text()
         with pytest.raises(ForeignEntry):
@@ -203,7 +206,7 @@ def test_a_mark_of_a_folder_of_files_outlives_its_own_replacement(tmp_path):
     claim_folder(out, FOLDER_KIND)
     with pytest.raises(ForeignEntry):
         claim_folder(out, "another kind")
-    with pytest.raises(ForeignEntry):  # which has no list of what is in it
+    with pytest.raises(ForeignEntry):  # the folder has no list of its content
         check_folder_replaceable(out, FOLDER_KIND)
     unmarked = tmp_path / "other"
     unmarked.mkdir()

@@ -1,4 +1,4 @@
-"""Hostile decks take little time and memory, and are refused in words or read as they are."""
+"""Hostile decks take little time and memory, and are either refused or read correctly."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from tests.library.hostile_decks import HOSTILE_DECKS
 from tests.library.limited_reading import MAX_MEGABYTES, read_under_limits
 
 N_PARTS = 4
-# Largest deck (bytes) that the second, slow reading is asked to read
+# Largest deck (bytes) that is compared with the second, slow reading
 MAX_COMPARED_BYTES = 100_000
 
 
@@ -21,7 +21,7 @@ def compare_small_decks(part, path):
 
 
 def write_deck(folder, files):
-    """Write the files of a deck, text as UTF-8; return the path of the main one."""
+    """Write the files of a deck, with text in UTF-8, and return the path of the main file."""
     for name, content in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,7 @@
-"""Hybrid element, u in P2 and p in P1: exact solutions, Taylor-Hood element, both solvers."""
+"""Hybrid element with displacement u in P2 and pressure p in P1, and the Taylor-Hood element.
+
+Compared are exact solutions and both solvers.
+"""
 
 from mpi4py import MPI
 
@@ -49,7 +52,7 @@ DX = ufl.dx(metadata={"quadrature_degree": 6})
 
 
 def block(cell, n=3):
-    """Create a unit square or cube with distorted interior."""
+    """Create a unit square or cube whose inner vertices are moved."""
     flat = cell in CELLS[:2]
     build = create_unit_square if flat else create_unit_cube
     mesh = build(COMM, *[n] * (2 if flat else 3), CellType[cell])
@@ -60,7 +63,7 @@ def block(cell, n=3):
 
 
 def tag_cells(mesh, numbers):
-    """Create tags of the first cells."""
+    """Create cell tags with the given numbers for the first cells."""
     cells = np.arange(len(numbers), dtype=np.int32)
     return meshtags(mesh, mesh.topology.dim, cells, np.asarray(numbers, dtype=np.int32))
 
@@ -86,7 +89,7 @@ def test_uniaxial_stress_is_exact_whatever_the_units(cell, method, nu):
     if dim == 2:
         stress[2] = nu * t
     strain = ((1 + nu) * stress - nu * stress.sum()) / E
-    # p = 2 mu eps - sigma, along any axis
+    # p = 2 mu eps - sigma along any axis
     assert np.abs(p.x.array - E / (1 + nu) * strain[0]).max() < 1e-9 * t
     displacements = u.x.array.reshape(-1, dim)
     assert np.abs(displacements - body.x * strain[:dim]).max() < 1e-10 * np.abs(strain).max()
@@ -95,7 +98,10 @@ def test_uniaxial_stress_is_exact_whatever_the_units(cell, method, nu):
 
 
 def ring(method, n):
-    """Compute relative errors of u and p of an axisymmetric incompressible ring under pressure."""
+    """Return relative errors of displacement and pressure of an incompressible ring.
+
+    The ring is axisymmetric, and an inner pressure acts on it.
+    """
     inner, outer, load, E = 1.0, 2.0, 3.0, 5.0
     C = load / (2 * E / 3 * (1 / inner**2 - 1 / outer**2))
     exact_p = -2 * E / 3 * C / outer**2
@@ -138,7 +144,7 @@ def test_an_enclosed_incompressible_body_needs_its_pressure_fixed(cell, n, solve
             vibration_modes(body.K, body.M, enclosed)
     corner = prescribe(W, "pressure", lambda x: np.linalg.norm(x, axis=0) < 1e-9, 3.0)
     u, p = split(W, solve(body.K, f, Reduction.dirichlet(W, [*rim, corner]), solver))
-    # it rests under its weight, as a fluid would
+    # the body rests under its weight, as a fluid would
     x = p.function_space.tabulate_dof_coordinates()[:, :dim]
     assert np.abs(p.x.array - (3 + x @ force[:dim])).max() < 1e-9
     assert np.abs(u.x.array).max() < 1e-11
@@ -190,7 +196,11 @@ def test_a_split_pressure_has_to_be_tied_and_needs_factors():
 
 
 def test_shear_vibrations_of_an_incompressible_block_are_exact():
-    """u_x = sin(pi y / 2), u_y = 0 preserves volume, with omega^2 = mu (pi / 2)^2 / rho."""
+    """Shear vibrations of an incompressible block have the exact frequency.
+
+    The mode u_x = sin(pi y / 2), u_y = 0 preserves volume. Its angular frequency omega is given by
+    omega^2 = mu (pi / 2)^2 / rho, with mu the shear modulus and rho the density.
+    """
     mu, rho = 7e9 / 3, 2e3
     for method, near in (("standard", 1e-4), ("new", 1e-2)):
         material = Material(3 * mu, 0.5, rho)
@@ -288,7 +298,7 @@ def test_a_body_takes_the_element_that_the_softest_of_its_materials_needs(caplog
 
 
 class Clamped(ElasticBody):
-    """Block clamped at its base and pushed sideways and down."""
+    """Block that is clamped at its base and pushed sideways and down."""
 
     def __init__(self, mesh, nu=0.5, E=2e11, method=Spaces.hybrid, state=None, length=1.0):
         super().__init__(mesh, method, state or state_of(mesh), E, nu)
@@ -299,7 +309,10 @@ class Clamped(ElasticBody):
         self.supports = self.make_supports(*self.foot)
 
     def differences(self):
-        """Return relative differences of u and p between both solvers, and Krylov iterations."""
+        """Return the largest relative difference between both solvers, and Krylov iterations.
+
+        Displacement and pressure are compared.
+        """
         a, exact = (
             solve(self.K, self.f, self.supports, solver_type())
             for solver_type in (Iterative, Direct)
@@ -352,7 +365,10 @@ def test_a_modulus_that_varies_by_four_powers_of_ten_radius_and_thickness_are_kn
 
 @pytest.mark.parametrize(("held", "nu"), [("clamped", 0.4), ("free", 0.5)])
 def test_modes_are_those_of_factors(held, nu):
-    """Frequencies, displacements and pressures of the modes agree."""
+    """Vibration modes by Krylov's method agree with those by matrix factors.
+
+    Frequencies, displacements and pressures of the modes are compared.
+    """
     mesh = block("tetrahedron", 2)
     case = Clamped(mesh, nu)
     mesh.geometry.x[:] *= 1.0, 0.7, 2.0  # modes of cubes are double and triple
@@ -391,7 +407,10 @@ def test_buckling_factors_are_those_of_factors_and_free_motions_are_refused():
 
 
 def incompressible(spaces, mu=1.0):
-    """Return unknowns and residual of an incompressible neo-Hookean body; p = 0 at rest."""
+    """Return the unknowns and the residual of an incompressible neo-Hookean body.
+
+    The pressure is zero in the undeformed body.
+    """
     w, (v, q) = fem.Function(spaces.trial), ufl.split(ufl.TestFunction(spaces.test))
     u, p = ufl.split(w)
     F = ufl.Identity(len(u)) + ufl.grad(u)
@@ -403,7 +422,11 @@ def incompressible(spaces, mu=1.0):
 @pytest.mark.parametrize(("cell", "mu"), [("triangle", 7e10), ("tetrahedron", 1.0)])
 @pytest.mark.parametrize("method", MAKERS)
 def test_an_incompressible_block_is_stretched_exactly_whatever_the_units(method, cell, mu):
-    """The exact stress in plane strain is sigma = mu (l^2 - l^-2)."""
+    """The stretch of an incompressible block is exact in any units.
+
+    The exact stress in plane strain is sigma = mu (l^2 - l^-2), with l the stretch and mu the shear
+    modulus.
+    """
     size, stretch = 1e-3, 1.4
     mesh = block(cell, 2)
     mesh.geometry.x[:] *= size

@@ -39,7 +39,10 @@ def solve_one_pair(pair, **options):
 
 @pytest.mark.parametrize("kind", [np.int32, np.int64, np.uint8, bool, list])
 def test_facets_of_any_integer_type_and_masks(kind):
-    """A mask must not be taken for the facets 0 and 1, which give a load of 1 instead of 12."""
+    """Facets may be given by numbers of any integer type or by a mask.
+
+    A mask must not be taken for the facets 0 and 1, which give a load of 1 instead of 12.
+    """
     n_facets = MESH.topology.index_map(1).size_local
     if kind is bool:
         facets = np.isin(np.arange(n_facets), EXTERIOR_FACETS)
@@ -56,7 +59,10 @@ def test_a_marker_may_give_every_second_value_of_an_array():
 
 
 def test_a_process_without_points_does_not_ask_a_marker():
-    """Without points, the maximum of the coordinates is undefined."""
+    """A marker is not called on a process that has no points.
+
+    Without points, the maximum of the coordinates in this marker is undefined.
+    """
     assert evaluate_marker(
         MPI.COMM_SELF, "it", lambda x: x[0] == x[0].max(), np.zeros((3, 0))
     ).shape == (0,)
@@ -118,7 +124,10 @@ def test_scalar_spaces_have_a_component_to_prescribe():
 
 
 def test_conditions_that_say_the_same_do_not_contradict():
-    """Conditions on the test space, which has the same nodes, do not contradict either."""
+    """Two conditions that prescribe the same value at a node do not contradict each other.
+
+    Conditions on the test space, which has the same nodes, do not contradict either.
+    """
     condition = prescribe(BLOCK.body.spaces.test, 0, BOTTOM)
     assert Reduction.dirichlet(U, condition).right.getSize()[1] < K.getSize()[0]
     conditions = [prescribe(U, 0, marker, 0.0) for marker in (on_plane(0, 0.0), BOTTOM)]
@@ -195,7 +204,10 @@ def constant_function(value):
 
 @pytest.mark.parametrize("what", OUT_OF_RANGE_CALLS)
 def test_numbers_that_lose_their_digits_are_refused(what):
-    """Norms of such numbers underflow or overflow, because their squares do."""
+    """Numbers so small or large that they lose their digits are refused.
+
+    Norms of such numbers underflow or overflow, because their squares do.
+    """
     with pytest.raises(ValueError, match="choose units in which it is nearer to one"):
         OUT_OF_RANGE_CALLS[what]()
 

@@ -1,4 +1,4 @@
-"""Iterative solver: equal results to the direct solver, levels, and errors."""
+"""Iterative solver: results equal to the direct solver's, multigrid levels, and errors."""
 
 import logging
 import os
@@ -99,7 +99,7 @@ def test_displacements_are_those_of_the_direct_solver(name):
     norm = case.K.norm()
     a = case.solve_by(Iterative())
     assert difference(a, case.solve_by(Direct())) < 1e-10
-    assert case.K.norm() == norm  # nothing is written into it
+    assert case.K.norm() == norm  # the solver does not write into the matrix
     report = a.getAttr("report")
     assert report.method == "GMRES with p-multigrid"
     assert report.factorisations == 0
@@ -126,15 +126,18 @@ def test_a_brief_solution_takes_one_cycle_an_iteration():
 
 @pytest.mark.parametrize("name", ["pw-T10", "pw-H27", "galerkin-H27", "pw-T6", "galerkin-Q8"])
 def test_the_coarse_level_is_the_stiffness_of_linear_elements(name):
-    """P^T K P equals a matrix assembled from linear trial and test functions."""
+    """The coarse matrix equals a matrix assembled from linear trial and test functions.
+
+    It is P^T K P, with K the stiffness and P the interpolation from linear elements.
+    """
     mesh, method, state = BODIES[name]()
     linear, spaces = fem.functionspace(mesh, ("Lagrange", 1, (mesh.geometry.dim,))), method(mesh)
-    K, expected = (  # by one rule, any, but the same: cells are not parallelepipeds
+    K, expected = (  # the same rule for both, as cells are no parallelepipeds
         assemble_matrix(Body(pair, Material(1.0, 0.3), state, quadrature_degree=8).stiffness())
         for pair in (spaces, Spaces(linear, linear))
     )
     coarse = Multigrid(K, Reduction.dirichlet(spaces.trial, []).supports).coarse_matrix
-    # macro functions see the points of each sub-cell: exact on straight simplices only
+    # integrals of macro functions use points of each sub-cell: exact on straight simplices only
     exact = "T" in name or name.startswith("galerkin")
     assert (coarse - expected).norm() < (1e-12 if exact else 1e-3) * expected.norm()
 
@@ -142,9 +145,11 @@ def test_the_coarse_level_is_the_stiffness_of_linear_elements(name):
 @pytest.mark.parametrize("sprung", [False, True])
 @pytest.mark.parametrize("blocked", [False, True])
 def test_the_coarse_level_follows_the_constraints(blocked, sprung):
-    """The coarse matrix equals P^T K P, with DOLFINx's P and constraints removed from K and P.
+    """The coarse matrix P^T K P changes with the constraints of nodes.
 
-    With springs these constrain the nodes in place of projections.
+    DOLFINx computes the interpolation P from linear elements. Constraints are removed from P and
+    from the stiffness K. With springs, these are added to K instead of projections of the nodes'
+    motions.
     """
     random = np.random.default_rng(3)
     body = ElasticBody(box("tetrahedron"), state="solid")
@@ -171,7 +176,7 @@ def test_the_coarse_level_follows_the_constraints(blocked, sprung):
         B, springs = separation.T @ block_diag(*projectors) @ separation, None
         if sprung:
             springs = PETSc.Mat().createAIJ(B.shape, nnz=len(B), comm=MPI.COMM_SELF)
-            springs.setValues(range(len(B)), range(len(B)), B)  # zeros have places, too
+            springs.setValues(range(len(B)), range(len(B)), B)  # zeros are stored as well
             springs.assemble()
         grid.constrain(nodes, projectors, np.ones(len(nodes)), springs)
         blocks = np.eye(3) * supports.free.reshape(-1, 1, 3)
@@ -229,7 +234,7 @@ def test_options_pass_through():
 
 def test_an_unconverged_solution_is_refused():
     with pytest.raises(NotConverged, match=r"after 6 iterations in all: Poisson.* use Direct\(\)"):
-        Case("pw-T10").solve_by(Iterative(options={"ksp_max_it": 3}))  # begun twice
+        Case("pw-T10").solve_by(Iterative(options={"ksp_max_it": 3}))  # two starts of 3
 
 
 def test_a_body_without_supports_is_refused():
@@ -341,7 +346,7 @@ GAVE_UP = "auto: Iterative gave up, Direct goes on; factors take some"
 
 @pytest.fixture
 def small(monkeypatch):
-    """Let "auto" treat bodies of any size as large."""
+    """Make "auto" treat bodies of any size as large."""
     for limit in (
         "_MIN_KRYLOV_DOFS",
         "_MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS",
@@ -401,7 +406,10 @@ def test_without_memory_for_factors_the_error_stays(monkeypatch):
 @pytest.mark.parametrize("solver", ["auto", Iterative()])
 @pytest.mark.usefixtures("small")
 def test_infeasibility_is_proved_before_the_fallback(solver, caplog):
-    """A body pushed by more than friction bears: Krylov's method fails, and no solution exists."""
+    """A problem without solution is refused by a proof, before a fallback to factors.
+
+    The body is pushed by more than friction can carry, so that Krylov's method fails.
+    """
     K, loads, supports, pair, U = nearly_sliding_arguments(SolidBlock(n=2), push_ratio=0.8)
     with caplog.at_level(logging.INFO), pytest.raises(NoEquilibrium, match="slides along"):
         solve_contact(K, loads, supports, pair, U, solver=solver)
@@ -430,7 +438,10 @@ def test_linear_problems_go_on_with_factors(monkeypatch):
 
 
 def test_factors_and_free_memory_are_estimated():
-    """MUMPS took 6.2 GB for 212 355 unknowns; free memory is less than the machine's."""
+    """The memory for factors and the free memory are estimated well.
+
+    MUMPS took 6.2 GB for 212 355 unknowns. Free memory is less than the memory of the machine.
+    """
     assert iterative.memory_of_factors(212_355) == pytest.approx(6.2e9, rel=0.3)
     assert (
         0

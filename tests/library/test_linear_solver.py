@@ -37,7 +37,7 @@ def test_prescribed_values_against_dense_algebra(square):
 
 @pytest.mark.parametrize("components", [(), (0,), (1,)])
 def test_missing_supports_end_in_an_error(square, components):
-    """Missing supports are found even if a balanced load makes the residual small."""
+    """Missing supports are detected, even if a balanced load makes the residual small."""
     supports = square.make_supports(*((i, on_plane(0, 0.0)) for i in components))
     pull = square.traction_load((1.0, 0.0), on_plane(0, 1.0))
     for f in (pull, pull + square.traction_load((-1.0, 0.0), on_plane(0, 0.0))):
@@ -46,7 +46,11 @@ def test_missing_supports_end_in_an_error(square, components):
 
 
 def test_bad_conditioning_alone_is_no_singularity():
-    """A slender cantilever: entries differ by 1e11, and the tip moves by 1e5 times the strain."""
+    """A badly conditioned matrix is not taken for a singular one.
+
+    In the matrix of a slender cantilever, entries differ by a factor of 1e11. The tip moves by 1e5
+    times the strain.
+    """
     beam = ElasticBody(
         create_rectangle(COMM, [(0, 0), (100, 1)], [200, 1]), PW, "plane stress", 2e11, 0
     )
@@ -160,7 +164,7 @@ def beam():
         (None, "mumps"),
         (Direct(), "mumps"),
         (Direct({"pc_factor_mat_solver_type": "superlu_dist"}), "superlu_dist"),
-        (Direct({"mat_mumps_icntl_7": 0}), "mumps"),  # minimum degree
+        (Direct({"mat_mumps_icntl_7": 0}), "mumps"),  # ordering by minimum degree
     ],
 )
 def test_every_computation_takes_a_solver_and_says_what_ran(beam, solver, package):
@@ -174,7 +178,7 @@ def test_every_computation_takes_a_solver_and_says_what_ran(beam, solver, packag
     )
     assert modes.eigenvalues == pytest.approx(expected_modes.eigenvalues, rel=1e-9)
     assert modes.report.method == f"LU by {package}"
-    assert modes.report.factorisations == 1  # slender bodies take a second shift
+    assert modes.report.factorisations == 1  # slender bodies need a second shift
 
 
 def test_a_symmetric_pair_wants_its_pivots_counted(beam):

@@ -37,7 +37,7 @@ def cube(cell):
 @pytest.mark.parametrize(
     ("field", "energies"),
     [
-        (lambda x: [x[0], 0 * x[0]], (5.0, -5.0)),  # a stretch: G gives S, J gives S - 2 S
+        (lambda x: [x[0], 0 * x[0]], (5.0, -5.0)),  # stretch: form G gives S, J gives S - 2 S
         (lambda x: [-x[1], x[0]], (7.0, 7.0)),  # a rotation, which strains nothing
     ],
 )
@@ -65,7 +65,10 @@ def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains(fiel
     ids=["triangles", "parallelograms", "tetrahedra", "parallelepipeds"],
 )
 def test_quadrature_is_exact_and_no_more_than_that(make_mesh, state, method):
-    """Four more degrees change nothing, a rule with fewer points does; in oblique cells, too."""
+    """Quadrature of stiffness and mass is exact, with no more points than necessary.
+
+    With four more degrees nothing changes, with fewer points the matrices do. Cells may be oblique.
+    """
     mesh = make_mesh()
     mesh.geometry.x[:, 0] += 0.3 * mesh.geometry.x[:, 1] + 0.2 * mesh.geometry.x[:, 2]
     body = Body(method(mesh), MATERIAL, state)
@@ -79,7 +82,7 @@ def test_quadrature_is_exact_and_no_more_than_that(make_mesh, state, method):
         )
         size = np.abs(fine).max()
         assert np.abs(ours - fine).max() < 1e-13 * size
-        # rules of degree 0 and 1 have one point both
+        # the rules of degree 0 and 1 are the same point
         assert degree == 1 or np.abs(crude - fine).max() > 1e-4 * size
 
 
@@ -149,8 +152,8 @@ def test_incompressible_in_plane_stress():
 @pytest.mark.parametrize(
     ("state", "strain", "expected"),
     [
-        ("plane stress", (1.0, -0.3), 10.0),  # a bar that is pulled
-        ("plane strain", (1.0, 0.0), 10.0 / 1.3),  # uniaxial strain: E / (1 + nu)
+        ("plane stress", (1.0, -0.3), 10.0),  # a bar in tension
+        ("plane strain", (1.0, 0.0), 10.0 / 1.3),  # uniaxial strain, stiffness E / (1 + nu)
         ("solid", (1.0, 0.0), 10.0 / 1.3),
         ("axisymmetric", (0.0, 1.0), 10.0 / 1.3),
     ],

@@ -27,7 +27,7 @@ GRID_LINE = np.linspace(0.0, 1.0, 4)
 
 
 SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
-# cells beside the edge (1, 0) to (1, 1), which they divide into two halves
+# cells beside the edge from (1, 0) to (1, 1), which is divided into two halves
 HALF_TRIANGLES = [[1, 4, 6], [6, 4, 5], [6, 5, 2]]
 TORN_NODES = [*SQUARE, [2, 0], [2, 1], [1, 0.5]]
 CRACK_NODES = [
@@ -82,7 +82,7 @@ def two_boxes(cell, counts, other_counts, low):
 
 
 def coarse_beside_fine_box():
-    """Return a hexahedron and four smaller ones that share four of its corners."""
+    """Return a hexahedron and four smaller hexahedra that share four of its corners."""
     fine = box_grid("hexahedron", (1, 2, 2), (1, 0, 0), (2, 1, 1))
     corners = np.array([[0, y, z] for z in (0, 1) for y in (0, 1)], dtype=float)
     shared = [
@@ -145,7 +145,10 @@ CROWDED_MESSAGE = (
 
 
 def crowded_edge():
-    """Return three triangles at one edge, within a grid (DOLFINx may crash for few cells)."""
+    """Return a grid in which three triangles share one edge.
+
+    The grid is needed because DOLFINx may crash for few cells.
+    """
     x = [[i / 4, j / 4] for j in range(5) for i in range(5)] + [[0.5, 0.8]]
     corners = [[i, i + 1, i + 5, i + 6] for i in range(20) if i % 5 < 4]
     cells = [three for a, b, c, d in corners for three in ([a, b, d], [a, d, c])]
@@ -153,7 +156,7 @@ def crowded_edge():
 
 
 def build_mesh(comm, kind, x, cells):
-    """Create a mesh from nodes and cells, which only process 0 uses."""
+    """Create a mesh from nodes and cells, of which only those of process 0 are used."""
     x, cells = np.array(x, dtype=float), np.array(cells, dtype=np.int64)
     if comm.rank > 0:
         x, cells = x[:0], cells[:0]
@@ -221,7 +224,7 @@ def test_two_bodies_are_refused_if_a_centre_at_the_side_of_one_is_in_the_other(
     other_x = other_body.x @ R.T + shift
 
     def rim_centres(x, cells):
-        """Return the centres of cells with a side on the rim of a square."""
+        """Return the centres of cells that have a side on the rim of a square."""
         on = [np.isclose(np.abs(x), 0.5)[cells][..., k].sum(axis=1) == 2 for k in (0, 1)]
         return x[cells[on[0] | on[1]]].mean(axis=1)
 
@@ -296,7 +299,10 @@ os._exit(0)
 
 
 def test_more_than_two_cells_at_a_facet():
-    """The mesh is built in a separate process, because DOLFINx may crash or hang."""
+    """Meshes with more than two cells at a facet are refused.
+
+    They are built in a separate process, because DOLFINx may crash or hang.
+    """
     command, outputs = [sys.executable, "-c", CROWDED_SCRIPT], []
     while CROWDED_MESSAGE not in outputs and len(outputs) < 5:
         outputs.append("a hang")
@@ -326,7 +332,7 @@ def test_a_mesh_is_looked_at_once_until_it_moves_and_is_not_kept(monkeypatch):
     Body(spaces, Material(1.0), "plane stress")
     assert len(checks) == 2
     mesh.geometry.x[:, 0] = 0.0
-    for _ in range(2):  # failed checks are not remembered
+    for _ in range(2):  # failed checks are not remembered, so that the second one fails again
         with pytest.raises(DegenerateMesh, match="have no volume"):
             Body(spaces, Material(1.0), "plane stress")
     reference = weakref.ref(mesh)

@@ -1,4 +1,4 @@
-"""Meshes and sets of Gmsh's and Abaqus' files; errors name what is not supported."""
+"""Meshes and sets from files of Gmsh and Abaqus; errors name what is not supported."""
 
 import re
 
@@ -28,7 +28,7 @@ def model():
 
 @pytest.fixture
 def square(model):
-    """Gmsh's model of a unit square of two halves."""
+    """Return Gmsh's model of a unit square that consists of two halves."""
     left, right = (model.occ.addRectangle(x, 0, 0, 0.5, 1) for x in (0, 0.5))
     model.occ.fragment([(2, left)], [(2, right)])
     model.occ.synchronize()
@@ -37,7 +37,7 @@ def square(model):
 
 @pytest.fixture
 def ball(model, tmp_path):
-    """Path of a deck, written by Gmsh, of an eighth of a ball of radius 1."""
+    """Return the path of a deck, written by Gmsh, of an eighth of a ball of radius 1."""
     body = model.occ.addSphere(0, 0, 0, 1, -1, 0, np.pi / 2, np.pi / 2)
     model.occ.synchronize()
     for dim, tag, name in ((2, 1, "round"), (2, 2, "flat"), (3, body, "ball")):
@@ -98,7 +98,10 @@ def test_what_gmsh_does_not_have_is_said(square, tmp_path):
 
 
 def test_cells_outside_of_all_physical_groups_are_left_out_and_counted(square, caplog):
-    """Without groups of cells, all cells are read."""
+    """Cells outside of all physical groups are left out, and a message counts them.
+
+    Without groups of cells, all cells are read.
+    """
     square.mesh.generate(2)
     tags, _ = square.mesh.getElementsByType(2)
     grouped, _ = square.mesh.getElementsByType(2, square.getEntities(2)[0][1])
@@ -113,8 +116,8 @@ def test_cells_outside_of_all_physical_groups_are_left_out_and_counted(square, c
     assert f"{n_omitted} of {len(tags)} cells are in no physical group, and left out" in caplog.text
 
 
-# Two plane cells of a unit square, whose upper side bulges. Faces, by hand: S1 of the first is the
-# lower side, S2 its right one; S2 of the second is the upper side, S3 its left one.
+# Two plane cells of a unit square whose upper side bulges. Faces by hand: S1 of the first cell is
+# the lower side, S2 its right side; S2 of the second cell is the upper side, S3 its left side.
 #   4 -- 7 -- 3
 #   8    9    6
 #   1 -- 5 -- 2
@@ -175,7 +178,7 @@ def volume(part):
 
 def test_a_deck_has_its_sets_cells_and_curved_sides(tmp_path):
     part = read_text(tmp_path, SQUARE_DECK)
-    assert volume(part) == pytest.approx(1 + 2 / 3 * 0.1)  # below a parabola
+    assert volume(part) == pytest.approx(1 + 2 / 3 * 0.1)  # a segment of a parabola is added
     assert {*part.names["facets"]} == {*LENGTHS}
     for name, length in LENGTHS.items():
         measure = boundary_measure(part.mesh, part.facets(name.lower()))
@@ -225,14 +228,17 @@ Plate-1.upper, S2
 
 
 def coordinate_map(mesh):
-    """Return the coordinate element; DOLFINx 0.11 has one for each type of cell."""
+    """Return the coordinate element; in DOLFINx 0.11 there is one for each type of cell."""
     geometry = mesh.geometry
     return geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
 
 
 @pytest.mark.parametrize("kind", ["C3D10", "C3D10M"])
 def test_nodes_in_the_middle_of_edges_are_those_of_the_same_edges(tmp_path, kind):
-    """Abaqus' nodes 5 to 10 are in the middle of 1-2, 2-3, 3-1, 1-4, 2-4, 3-4."""
+    """Mid-side nodes of Abaqus' tetrahedra are assigned to the edges on which they lie.
+
+    Abaqus' nodes 5 to 10 are in the middle of the edges 1-2, 2-3, 3-1, 1-4, 2-4 and 3-4.
+    """
     rng = np.random.default_rng(29)
     x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
     pairs = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]

@@ -1,4 +1,4 @@
-"""Mesh files of all formats are read exactly, hostile ones are refused, and scripts never run."""
+"""Mesh files of all formats are read exactly, hostile files are refused, and scripts never run."""
 
 import logging
 import re
@@ -183,7 +183,7 @@ def test_cells_of_one_type_in_groups_are_read_beside_others(tmp_path):
 
 
 def add_elements_to_model(kinds):
-    """Add elements to Gmsh's model: numbers of their nodes by Gmsh's type number."""
+    """Add elements to Gmsh's model, given by their nodes for each of Gmsh's type numbers."""
     gmsh.model.addDiscreteEntity(2, 1)
     x = np.random.default_rng(4).random((20, 3)) * [1, 1, 0]
     gmsh.model.mesh.addNodes(2, 1, range(1, 21), x.ravel())
@@ -213,7 +213,7 @@ def test_a_model_is_checked_as_a_file_is(kinds, words):
 
 
 def collect_refusals(comm, folder):
-    """Return the error message about each file of a folder on this process."""
+    """Return the error message about each file in a folder, as raised on this process."""
     messages = []
     for path in sorted(folder.glob("*.msh")):
         with pytest.raises(ValueError, match="cannot be read") as refused:

@@ -1,4 +1,8 @@
-"""Displacement elements as nu -> 1/2: map, warnings, and bulk over shear stiffness of tangents."""
+"""Displacement elements as Poisson's ratio tends to 1/2.
+
+Tested are the map of singular values, warnings, and the bulk stiffness of tangents relative to
+their shear stiffness.
+"""
 
 import logging
 
@@ -31,20 +35,23 @@ WORDS = "may be singular there"
 @pytest.mark.parametrize("cell", DIVISIONS)
 @pytest.mark.parametrize("mid_nodes", [False, True])
 def test_up_to_the_limits_no_stiffness_is_nearly_singular(cell, mid_nodes):
-    """Above the limits some are, so that the limits are not too low either."""
+    """Stiffness matrices are not nearly singular up to the limits of the bulk modulus.
+
+    Some are nearly singular above the limits, which shows that the limits are not too low.
+    """
     distortion = 0.05 if mid_nodes else 0.2
     meshes = [
         distorted_mesh(cell, DIVISIONS[cell], distortion, seed, mid_nodes) for seed in range(3)
     ]
     limits = {max_bulk_over_shear(mesh) for mesh in meshes}
     (limit,) = limits
-    # nu of a bulk modulus over a shear modulus
+    # Poisson's ratio for which the ratio of bulk and shear modulus is at the limit
     safe = 0.49999 if np.isinf(limit) else (3 * limit - 2) / (6 * limit + 2)
     ratios = [samples(mesh, [safe, 0.4999, 0.49995, 0.49999]) for mesh in meshes]
     assert all(at_limit.sign == 1 for at_limit, *_ in ratios)
     beyond = [sample for _, *others in ratios for sample in others]
     if np.isinf(limit):
-        # it falls with the root of 1 - 2 nu, on every mesh alike
+        # the least singular value falls with the root of 1 - 2 nu, in the same way on every mesh
         assert all(0.01 < sample.least < 0.15 and sample.sign == 1 for sample in beyond)
     else:
         assert all(at_limit.least > 0.07 for at_limit, *_ in ratios)
@@ -64,7 +71,7 @@ def skewed_box():
     return mesh
 
 
-MESHES = {  # mesh, nu without and nu with a word of singular stiffnesses
+MESHES = {  # mesh, Poisson's ratio without a warning, and ratio with a warning, or None
     "straight triangles": (lambda: distorted_mesh("triangle", 2, 0.2, 0), 0.49999, None),
     "straight, of degree 2": (
         lambda: curved_mesh(distorted_mesh("triangle", 2, 0.2, 0), lambda x: x),
@@ -132,7 +139,11 @@ def energy(F, shear, lame):
 
 
 def ratio_by_differences(F, shear, lame, step=1e-4):
-    """Compute bulk over shear stiffness by second differences of the energy along exp(t H) F."""
+    """Return the bulk stiffness divided by the shear stiffness, from differences of the energy.
+
+    Second differences are taken along exp(t H) F, with the deformation gradient F, a symmetric
+    matrix H and a parameter t.
+    """
     dim = len(F)
     rng = np.random.default_rng(0)
     moduli = []
@@ -160,14 +171,17 @@ def test_ratio_of_a_deformed_tangent_is_that_of_the_energy(seed):
     u.interpolate(lambda x: (F - np.eye(dim)) @ x[:dim] + 2.0)
     ratios = TangentRatio(residual, u).compute()
     assert ratios == pytest.approx(ratio_by_differences(F, 1.0, lame), rel=1e-5)
-    # the same after a rotation
+    # the same ratio after a rotation
     R = scipy.linalg.expm(np.array([[0, 1, 2], [-1, 0, 3], [-2, -3, 0]])[:dim, :dim] * 0.7)
     u.interpolate(lambda x: (R @ F - np.eye(dim)) @ x[:dim])
     assert TangentRatio(residual, u).compute() == pytest.approx(ratios, rel=1e-9)
 
 
 def test_pressure_alone_is_no_stiffness_of_shape():
-    """A pressure of many shear moduli does no work in shear, which preserves volume."""
+    """A pressure alone adds nothing to the shear stiffness.
+
+    Even a pressure of many shear moduli does no work in shear, which preserves volume.
+    """
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     spaces = Spaces.petrov_galerkin(mesh)
     for lame, scale in ((100.0, 0.9), (100.0, 1.05), (5.0, 0.5)):

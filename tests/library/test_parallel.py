@@ -1,4 +1,4 @@
-"""Results of the library on several processes equal those on one."""
+"""Results of the library on several processes equal those on one process."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def box(comm, size=(1, 1, 2), cells=(3, 3, 5), cell="tetrahedron"):
 
 
 def foot_supports(body, axis, values=(0.0, 0.0, 0.0)):
-    """Create supports at the lower end of an axis."""
+    """Create supports that fix the lower end of a body along an axis."""
     return body.make_supports(*((i, on_plane(axis, 0.0), values[i]) for i in range(body.dim)))
 
 
@@ -94,7 +94,11 @@ def beam(comm, method):
 
 
 def identity(comm):
-    """Compare T K_G with K of the new element; sum forces of a layered block."""
+    """Return no numbers, but assert two identities that hold on any number of processes.
+
+    The stiffness of the new element is the force transfer matrix T times the standard stiffness
+    K_G. The solution of a body in two layers with separate pressures is exact.
+    """
     mesh = move_nodes(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
     galerkin, pw = (ElasticBody(mesh, method, "plane stress") for method in (GALERKIN, PW))
     shared = force_transfer(galerkin.space).matMult(galerkin.K)
@@ -224,7 +228,7 @@ def incompressible(comm, cell):
 
 
 def sum_states(states):
-    """Sum the numbers of contact states, as the order of nodes may differ."""
+    """Return sums of the numbers in contact states, which do not depend on the order of nodes."""
     sums = {}
     for k, state in enumerate(states):
         sums[f"{k} displacement norm"] = state.displacement.norm()
@@ -244,12 +248,15 @@ def blocked_numbers(comm):
         "of K": solve(
             solid.K, solid.press_and_push_load(), solid.base_supports(), Iterative()
         ).norm(),
-        "users of K": solid.K.getRefCount(),  # solvers have let go of it
+        "users of K": solid.K.getRefCount(),  # solvers hold no reference to it any more
     }
 
 
 def by_auto(comm):
-    """Solve by "auto": without anchors Krylov's method fails in the second increment."""
+    """Return the results of "auto", where Krylov's method fails in the second increment.
+
+    It fails because the preconditioner is prevented from fixing nodes.
+    """
     arguments = nearly_sliding_arguments(SolidBlock(n=2, comm=comm))
     with pytest.MonkeyPatch.context() as patch:
         for limit in ("_MIN_KRYLOV_DOFS", "_MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS"):
@@ -291,7 +298,7 @@ def iterative_numbers(comm):
         return sum_states(solve_contact(*arguments, solver=Iterative()))
 
     def stack_numbers(case, **body):
-        """Return the numbers of a stack whose upper body is the slave."""
+        """Return the results of stacked blocks whose upper block is the slave."""
         stack = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), comm=comm, **body)
         return contact(STACKED_CASES[case](stack, "upper"))
 

@@ -21,7 +21,7 @@ def area(polygon):
 
 
 def coloured_polygons(axes):
-    """Return the coloured polygons of a picture in space, and their colours."""
+    """Return the polygons of a picture in space that are coloured, and their colours."""
     (collection,) = axes.collections
     colours = collection.get_facecolors()
     paths = [path.vertices[:-1] for path in collection.get_paths()]
@@ -50,7 +50,10 @@ def test_a_plane_body_is_drawn_where_it_has_moved(axes, cell):
     [("tetrahedron", (30, 40), 3), ("hexahedron", (0, 20), 2), ("hexahedron", (1e-5, 20), 3)],
 )
 def test_faces_of_a_box_that_look_at_the_viewer_are_drawn(axes, cell, view, faces):
-    """Their projected area is the area of the box's shadow along the line of sight."""
+    """Faces of a box that are turned to the viewer are drawn.
+
+    Their projected area is the area of the box's shadow along the line of sight.
+    """
     size = np.array([1.0, 2.0, 3.0])
     mesh = create_box(COMM, [np.zeros(3), size], [2, 2, 2], CellType[cell])
     draw(mesh, ufl.SpatialCoordinate(mesh)[2], axes=axes, view=view)
@@ -58,7 +61,7 @@ def test_faces_of_a_box_that_look_at_the_viewer_are_drawn(axes, cell, view, face
     eye = [np.cos(up) * np.cos(turned), np.cos(up) * np.sin(turned), np.sin(up)]
     shadow = np.abs(eye) @ (np.prod(size) / size)
     assert sum(area(p) for p, _ in coloured_polygons(axes)) == pytest.approx(shadow)
-    assert len(coloured_polygons(axes)) == faces * 128  # parts of a face
+    assert len(coloured_polygons(axes)) == faces * 128  # each face is drawn in 128 parts
 
 
 def test_higher_is_drawn_higher_and_in_its_colour(axes):

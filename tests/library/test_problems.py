@@ -1,4 +1,4 @@
-"""Problems given by a residual: exact solutions, increments, and errors."""
+"""Problems given by a residual: exact solutions, increments and errors."""
 
 from mpi4py import MPI
 
@@ -140,7 +140,7 @@ def test_an_increment_is_cut_where_it_fails_as_a_whole():
 
 
 def test_after_a_failure_u_is_the_last_solution():
-    problem, move = pressed_square(-1.5)  # through the bottom
+    problem, move = pressed_square(-1.5)  # the top would be pressed through the bottom
     with pytest.raises(NotConverged, match=r"of the load; u is the solution at 0\.\d+"):
         problem.solve(move)
     reached = problem.increments[-1].load_factor
@@ -150,7 +150,7 @@ def test_after_a_failure_u_is_the_last_solution():
     free = ~(np.isclose(x[:, 1], 0.0) | np.isclose(x[:, 1], 1.0))
     assert np.abs(inner[free]).max() < 1e-9 * np.abs(inner).max()
     move.value *= 0.9
-    problem.solve(move)  # from there, not from 0
+    problem.solve(move)  # starts from the last solution, not from 0
     assert problem.increments[0].relative_corrections[0] < 0.5
 
 
@@ -171,7 +171,7 @@ def test_a_second_load_grows_from_the_first():
     assert np.abs(problem.u.x.array - at_once.u.x.array).max() < 1e-12
     assert [i.load_factor for i in problem.increments] == [0.5, 1.0]
     increment = problem.increments[0]
-    assert increment.relative_corrections[0] < 0.6  # from -0.1, not from 0
+    assert increment.relative_corrections[0] < 0.6  # starts from -0.1, not from 0
 
 
 def test_a_body_that_is_not_held_is_singular():

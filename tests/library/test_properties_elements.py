@@ -1,4 +1,4 @@
-"""Properties of the elements on random meshes, by Hypothesis."""
+"""Properties of the elements, tested by Hypothesis on random meshes."""
 
 import functools
 import gc
@@ -77,7 +77,7 @@ def test_weights_sum_to_one_and_reproduce_linear_functions(cell, seed):
     element, points = weights_of(cell), random_cell_points(cell, 20, seed)
     nodes = element._element.points
     values, *slopes = element.tabulate(1, points)
-    # sums of at most 27 numbers of size one; each is made from 27 others
+    # sums of at most 27 numbers of size one, each of which is made from 27 others
     bound = len(nodes) ** 2 * MACHINE_EPSILON
     assert values.min() > -bound
     assert_small(values.sum(axis=1) - 1, bound)
@@ -93,7 +93,7 @@ def test_load_vectors_have_the_resultant_and_moment_of_the_loads(elastic, seed):
     dim, A, body = elastic.grid.dim, elastic.placement.matrix, elastic.body
     force = np.random.default_rng(seed).uniform(-1, 1, dim)
     side = np.eye(dim)[0]
-    volume = np.linalg.det(A)  # of the skewed unit box; next, the area of its side x = 0
+    volume = np.linalg.det(A)  # volume of the skewed unit box; then the area of its side x = 0
     area = volume * np.linalg.norm(np.linalg.solve(A.T, side))
     centre = np.full(dim, 0.5)
     surface = boundary_measure(body.spaces.mesh, elastic.side(0))
@@ -102,11 +102,11 @@ def test_load_vectors_have_the_resultant_and_moment_of_the_loads(elastic, seed):
         (body.surface_load(force, surface), area, A @ (centre - side / 2)),
     ]:
         f = assemble_vector(form).array.reshape(-1, dim)
-        # each of the terms is right up to the round-off of its cell's size
+        # each term has an error of the round-off of its cell's size
         bound = len(f) * elastic.round_off * np.abs(f).sum()
         assert_small(f.sum(axis=0) - size * force, bound)
         assert_small(elastic.x.T @ f - size * np.outer(middle, force), bound * 4)
-    # node by node: what the mass, of density one here, needs for a uniform acceleration
+    # node by node, the load equals the mass of density one times a uniform acceleration
     f = assemble_vector(body.body_load(force)).array
     needed = dense(assemble_matrix(body.mass())) @ np.tile(force, len(f) // dim)
     assert_small(needed - f, len(f) * elastic.round_off * np.abs(f).max())
@@ -118,7 +118,7 @@ def test_stiffness_is_blind_to_rigid_motions_and_gives_balanced_forces(elastic):
     modes = modes.reshape(len(K), -1)
     bound = max_row_entries(K) * elastic.round_off * np.abs(K).sum(axis=1).max()
     assert_small(K @ modes, bound)
-    # forces of any displacement: no resultant, and no moment about the undeformed nodes
+    # forces of any displacement have no resultant, and no moment about the undeformed nodes
     bound = len(K) * elastic.round_off * np.abs(K).sum(axis=0).max()
     assert_small(modes.T @ K, bound)
 
@@ -130,7 +130,7 @@ def test_axisymmetric_stiffness_is_blind_to_the_translation_along_the_axis(grid,
     bound = len(K) * grid.slope_round_off() * np.abs(K).sum(axis=1).max()
     assert_small(K @ axial_translation, bound)
     assert_small(axial_translation @ K, bound)
-    # widening, though, strains the hoops
+    # radial translations, however, strain the hoops
     assert np.abs(K @ (1 - axial_translation)).max() > 1e-3 * np.abs(K).max()
 
 
@@ -140,10 +140,10 @@ def test_is_galerkin_with_transferred_forces(grid, seed, nu, state, modulus):
     galerkin, pw = (Elastic(grid, placement, m, state, material) for m in ("galerkin", "pw"))
     T = dense(force_transfer(galerkin.space))
     K, K_pw = dense(galerkin.K), dense(pw.K)
-    # what is compared are sums over a row of T of entries of K
+    # the compared entries are sums over a row of T of entries of K
     bound = max_row_entries(K) * pw.round_off * (np.abs(T) @ np.abs(K)).max()
     assert_small(T @ K - K_pw, bound)
-    # a wrong T shows: transposed, or shares 1/6, 2/3, 1/6 in place of 1/8, 3/4, 1/8
+    # a wrong T is detected: transposed, or with the shares 1/6, 2/3, 1/6 for 1/8, 3/4, 1/8
     wrong = np.eye(len(T)) + (T - np.eye(len(T))) * 4 / 3
     for candidate in (T.T, wrong):
         assert np.abs(candidate @ K - K_pw).max() > 1e-3 * np.abs(K).max()
@@ -169,7 +169,7 @@ def test_patch_test(elastic, seed):
     exact = fem.Function(U)
     exact.interpolate(lambda x: gradient @ x[:dim])
     rim = boundary_dofs(U)
-    assume(len(rim) < len(elastic.x))  # a cube of five tetrahedra has no node inside
+    assume(len(rim) < len(elastic.x))  # a cube of five tetrahedra has no inner node
     reduction, f = Reduction.dirichlet(U, [fem.dirichletbc(exact, rim)]), elastic.K.createVecLeft()
     a = solve(elastic.K, f, reduction)
     r = reactions(elastic.K, a, f).array.reshape(-1, dim)
@@ -186,14 +186,14 @@ def test_reactions_balance_the_loads(elastic, seed):
     a, r, f = elastic.solve_statics(force)
     balance = np.einsum("nak,na->k", rigid_modes(elastic.x), r + f)
     assert_small(balance, len(r) * elastic.error_of_forces(a))
-    # and there are none where nothing holds
+    # there are no reactions at nodes without supports
     free = dense(elastic.clamp().right).any(axis=1)
     assert_small(r.ravel()[free], elastic.error_of_forces(a))
 
 
 @st.composite
 def statics(draw, cells=BODY_CELLS):
-    """Draw a body of unit size and modulus, and a body force."""
+    """Draw a body of unit size and Young's modulus, and a body force."""
     grid = draw(grids(cells))
     method, nu = draw(st.sampled_from(list(METHODS))), draw(st.floats(-0.5, 0.45))
     state = draw(st.sampled_from(STATES[grid.dim]))
@@ -202,13 +202,13 @@ def statics(draw, cells=BODY_CELLS):
 
 
 def assert_same_solution(elastic, transformed, force, modulus):
-    """Assert equal displacements and reactions of a body and its transformed copy."""
+    """Assert that a body and its transformed copy have equal displacements and reactions."""
     placement, dim = transformed.placement, elastic.grid.dim
     a, r, f = elastic.solve_statics(force)
-    # forces per volume scale like modulus over length, nodal forces like modulus times area
+    # forces per volume scale like modulus / length, nodal forces like modulus times area
     b, s, _ = transformed.solve_statics(placement.place_vectors(force) * modulus / placement.unit)
     at = match_nodes(elastic.x, transformed.x, placement)
-    # of both of them; the one far from the origin knows its shape less well
+    # round-off of both bodies; the body far from the origin has the larger error of shape
     displacement_bound, forced = elastic.error_of_solution(
         elastic.clamp(), a, f, elastic.round_off + transformed.round_off
     )
@@ -225,7 +225,10 @@ def test_same_statics_in_other_units(problem, unit, modulus):
 
 @given(statics(), powers_of_ten(-2, 6), SEEDS, st.booleans(), st.booleans())
 def test_same_statics_elsewhere_turned_and_renumbered(problem, far, seed, turned, renumbered):
-    """The body is up to 1e6 times its size away from the origin."""
+    """A body has the same solution after translation, rotation and renumbering of nodes.
+
+    The body is up to 1e6 times its size away from the origin.
+    """
     elastic, force = problem
     moved_body = elsewhere(elastic, far, seed, turned, renumbered)
     assert_same_solution(elastic, moved_body, force, 1.0)
@@ -240,7 +243,11 @@ def elsewhere(elastic, far, seed, turned, renumbered):
 
 @given(statics(), SEEDS)
 def test_same_contact_turned_and_renumbered(problem, seed):
-    """A ball is pressed on the side opposite the clamped one, and drawn along it, with friction."""
+    """A body in contact has the same solution after rotation and renumbering of nodes.
+
+    The body is clamped on one side. A ball is pressed with friction on the opposite side and then
+    moved along this side.
+    """
     elastic, _ = problem
     dim, down = elastic.grid.dim, np.array([-0.02, 0.01, 0.005])
 
@@ -276,8 +283,8 @@ def test_frequencies_in_other_units(problem, unit, modulus, density):
         return np.argmin(np.where(mu.real > 0, mu.real, np.inf))
 
     exact, error = eigenvalue_error(K, M, lowest, *sizes)
-    error += 1e-11 * abs(exact)  # where the solver stops, 1e-12 of its own residual
-    # SciPy's dense eigenvalues are the same, and so are those in units of one
+    error += 1e-11 * abs(exact)  # the solver stops at 1e-12 of its own residual
+    # SciPy's dense eigenvalues are the same, and so are the eigenvalues in units of one
     assert_small(values[1] - exact, error)
     assert_small(values[0] * modulus / (density * unit**2) - values[1], 2 * error)
 
@@ -303,7 +310,7 @@ def test_buckling_factors_have_no_unit(problem, unit, modulus, load):
     bound = rescaled.error_of_solution(
         rescaled.clamp(), a.array, f.array, elastic.round_off + rescaled.round_off
     )[0]
-    # stresses are wrong like slopes of displacements, and K_sigma like stresses
+    # stresses have errors like slopes of displacements, and K_sigma like stresses
     wrong_S = bound / np.abs(a.array).max() * np.linalg.norm(S, 2)
     wrong_K = len(K) * (elastic.round_off + rescaled.round_off) * np.linalg.norm(K, 2)
     mu, error = eigenvalue_error(-S, K, lambda mu: np.argmax(mu.real), wrong_S, wrong_K)

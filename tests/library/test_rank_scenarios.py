@@ -1,4 +1,4 @@
-"""Errors, differences and NaN on one process end all processes alike, without waiting."""
+"""Errors, differences and NaN on one process end all processes in the same way, without waiting."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from tests.library import rank_scenarios
 from tests.library.test_collective import gather_outcomes
 from tests.parallel import run_on
 
-# Seconds that all scenarios may take on a busy machine; a process that waits takes for ever
+# Seconds that all scenarios may take on a busy machine; a process that waits takes forever
 WAITING = 900
 SERIES = ("REFUSED_ON_ONE", "DIFFERENT_ON_ONE", "NAN_ON_ONE", "SAME_OUTCOME")
 
@@ -16,7 +16,7 @@ def all_ends(comm):
     world, outcomes = rank_scenarios.RankProblem(), {}
     for series in SERIES:
         for name, scenario in getattr(rank_scenarios, series).items():
-            print(series, name, flush=True)  # the last one is where a process waits
+            print(series, name, flush=True)  # where a process waits, this is the last line
             outcomes[series, name] = gather_outcomes(comm, lambda run=scenario: run(world))
     return outcomes
 

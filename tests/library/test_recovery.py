@@ -34,14 +34,14 @@ PLANE = [
 
 
 def uneven_block(build=triangles, method=PW, state="plane stress", thickness=1.0):
-    """Create a block 2 x 1 with cells of uneven width."""
+    """Create a block 2 x 1 with cells of different widths."""
     mesh = build(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
     mesh = move_nodes(mesh, lambda x: x + 0.1 * np.sin(3 * x[:, :1]) * [1, 0, 0])
     return ElasticBody(mesh, method, state, 10.0, thickness=thickness)
 
 
 def uniform_pressure_forces(body, where, pressure=3.0):
-    """Return nodal forces of a uniform pressure in the order of the surface's nodes."""
+    """Return the nodal forces of a uniform pressure in the order of the surface's nodes."""
     f = body.traction_load(pressure * np.eye(body.dim)[-1], where)
     x = body.space.tabulate_dof_coordinates()
     nodes = np.flatnonzero(where(x.T))
@@ -51,7 +51,10 @@ def uniform_pressure_forces(body, where, pressure=3.0):
 
 @pytest.mark.parametrize(("side", "axis"), [(0, 1), (1, 0)])
 def test_forces_along_any_side_are_in_its_order(side, axis):
-    """This includes a side at constant x, where round-off must not decide the order."""
+    """Forces along a side are in the order of positions along this side.
+
+    On a side at constant x, round-off of x must not decide the order.
+    """
     body = uneven_block()
     body.mesh.geometry.x[::2] *= 1 + 1e-15
     end = body.mesh.geometry.x[:, side].max()
@@ -72,7 +75,7 @@ def test_pressures_of_an_even_pressure(build, method, state):
     assert surface.tributary_area.sum() == pytest.approx(total)
     force = uniform_pressure_forces(body, on_plane(1, 0.0))
     pressure = surface.pressure(force)
-    on_axis = state == "axisymmetric" and method == GALERKIN  # has no weight there
+    on_axis = state == "axisymmetric" and method == GALERKIN  # without weight on the axis
     assert np.flatnonzero(np.isnan(pressure)).tolist() == [0] * on_axis
     assert pressure[on_axis:] == pytest.approx(3.0)
     if method != PW:
@@ -117,7 +120,7 @@ def test_faces_in_space(cell, method):
     weightless = np.isnan(pressure)
     assert pressure[~weightless] == pytest.approx(3.0)
     t10 = method == GALERKIN and cell is CellType.tetrahedron
-    assert weightless.sum() == (5 * 5 if t10 else 0)  # its corners
+    assert weightless.sum() == (5 * 5 if t10 else 0)  # corners of cells
     if method == PW:
         assert surface.tributary_pressure(force) == pytest.approx(3.0)
     if t10:
@@ -163,7 +166,7 @@ def side(x):
 
 
 def solve_poisson(cell, method, components=0, field=None, source=0.0):
-    """Solve div grad u = -source with u prescribed on the whole boundary; return reactions."""
+    """Return the reactions of div grad u = -source with u prescribed on the whole boundary."""
     spaces = method(mesh := unit_mesh(cell, 3), components)
     U = spaces.trial
     u, v = ufl.TrialFunction(U), ufl.TestFunction(spaces.test)
@@ -206,7 +209,7 @@ def test_the_total_flux_balances_the_source(method):
     spaces, r, f = solve_poisson(CellType.tetrahedron, method, field=field, source=-2.0)
     heat = nodal_flux(spaces, r, lambda x: x[0] > -1.0)
     assert heat.reaction.sum() == pytest.approx(-f.sum(), abs=1e-12)
-    assert heat.surface.tributary_area.sum() == pytest.approx(6.0, rel=0.1)  # moved vertices
+    assert heat.surface.tributary_area.sum() == pytest.approx(6.0, rel=0.1)  # of moved vertices
     assert (heat.flux * heat.surface.tributary_area).sum() == pytest.approx(-f.sum(), abs=1e-12)
 
 

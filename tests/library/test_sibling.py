@@ -1,4 +1,4 @@
-"""Symmetric sibling: basis, spectrum, lumped mass, and contact."""
+"""Symmetric sibling element: basis, spectrum, lumped mass, and contact."""
 
 from mpi4py import MPI
 
@@ -16,7 +16,7 @@ COMM, CELLS = MPI.COMM_SELF, ["triangle", "quadrilateral", "tetrahedron", "hexah
 
 
 class Block(ElasticBody):
-    """Block of cells of different shapes, with its sibling."""
+    """Block of cells of different shapes, with its symmetric sibling element."""
 
     def __init__(self, cell, divisions=2, method=GALERKIN):
         n = (2 * divisions, divisions, divisions)
@@ -34,7 +34,7 @@ class Block(ElasticBody):
         return self.sibling.dirichlet([prescribe(self.space, *c) for c in conditions])
 
     def solve_contact_pair(self, pair):
-        """Solve contact of the block; return state and displacements of the contact nodes."""
+        """Solve contact of the block, and return state and displacements of the contact nodes."""
         K, up = self.sibling.matrix(self.K), self.dim - 1
         foot = self.make_sibling_supports(*((i, on_plane(up, 0.0)) for i in range(self.dim)))
         (state,) = solve_contact(K, self.zero_load, foot, pair, self.space)
@@ -76,7 +76,10 @@ def test_displacements_and_spectrum_are_galerkins(cell):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_lumped_mass_falls_evenly(cell):
-    """Row sums are integrals of the basis functions, which distribute a body force."""
+    """Lumped masses distribute the mass like a uniform body force.
+
+    Both are integrals of the basis functions, which are the row sums of the mass matrix.
+    """
     block = Block(cell, 1)
     mass = lumped_mass(block.sibling.matrix(block.M), block.space).getDiagonal()
     load = block.sibling.load(block.body_force_load(np.ones(block.dim)))
@@ -85,7 +88,11 @@ def test_lumped_mass_falls_evenly(cell):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_closed_edges_lie_on_a_curved_surface(cell):
-    """The gaps T^-T g move all nodes of closed edges onto the surface; nodal gaps would not."""
+    """All nodes of edges whose ends are closed lie on a curved surface.
+
+    For this, the sibling uses the gaps T^-T g, with T the force transfer matrix and g the nodal
+    gaps. The nodal gaps themselves would leave mid-side nodes off the surface.
+    """
     block = Block(cell, 3)
     dim = block.dim
     shape = Parabola((1.0, *[0.5] * (dim - 2), 1.0), 4.0)

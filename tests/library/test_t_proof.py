@@ -1,7 +1,8 @@
-"""Proof of K_PW = T K_Galerkin in exact fractions, and a counterexample for each condition.
+"""Proof that the new stiffness is T times the standard one, in exact fractions.
 
-The functions are defined here; only the last test uses the library, to compare its T. Nodes are
-numbered as in Basix: vertices, then the middles of the sides opposite them.
+A counterexample is given for each condition. The functions are defined here; only the last test
+uses the library, to compare its force transfer matrix T. Nodes are numbered as in Basix: vertices,
+then the middles of the sides opposite them.
 """
 
 from itertools import combinations
@@ -35,7 +36,7 @@ def shapes(*variables):
 
 
 def transfer(dim):
-    """Return T: 3/4 of a mid-side's equation stay, an eighth goes to each end."""
+    """Return T: a mid-side node keeps 3/4 of its equation, each end of the side gets an eighth."""
     T = sp.diag(*[1] * (dim + 1), *[sp.Rational(3, 4)] * len(SIDES[dim]))
     for middle, ends in enumerate(SIDES[dim], start=dim + 1):
         for end in ends:
@@ -44,14 +45,14 @@ def transfer(dim):
 
 
 def triangle_weights():
-    """Return the corners of each sub-triangle and the functions there, by Eqs (15) to (20)."""
+    """Return the corners of each sub-triangle and the weights there, by Eqs (15) to (20)."""
     printed = {
         (1, 4, 6): (1 - 2 * X - 2 * Y, ZERO, ZERO, 2 * X, ZERO, 2 * Y),
         (4, 2, 5): (ZERO, 2 * X - 1, ZERO, 2 - 2 * X - 2 * Y, 2 * Y, ZERO),
         (6, 5, 3): (ZERO, ZERO, 2 * Y - 1, ZERO, 2 * X, 2 - 2 * X - 2 * Y),
         (4, 5, 6): (ZERO, ZERO, ZERO, 1 - 2 * Y, 2 * X + 2 * Y - 1, 1 - 2 * X),
     }
-    paper_numbers = (1, 2, 3, 5, 6, 4)  # the paper's numbers of our nodes
+    paper_numbers = (1, 2, 3, 5, 6, 4)  # the paper's numbers of Basix's nodes
     position_of = dict(zip(paper_numbers, points(2), strict=True))
     return [
         ([position_of[n] for n in sub], [w[n - 1] for n in paper_numbers])
@@ -60,7 +61,10 @@ def triangle_weights():
 
 
 def tetrahedron_weights(diagonal):
-    """Return `triangle_weights` of tetrahedra: four at the vertices, and the cut octahedron."""
+    """Return the corners of each sub-tetrahedron and the weight functions there.
+
+    Four sub-tetrahedra are at the vertices. The octahedron is cut into the others along a diagonal.
+    """
     middles = {4 + k: set(ends) for k, ends in enumerate(SIDES[3])}
     subs = [(v, *(m for m, ends in middles.items() if v in ends)) for v in range(4)]
     ring = [m for m in middles if m not in diagonal]
@@ -73,11 +77,11 @@ def tetrahedron_weights(diagonal):
     return pieces
 
 
-DIAGONALS = ((4, 9), (5, 8), (6, 7))  # middles of sides without a common end
+DIAGONALS = ((4, 9), (5, 8), (6, 7))  # middles of two sides without a common end
 
 
 def integral(function, corners, variables):
-    """Integrate a polynomial over a simplex."""
+    """Return the integral of a polynomial over a simplex."""
     local = sp.symbols(f"s1:{len(corners)}")
     edges = sp.Matrix.hstack(*(corner - corners[0] for corner in corners[1:]))
     position = corners[0] + edges * sp.Matrix(local)
@@ -92,7 +96,7 @@ def integral(function, corners, variables):
 
 
 def defect(weights, variables, form):
-    """Return integrals of form(weight function) less T times those of form(shape function)."""
+    """Return integrals of form(weight function), less T times those of form(shape function)."""
     N = shapes(*variables)
     new = sp.Matrix(
         [sum(integral(form(w[i]), c, variables) for c, w in weights) for i in range(len(N))]
@@ -107,7 +111,11 @@ def vanishes(weights, variables, *forms):
 
 
 def derivatives(variables, first, second, factor=1):
-    """Return forms whose integrals are columns of a matrix: derivatives of w times those of N."""
+    """Return the forms of a stiffness matrix, one for each of its columns.
+
+    They are products of the first derivative of a weight and the second derivative of a shape
+    function.
+    """
     return [
         lambda w, n=n: factor * sp.diff(w, first) * sp.diff(n, second) for n in shapes(*variables)
     ]
@@ -117,11 +125,14 @@ TRIANGLE = triangle_weights()
 
 
 def test_the_lemma():
-    """w - T N has no mean over the TRIANGLE, and neither mean nor first moment along a side."""
+    """The difference w - T N of weights w and shape functions N is orthogonal to constants.
+
+    Its mean over the triangle vanishes. Along each side its mean and its first moment vanish.
+    """
     assert vanishes(TRIANGLE, (X, Y), lambda w: w)
     for a, b in SIDES[2]:
         ends, middle = (points(2)[a], points(2)[b]), (points(2)[a] + points(2)[b]) / 2
-        for moment in (1, X + 2 * Y):  # which no side has as a constant
+        for moment in (1, X + 2 * Y):  # X + 2 Y is not constant on any side
             side_moments = {}
             for half in ((ends[0], middle), (middle, ends[1])):
                 (functions,) = [w for corners, w in TRIANGLE if all(h in corners for h in half)]
@@ -133,17 +144,21 @@ def test_the_lemma():
 
 
 def test_the_stiffness_of_any_triangle_and_of_any_constant_law():
-    """Sides and nine moduli are symbols; each entry times the determinant is a polynomial."""
+    """The new stiffness is T times the standard one for any triangle and any constant elasticity.
+
+    Coordinates of corners and nine moduli are symbols. Each entry times the determinant is a
+    polynomial.
+    """
     jacobian = sp.Matrix(2, 2, sp.symbols("x1:3 y1:3"))
     D = sp.Matrix(3, 3, sp.symbols("d1:10"))
 
     def B(function, at):
         reference = sp.Matrix([sp.diff(function, v).subs({X: at[0], Y: at[1]}) for v in (X, Y)])
-        gx, gy = jacobian.adjugate().T * reference  # times the determinant
+        gx, gy = jacobian.adjugate().T * reference  # gradient times the determinant
         return sp.Matrix([[gx, 0], [0, gy], [gy, gx]])
 
     def stiffness_of(pieces):
-        """Integrate by the middles of the sides, which is exact for degree two."""
+        """Return the stiffness by quadrature at middles of sides, exact for degree two."""
         K = sp.zeros(12, 12)
         for corners, functions in pieces:
             for a, b in combinations(corners, 2):
@@ -170,10 +185,14 @@ def test_the_stiffness_of_an_interval():
 
 
 def test_loads():
-    """f_PW = T f_G for uniform body loads and forces at vertices; the lemma covers tractions."""
+    """The new load vector is T times the standard one for uniform loads and forces at vertices.
+
+    Tractions are covered by `test_the_lemma`. The relation does not hold for linear body loads and
+    for forces at mid-side nodes.
+    """
     assert transfer(2)[:, :3] == sp.eye(6)[:, :3]
     assert not vanishes(TRIANGLE, (X, Y), lambda w: X * w)  # a linear body load
-    assert transfer(2)[:, 3:] != sp.eye(6)[:, 3:]  # a force on a mid-side node
+    assert transfer(2)[:, 3:] != sp.eye(6)[:, 3:]  # a force at a mid-side node
 
 
 @pytest.mark.parametrize(
@@ -181,9 +200,9 @@ def test_loads():
     [
         # a linear modulus or prestress
         derivatives((X, Y), X, Y, factor=1 + X),
-        # the mass
+        # the mass matrix
         [lambda w, n=n: w * n for n in shapes(X, Y)],
-        # axisymmetry: the shear modulus' part of the axial rows has the radius as a factor
+        # axisymmetry: in axial rows, the terms with the shear modulus have the radius as a factor
         derivatives((X, Y), X, X, factor=1 + X),
         # one mid-side moved by c: x = X + 4 c X Y, y = Y, whose determinant is 1 + 4 c Y; the
         # stiffness' derivative by c at c = 0, of the part with both derivatives by x
@@ -197,11 +216,12 @@ def test_constant_data_in_a_plane_body_with_straight_sides_are_needed(forms):
 
 @pytest.mark.parametrize("cuts", [DIAGONALS[:1], DIAGONALS], ids=str)
 def test_tetrahedra_have_no_such_matrix(cuts):
-    """A mid-side's row of the new element is no multiple of its standard row, for any cut.
+    """No matrix T exists that relates the stiffness matrices of tetrahedra.
 
-    Within one tetrahedron it could be combined from other nodes' rows, but not after assembly, as
-    those rows have parts of other elements. Compared are integrals of derivatives times 1 and the
-    coordinates, which multiply a linear stress.
+    A mid-side node's row of the new element is no multiple of its standard row, for any cut. Within
+    one tetrahedron it could be combined from rows of other nodes. After assembly it could not, as
+    those rows have contributions of other elements. Compared are integrals of derivatives times 1
+    and times the coordinates, which multiply a linear stress.
     """
 
     def rows(variables, pieces):
@@ -222,16 +242,19 @@ def test_tetrahedra_have_no_such_matrix(cuts):
 
 
 def test_neither_slip_nor_lift_off():
-    """T couples nodes with different contact laws: at the end of the part that is closed."""
+    """The transfer matrix T does not keep the contact law where statuses change along a side.
+
+    T couples nodes with different statuses: slip and stick, or closed and open.
+    """
     edge = [1, 4, 2, 4, 1]  # standard nodal forces of a uniform pressure
     T = sp.Matrix(5, 5, lambda i, j: sp.Rational(1, 8) if i % 2 == 0 and abs(i - j) == 1 else 0)
     T += sp.diag(1, sp.Rational(3, 4), 1, sp.Rational(3, 4), 1)
     normal, mu = sp.Matrix(edge), sp.symbols("mu", positive=True)
-    sliding = sp.Matrix([mu * n for n in edge[:3]] + [0, 0])  # the middle corner slides last
+    sliding = sp.Matrix([mu * n for n in edge[:3]] + [0, 0])  # the middle corner slips last
     assert all(sliding[i] == mu * normal[i] for i in range(3))
-    assert (T * sliding)[2] < mu * (T * normal)[2]  # and is now within its cone
+    assert (T * sliding)[2] < mu * (T * normal)[2]  # inside the friction cone
     open_at_the_middle = sp.Matrix([1, 4, 0, 0, 0])
-    assert (T * open_at_the_middle)[2] > 0  # an open node with a force
+    assert (T * open_at_the_middle)[2] > 0  # an open node gets a force
 
 
 def test_the_library_s_matrix_is_the_t_of_the_proof():

@@ -1,4 +1,4 @@
-"""Reader of VTX files by ADIOS2's C library, independent of DOLFINx and this package."""
+"""Reader of VTX files that uses ADIOS2's C library, independent of DOLFINx and this package."""
 
 import ctypes
 from pathlib import Path
@@ -15,7 +15,7 @@ CALLS = ("init_serial", "declare_io", "open", "inquire_variable", "inquire_attri
 
 
 def library():
-    """Load the C library beside the one that DOLFINx has loaded; None if it is not installed."""
+    """Return ADIOS2's C library, next to the one that DOLFINx has loaded; None if it is missing."""
     import dolfinx  # noqa: F401
 
     maps = Path("/proc/self/maps")

@@ -1,11 +1,12 @@
 """Elasticity matrices and loads of one body, element by element; dof = dim * node + component.
 
-Trial functions and geometry are quadratic; weights are quadratic too (Galerkin), or piecewise
-linear. All integrals follow from Hooke's law written in components,
+Trial functions and geometry are quadratic. Weights are quadratic (Galerkin) or piecewise linear.
+All integrals follow from Hooke's law written in components,
 
     sigma(u):eps(w) = lambda div u div w + mu (grad u : grad w + grad u : grad w^T),
 
-with the hoop strain u_r / r as a further term of div and of eps : eps in axisymmetry.
+with u the displacement, w the weight, and lambda and mu Lame's constants. In axisymmetry the hoop
+strain u_r / r is a further term of div and of the strain products.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,19 +22,19 @@ NodeMarker = Callable[[np.ndarray], np.ndarray]
 
 
 class GaussPointData(NamedTuple):
-    """Functions and geometry at one Gauss point of all c cells."""
+    """Functions and geometry at one Gauss point of all c cells with n nodes in d dimensions."""
 
     shapes: np.ndarray  # (n,)
     gradients: np.ndarray  # (c, n, d)
     weights: np.ndarray  # (n,)
     weight_gradients: np.ndarray  # (c, n, d)
-    radius: np.ndarray  # (c,), the first coordinate
-    volume: np.ndarray  # (c,), weight times Jacobian times depth in the third direction
+    radius: np.ndarray  # (c,), the first coordinate of the point
+    volume: np.ndarray  # (c,), Gauss weight times Jacobian times depth in the third direction
 
 
 @dataclass(frozen=True)
 class Body:
-    """An elastic body: its mesh, element, weights, material and plane or axisymmetric state."""
+    """An elastic body: mesh, element, weights, material, and plane or axisymmetric state."""
 
     nodes: np.ndarray
     cells: np.ndarray
@@ -73,7 +74,10 @@ class Body:
         return self._assemble_for_each_component(scalar_matrices)
 
     def geometric_stiffness(self, displacement: np.ndarray) -> sparse.csc_matrix:
-        """Assemble int grad w : grad u S (form G), S the plane stress tensor of a displacement."""
+        """Assemble the geometric stiffness int grad w : grad u S (the form G of the theory page).
+
+        S is the plane stress tensor of the displacement.
+        """
         u = displacement.reshape(self.nodes.shape)[self.cells]
         lame_lambda, mu = self._lame_constants()
         scalar_matrices = 0.0
@@ -95,33 +99,33 @@ class Body:
         return self._assemble_vector(per_node, force)
 
     def traction_load(self, where: NodeMarker, traction: tuple[float, ...]) -> np.ndarray:
-        """Assemble the load of a traction on the facets whose nodes all satisfy `where`."""
+        """Assemble the load vector of a traction on the facets whose nodes all satisfy `where`."""
         boundary = self._boundary_body(where)
         per_node = sum(np.outer(point.volume, point.weights) for point in boundary._gauss_points())
         return boundary._assemble_vector(per_node, traction)
 
     def component_mask(self, where: NodeMarker, components: tuple[int, ...]) -> np.ndarray:
-        """Return a mask (n, dim) of displacement components at the nodes that satisfy `where`."""
+        """Return a mask (n, dim) of the given components at the nodes that satisfy `where`."""
         mask = np.zeros(self.nodes.shape, dtype=bool)
         mask[:, components] = where(self.nodes)[:, None]
         return mask
 
     def _boundary_body(self, where: NodeMarker) -> "Body":
-        """Return the facets whose nodes all satisfy `where` as a body of facets."""
+        """Return a body that consists of the facets whose nodes all satisfy `where`."""
         element = ELEMENTS[self.element]
         facets = np.concatenate([self.cells[:, facet] for facet in element.facets])
         facets = facets[where(self.nodes)[facets].all(axis=1)]
         return replace(self, cells=facets, element=element.facet, n_gauss=4)
 
     def _lame_constants(self) -> tuple[float, float]:
-        """Return Lame's constants; in plane stress lambda is the one of plane stress."""
+        """Return Lame's constants; in plane stress lambda is modified for this state."""
         E, nu = self.E, self.nu
         if self.state == "plane stress":
             return E * nu / (1 - nu**2), E / (2 * (1 + nu))
         return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
     def _gauss_points(self) -> Iterator[GaussPointData]:
-        """Yield the data of each Gauss point of the cells; surfaces have no gradients."""
+        """Yield the data of each Gauss point of the cells; for facets they contain no gradients."""
         functions, x = (
             tabulate_at_gauss_points(self.element, self.linear_weights, self.n_gauss),
             self.nodes[self.cells],
@@ -146,13 +150,13 @@ class Body:
             )
 
     def _assemble_for_each_component(self, scalar: np.ndarray) -> sparse.csc_matrix:
-        """Assemble scalar cell matrices (c, n, n), repeated for each component."""
+        """Assemble a matrix from scalar cell matrices (c, n, n), repeated for each component."""
         return self._assemble_matrix(
             np.einsum("cij,kl->cikjl", scalar, np.eye(self.nodes.shape[1]))
         )
 
     def _assemble_matrix(self, entries: np.ndarray) -> sparse.csc_matrix:
-        """Sum cell matrices (c, n, dim, n, dim)."""
+        """Assemble a matrix from cell matrices (c, n, dim, n, dim) of c cells with n nodes."""
         dim = self.nodes.shape[1]
         dofs = (self.cells[:, :, None] * dim + np.arange(dim)).reshape(len(self.cells), -1)
         rows, columns = np.broadcast_arrays(dofs[:, :, None], dofs[:, None, :])
@@ -161,7 +165,7 @@ class Body:
         return sparse.coo_matrix((entries.ravel(), positions), shape).tocsc()
 
     def _assemble_vector(self, per_node: np.ndarray, direction: tuple[float, ...]) -> np.ndarray:
-        """Sum cell vectors (c, n) times a constant vector (dim,)."""
+        """Assemble the global vector from cell vectors (c, n) times a constant vector (dim,)."""
         total = np.zeros(len(self.nodes))
         np.add.at(total, self.cells, per_node)
         return np.outer(total, direction).ravel()

@@ -1,24 +1,25 @@
 """Frictional contact by nonlinear Gauss-Seidel on a dense compliance of the contact nodes.
 
-The law at a node, with r the force on it, n the direction in which it is pushed, g the gap and v
-the slip since the end of the previous increment:
+Let r be the force on a node, n the direction in which it is pushed, g the gap, v the slip since the
+end of the previous increment, and mu the friction coefficient. The law at the node is
 
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
 
-A body may be held by contact alone, and a surface by its prescribed force alone: then no compliance
-exists. Therefore every contact node is connected to what it faces by springs of stiffness alpha,
-and the springs' forces are subtracted from the law exactly. With z all free displacements, of nodes
-and of surfaces, w = B z the motion of contact nodes relative to what they face, and the equations A
-z = f + B^T r,
+A body may be held by contact alone, and a surface by its prescribed force alone. No compliance
+exists in such cases. Therefore springs of stiffness alpha connect every contact node to what it
+faces, and the springs' forces are subtracted from the law exactly. Let z be all free displacements
+of nodes and surfaces, A the stiffness matrix and f the loads. The motion of contact nodes relative
+to what they face is w = B z. From the equations A z = f + B^T r follows
 
-    (A + alpha B^T B) z = f + B^T s,     s = r + alpha w,     w = w_f + C s:
+    (A + alpha B^T B) z = f + B^T s,     s = r + alpha w,     w = w_f + C s.
 
-C exists whatever is free, and any s with the law between r = s - alpha w and w is a solution for
-any alpha. Gauss-Seidel visits the nodes in turn: with all other s fixed, w_i = const + L_i r_i with
-L_i = (1 - alpha C_ii)^-1 C_ii, and r_i is set to the law's projection of r_i - (g; v) / |L_i|.
-Sweeps alternate in direction: with a single direction and large friction, a wave of opening nodes
-can travel for ever. Every few sweeps the present statuses are put into equations that Newton's
-method solves; only a result that satisfies the law is accepted.
+The compliance C exists whatever is free, and w_f is the motion without contact forces. Whatever
+alpha is, s is a solution if w and r = s - alpha w obey the law. Gauss-Seidel visits the nodes in
+turn. If s is fixed at all other nodes, w_i = const + L_i r_i with L_i = (1 - alpha C_ii)^-1 C_ii.
+Then r_i is set to the projection of r_i - (g; v) / |L_i| on the friction cone. Sweeps alternate in
+direction: with a single direction and large friction, a wave of opening nodes can travel forever.
+Every few sweeps the present statuses are put into equations that Newton's method solves; only a
+result that satisfies the law is accepted.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,15 +30,15 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 MAX_SWEEPS, SWEEPS_PER_NEWTON = 5_000, 10
-LAW_TOLERANCE = 1e-11  # of the law, see `law_error`
-SINGULAR_CONDITION_NUMBER = 1e13  # a tangent with a larger one counts as singular
+LAW_TOLERANCE = 1e-11  # tolerance of the law's conditions, used by `relative_violation`
+SINGULAR_CONDITION_NUMBER = 1e13  # tangents with a larger condition number count as singular
 MACHINE_EPSILON = float(np.finfo(float).eps)
 PointFunction = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Contact nodes that face one rigid surface, or nodes of another body."""
+    """Contact nodes that face one rigid surface or the nodes of another body."""
 
     nodes: np.ndarray
     gap: PointFunction
@@ -49,7 +50,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class State:
-    """Displacements (n, dim), contact forces and gaps of each pair, translations, and law error."""
+    """Displacements (n, dim), forces and gaps by pair, translations, and violation of the law."""
 
     displacement: np.ndarray
     forces: list[np.ndarray]
@@ -59,7 +60,7 @@ class State:
 
 
 class NotConverged(Exception):
-    """Gauss-Seidel has not converged."""
+    """Error if neither Gauss-Seidel nor Newton's method has converged."""
 
 
 def solve_increments(
@@ -70,7 +71,10 @@ def solve_increments(
     nodes: np.ndarray,
     spring_factor: float = 1.0,
 ) -> list[State]:
-    """Return the states at the ends of the increments."""
+    """Return the states at the ends of all increments, by the method of this module.
+
+    The springs of the method have `spring_factor` times a mean stiffness of the contact nodes.
+    """
     n_contact = sum(len(pair.nodes) for pair in pairs)
     previous_motion, translations = (
         np.zeros((n_contact, nodes.shape[1])),
@@ -95,7 +99,10 @@ def solve_increments(
 
 
 def measure_law_violation(r: np.ndarray, y: np.ndarray, mu: np.ndarray) -> float:
-    """Return the largest violation of the law's conditions over the largest force."""
+    """Return the largest violation of the law's conditions, divided by the largest force.
+
+    The forces `r` and the gaps and slips `y`, times a stiffness, have the normal component first.
+    """
     largest = np.abs(r).max() or 1.0
     (r_n, r_t), (g, v) = ((x[:, 0] / largest, x[:, 1:] / largest) for x in (r, y))
     friction, slip = np.linalg.norm(r_t, axis=1), np.linalg.norm(v, axis=1)
@@ -107,14 +114,18 @@ def measure_law_violation(r: np.ndarray, y: np.ndarray, mu: np.ndarray) -> float
 
 
 def _prescribed_motion(pair: Pair, k: int, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the translation, NaN where it is free, and the force of increment k."""
+    """Return the prescribed translation in increment k, NaN where it is free, and the force."""
     zero = np.zeros(nodes.shape[1])
     translation, force = pair.motions[k] if pair.motions else (zero, zero)
     return np.array([np.nan if u is None else u for u in translation]), np.array(force, dtype=float)
 
 
 def _project_onto_cone(r: np.ndarray, mu: float) -> np.ndarray:
-    """Project a trial force (dim,) onto Coulomb's cone in the way of the law."""
+    """Project a trial force (dim,), normal component first, onto Coulomb's cone.
+
+    The shear is shortened to the friction limit of the normal force, which is no orthogonal
+    projection.
+    """
     normal, tangential = max(0.0, r[0]), r[1:]
     friction = np.sqrt(tangential @ tangential)
     shrink = min(1.0, mu * normal / friction) if friction > 0 else 1.0
@@ -122,7 +133,7 @@ def _project_onto_cone(r: np.ndarray, mu: float) -> np.ndarray:
 
 
 class _ContactCompliance:
-    """Compliance of m contact nodes under given supports and free translations."""
+    """Compliance matrix of m contact nodes under given supports, with free surface translations."""
 
     def __init__(self, K, prescribed_mask, pairs, nodes, free, tie) -> None:
         self.pairs, self.nodes, self.free, self.dim = pairs, nodes, free, nodes.shape[1]
@@ -153,10 +164,10 @@ class _ContactCompliance:
         self.C = self.B @ self.factors.solve(self.B.T.toarray())
 
     def solve_increment(self, load, translations, forces, previous_motion, s):
-        """Return the state, relative motion w (m, dim) and s (m, dim) at the increment's end.
+        """Return the state, relative motion w (m, dim) and augmented force s (m, dim) at the end.
 
-        Free translations change gaps, and linearly only for planes: gaps are recomputed until they
-        are constant.
+        Free translations change the gaps, and they do so linearly only for planes. Therefore gaps
+        are recomputed until they are constant. See the module for w and s.
         """
         f = np.concatenate([load[self.free_dofs], forces[self.free]])
         for _ in range(100):
@@ -186,7 +197,7 @@ class _ContactCompliance:
         return state, w, s
 
     def _frames_and_gaps(self, translations):
-        """Return frames (m, dim, dim), normal first, and gaps (m,) less n·w."""
+        """Return frames (m, dim, dim), normal first, and the gaps (m,) at zero relative motion."""
         shift = translations[self.pair]
         x, normal, gap = self.nodes[self.node] - shift, np.empty((len(self.node), self.dim)), []
         for k, pair in enumerate(self.pairs):
@@ -199,10 +210,11 @@ class _ContactCompliance:
         return frame, np.concatenate(gap) + np.sum(normal * shift, axis=1)
 
     def _solve_fixed_geometry(self, f, prescribed_translation, frame, gap, previous_motion, s):
-        """Return z, relative motion w and s (m, dim) that obey the law, and the law's error.
+        """Return z, w and s (m, dim) that obey the law in a fixed geometry, and its violation.
 
-        Long slips, times alpha, lose digits of C s: the imbalance of z is computed afterwards and
-        corrected together with its effect on the law.
+        See the module for z, w, s, C and alpha. Long slips, times alpha, lose digits of C s.
+        Therefore the imbalance of z is computed afterwards, and it is corrected together with its
+        effect on the law.
         """
         Q = sparse.block_diag(list(frame)).tocsr()
         solver = _LawSolver(Q @ (Q @ self.C.T).T, self.spring_stiffness, self.mu)
@@ -210,7 +222,10 @@ class _ContactCompliance:
         y0[:, 0] = gap
 
         def equilibrium(z, s):
-            """Return z, w, and y and r in the nodes' frames after a step of refinement."""
+            """Return z, w, and both y and r in the nodes' frames, after a step of refinement.
+
+            Here y are the gaps and slips, and r are the contact forces.
+            """
             z = z + self.factors.solve(
                 f
                 + self.B.T @ (s + self.spring_stiffness * prescribed_translation).ravel()
@@ -233,22 +248,26 @@ class _ContactCompliance:
 
 
 class _LawSolver:
-    """The law at m nodes in their frames, where dy = C ds and r = s - alpha w."""
+    """The law at m nodes in their frames, as a problem for the augmented forces s.
+
+    Changes of the gaps and slips y are dy = C ds, and the contact forces are r = s - alpha w. See
+    the module for C, alpha and w.
+    """
 
     def __init__(self, C, alpha, mu) -> None:
         self.C, self.alpha, self.mu = C, alpha, mu
         m = len(mu)
         dim = len(C) // m
         blocks = C.reshape(m, dim, m, dim)[np.arange(m), :, np.arange(m)]
-        self.ds_of_dr = np.linalg.inv(np.eye(dim) - alpha * blocks)  # ds of a dr
+        self.ds_of_dr = np.linalg.inv(np.eye(dim) - alpha * blocks)  # from dr to ds
         self.node_stiffness = 1 / np.linalg.norm(self.ds_of_dr @ blocks, ord=2, axis=(1, 2))
 
     def relative_violation(self, y, r):
-        """Return the violation of the law over its tolerance.
+        """Return the violation of the law, divided by its tolerance.
 
-        Gaps and slips count times a stiffness. The tolerance is `LAW_TOLERANCE` plus the bounded
-        round-off of these products: it is larger only where slips are long compared with the body's
-        deformation, as for a wedge on soft springs.
+        Gaps and slips are multiplied by a stiffness. The tolerance is `LAW_TOLERANCE` plus the
+        bounded round-off of these products. It is larger only where slips are long compared with
+        the body's deformation, as for a wedge on soft springs.
         """
         as_forces = self.node_stiffness[:, None] * y
         round_off = 16 * MACHINE_EPSILON * np.abs(as_forces).max() / (np.abs(r).max() or 1.0)
@@ -275,14 +294,14 @@ class _LawSolver:
                 violation = self.relative_violation(y + dy, r + dr)
                 if violation < 0.1 * self.relative_violation(
                     y, r
-                ):  # a large decrease excludes cycles
+                ):  # only a large decrease is accepted, which excludes cycles
                     y, r, total_ds = y + dy, r + dr, total_ds + ds
                 if violation <= 1:
                     return total_ds
         raise NotConverged(f"{MAX_SWEEPS} sweeps")
 
     def solve_by_newton(self, y, r):
-        """Return the change (m, dim) of s by Newton's method for the present statuses."""
+        """Return the change (m, dim) of s by Newton's method with the present statuses."""
         m, dim = r.shape
         trial = [
             _project_onto_cone(*node_data)
@@ -301,7 +320,7 @@ class _LawSolver:
             tangent = E @ dr_ds + G @ self.C
             if (
                 np.linalg.cond(tangent) > SINGULAR_CONDITION_NUMBER
-            ):  # statuses that leave the body free
+            ):  # the statuses leave the body free
                 break
             ds = np.linalg.solve(tangent, -np.concatenate(residual))
             y = y + (self.C @ ds).reshape(m, dim)
@@ -313,9 +332,10 @@ class _LawSolver:
 
 
 def _status_equations(trial, y, r, mu):
-    """Return E, G and the residual in E dr + G dy = -residual for the status of a trial force.
+    """Return the linear equations E dr + G dy = -residual for the status of a node.
 
-    Gaps and slips y (dim,) are multiplied by a stiffness, so that E and G are of one size.
+    The status is that of the trial force. The gap and slip y (dim,) of the node are multiplied by a
+    stiffness, so that E and G are of one size. Its force is r (dim,).
     """
     dim = len(r)
     identity, zero = np.eye(dim), np.zeros((dim, dim))
@@ -324,7 +344,7 @@ def _status_equations(trial, y, r, mu):
         return identity, zero, r
     if friction < mu * trial[0] * (1 - 1e-12):  # stick
         return zero, identity, y
-    # slip: r_t + mu r_n d = 0, d the direction of slip; in the plane the trial's is more reliable
+    # slip: r_t + mu r_n d = 0 with d the direction of slip; in the plane the trial force gives d
     slip_size = np.sqrt(y[1:] @ y[1:]) or 1.0
     d = y[1:] / slip_size if dim == 3 else -np.sign(trial[1:])
     E, G = np.eye(dim), zero

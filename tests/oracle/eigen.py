@@ -1,4 +1,4 @@
-"""The smallest eigenvalues of a pair of matrices that need not be symmetric."""
+"""The smallest eigenvalues of a pair of matrices, which may be unsymmetric."""
 
 import numpy as np
 from scipy import sparse
@@ -12,7 +12,10 @@ def eigenvalues_nearest_to(
     count: int,
     shift: float = 0.0,
 ) -> np.ndarray:
-    """Return the `count` eigenvalues of K x = lambda M x nearest to the shift, by real parts."""
+    """Return the `count` eigenvalues lambda of K x = lambda M x that are nearest to the shift.
+
+    Only the real parts of eigenvalues are compared with the shift.
+    """
     free_dofs = np.flatnonzero(~prescribed_mask.ravel())
     K, M = (matrix.tocsc()[free_dofs][:, free_dofs] for matrix in (K, M))
     factors = splu((K - shift * M).tocsc())
@@ -25,9 +28,9 @@ def eigenvalues_nearest_to(
 def guyan_reduction(
     K: sparse.spmatrix, M: sparse.spmatrix, inner: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return K and M after Guyan's reduction: inner nodes follow the others as in statics.
+    """Return K and M after Guyan's reduction, in which inner nodes follow the others as in statics.
 
-    Rows and columns are reduced by those of K, so that M may become unsymmetric.
+    Rows and columns of both matrices are reduced by those of K, so that M may become unsymmetric.
     """
     inner_dofs = (2 * inner[:, None] + [0, 1]).ravel()
     outer_dofs = np.setdiff1d(np.arange(K.shape[0]), inner_dofs)

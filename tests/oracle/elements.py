@@ -1,9 +1,9 @@
 """Reference elements: quadratic shape functions, piecewise-linear weights, Gauss rules.
 
-Nodes have Basix's order: vertices first; mid-sides of simplices in the order of the opposite vertex
-or edge; those of quadrilaterals, whose vertices are 00 10 01 11, below, left, right, above; the
-centre last. The octahedron inside a tetrahedron has a centre, where weights are the mean of those
-of the mid-sides, and eight sub-cells around it.
+Nodes have Basix's order: vertices, mid-side nodes, centre. Mid-side nodes of simplices are in the
+order of the opposite vertex or edge. Those of quadrilaterals, whose vertices are 00 10 01 11, are
+in the order below, left, right, above. The octahedron inside a tetrahedron is divided into eight
+sub-cells around its centre, where weights are the mean of their values at the mid-side nodes.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Element:
-    """Nodes (doubled coordinates), monomials, sub-cells and facets of a reference element."""
+    """A reference element: nodes in doubled coordinates, monomials, sub-cells and facets."""
 
     simplex: bool
     nodes: tuple
@@ -40,7 +40,7 @@ ELEMENTS = {
     "T6": Element(
         True,
         _TRIANGLE,
-        _TRIANGLE,  # equal to the exponents of the monomials up to degree 2
+        _TRIANGLE,  # the nodes equal the exponents of the monomials up to degree 2
         ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
         ((1, 2, 3), (0, 2, 4), (0, 1, 5)),
         "L3",
@@ -78,7 +78,11 @@ ELEMENTS = {
 
 
 class FunctionTable(NamedTuple):
-    """Functions and their gradients at the q points of a rule on the reference element."""
+    """Values and gradients of n functions at q points of a quadrature rule in d dimensions.
+
+    The functions are shape functions and weights on the reference element; `measure` has the
+    weights of the rule.
+    """
 
     shapes: np.ndarray  # (q, n)
     slopes: np.ndarray  # (q, n, d)
@@ -91,8 +95,8 @@ class FunctionTable(NamedTuple):
 def tabulate_at_gauss_points(name: str, linear_weights: bool, n_gauss: int) -> FunctionTable:
     """Tabulate an element's functions at Gauss points, `n_gauss` in each direction.
 
-    The rule covers the whole element with quadratic weights, each sub-cell with piecewise-linear
-    ones.
+    The rule covers the whole element if weights are quadratic, and each sub-cell if they are
+    piecewise linear.
     """
     element = ELEMENTS[name]
     return tabulate_at_points(
@@ -103,7 +107,7 @@ def tabulate_at_gauss_points(name: str, linear_weights: bool, n_gauss: int) -> F
 def tabulate_at_points(
     name: str, linear_weights: bool, points: np.ndarray, measure: np.ndarray
 ) -> FunctionTable:
-    """Tabulate an element's functions at points (q, d) of a rule on a cell, or on each sub-cell."""
+    """Tabulate an element's functions at points (q, d) of a rule for a cell or each sub-cell."""
     element = ELEMENTS[name]
     if not linear_weights:
         values, slopes = shape_functions(name, points)
@@ -137,17 +141,17 @@ def shape_functions(name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def gauss_rule(simplex: bool, dimension: int, n_points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (q, d) and weights (q,) of a Gauss rule, a collapsed one on simplices.
+    """Return the points (q, d) and weights (q,) of a Gauss rule.
 
-    It is exact for polynomials of degree 2 n_points - 1 on tensor products, 2 n_points - d on
-    simplices.
+    On simplices it is a collapsed rule. The rule is exact for polynomials of degree 2 n_points - 1
+    on lines, squares and cubes, and of degree 2 n_points - d on simplices of dimension d.
     """
     t, w = np.polynomial.legendre.leggauss(n_points)
     t, w = (t + 1) / 2, w / 2
     points = np.array(list(product(t, repeat=dimension)))
     weights = np.array([np.prod(ws) for ws in product(w, repeat=dimension)])
     if simplex:
-        remaining = np.ones(len(points))  # 1 - x - y ... of the coordinates so far
+        remaining = np.ones(len(points))  # 1 - x - y ... with the coordinates so far
         for axis in range(dimension):
             weights = weights * remaining ** (axis > 0)
             points[:, axis] *= remaining
@@ -156,7 +160,7 @@ def gauss_rule(simplex: bool, dimension: int, n_points: int) -> tuple[np.ndarray
 
 
 def _monomials(points: np.ndarray, powers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return values (q, m) and gradients (q, m, d) of monomials at points (q, d)."""
+    """Return values (q, m) and gradients (q, m, d) of m monomials at points (q, d)."""
     factors = points[:, None, :] ** powers
     slopes = np.empty_like(factors)
     for axis in range(points.shape[1]):
@@ -169,7 +173,10 @@ def _monomials(points: np.ndarray, powers: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _vertex_functions(simplex: bool, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return functions (q, k), linear on simplices or bilinear, and their gradients (q, k, d)."""
+    """Return the k vertex functions (q, k) and their gradients (q, k, d) at points (q, d).
+
+    They are linear on simplices and bilinear on squares.
+    """
     if simplex:
         slopes = np.vstack([-np.ones(x.shape[1]), np.eye(x.shape[1])])
         return np.column_stack([1 - x.sum(axis=1), x]), np.tile(slopes, (len(x), 1, 1))

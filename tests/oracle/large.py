@@ -1,17 +1,21 @@
 """Contact of a rubber body and a rigid circle at large strains and large sliding, in the plane.
 
-A neo-Hookean body in plane strain, stresses over the shear modulus: the first Piola stress
+The body is neo-Hookean and in plane strain. Stresses are divided by the shear modulus. The first
+Piola stress is
 
     P = F - F^-T + lambda ln(J) F^-T,    F = I + grad u,    J = det F,
 
-and the nodal forces F_i = int P grad w_i over the undeformed body. They are zero at free nodes. At
-the nodes of the surface r_i = F_i is the force of the circle, with centre c, radius R and
-translation U. With y = X + u - U, n = (y - c) / |y - c| and t = n rotated by 90 degrees,
+with u the displacement and lambda Lame's constant. The nodal forces F_i = int P grad w_i are
+integrals over the undeformed body with the weights w_i. They are zero at free nodes. At the nodes
+of the surface, r_i = F_i is the force of the circle, which has the centre c, the radius R and the
+translation U. With X the undeformed positions, y = X + u - U, n = (y - c) / |y - c| and t = n
+rotated by 90 degrees, gap g, slip v and the law are
 
     g = |y - c| - R,    v = R times the angle from n at the increment's start to n,
-    r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
+    r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0,
 
-Displacements and translations of a state are put into these conditions. No node has a status.
+with mu the friction coefficient. Displacements and translations of a state are inserted into these
+conditions. No node has a status.
 """
 
 from dataclasses import dataclass
@@ -22,10 +26,10 @@ from tests.oracle.elements import tabulate_at_points
 
 
 class NeoHookeanBody:
-    """A neo-Hookean body of T6 triangles (c, 6) with straight sides, in Basix's order.
+    """A neo-Hookean body of six-node triangles (c, 6) with straight sides, in Basix's order.
 
-    `lame` is over the shear modulus; `rule` is a rule of the reference triangle, or of each of the
-    four sub-triangles with piecewise-linear weights.
+    `lame` is Lame's constant lambda divided by the shear modulus. `rule` is a rule for the
+    reference triangle or, with piecewise-linear weights, for each of the four sub-triangles.
     """
 
     def __init__(self, nodes, cells, linear_weights, lame, rule) -> None:
@@ -38,7 +42,7 @@ class NeoHookeanBody:
         self.volume = functions.measure[:, None] * np.abs(np.linalg.det(jacobian))
 
     def nodal_forces(self, u: np.ndarray) -> np.ndarray:
-        """Return the nodal forces (n, 2) of displacements (n, 2)."""
+        """Return the nodal forces (n, 2) that belong to displacements (n, 2)."""
         F = np.eye(2) + np.einsum("cna,qcnb->qcab", u[self.cells], self.gradients)
         a, b, c, d = F[..., 0, 0], F[..., 0, 1], F[..., 1, 0], F[..., 1, 1]
         J = a * d - b * c
@@ -51,12 +55,16 @@ class NeoHookeanBody:
 
 
 def cross_product(a, b):
-    """Return the scalar cross product of plane vectors (2, ...)."""
+    """Return the scalar cross product of two vectors in the plane, each (2, ...)."""
     return a[0] * b[1] - a[1] * b[0]
 
 
 def law_violations(r_n, r_t, g, v, mu):
-    """Return the violation of each condition of the law, by name, at nodes with r, g and v."""
+    """Return, by name, the violation of each condition of the contact law at nodes.
+
+    `r_n` and `r_t` are the normal and tangential force, `g` the gap, `v` the slip, and `mu` the
+    friction coefficient.
+    """
     return {
         "penetration": -g,
         "tension": -r_n,
@@ -68,7 +76,7 @@ def law_violations(r_n, r_t, g, v, mu):
 
 @dataclass(frozen=True)
 class RigidCircle:
-    """A rigid circle outside a body, at its initial position."""
+    """A rigid circle at its initial position outside a body."""
 
     centre: tuple[float, float]
     radius: float
@@ -87,8 +95,8 @@ class CircleContact:
     def violations(self, history) -> dict[str, float]:
         """Return each condition's largest violation in the last increment, by name.
 
-        A history has displacements (n, 2) and translation (2,) from the undeformed body on; forces
-        and lengths are over the largest of the history.
+        A history is a list of displacements (n, 2) and translations (2,) that begins with the
+        undeformed body. Forces and lengths are divided by the largest ones of the history.
         """
         force = max(np.abs(self.body.nodal_forces(u)).max() for u, _ in history)
         length = max(max(np.abs(u).max(), np.abs(U).max()) for u, U in history)
@@ -103,7 +111,7 @@ class CircleContact:
         angle = np.arctan(
             cross_product(from_centre_before.T, from_centre.T)
             / np.sum(from_centre_before * from_centre, axis=1)
-        )  # below 90 deg.
+        )  # correct below 90 degrees
         gap, slip = (distance - circle.radius) / length, circle.radius * angle / length
         r, free = forces[self.contact_nodes], ~self.prescribed_mask
         free[self.contact_nodes] = False

@@ -1,6 +1,6 @@
-"""Comparison of the study's results with the oracle's, as the problems of all sections need it.
+"""Comparison of the study's results with the oracle's, for the problems of all sections.
 
-Only the mesh is taken from a result; loads, supports, materials and surfaces are stated again.
+Only the mesh is taken from a result. Loads, supports, materials and surfaces are defined anew.
 """
 
 from collections.abc import Callable
@@ -16,21 +16,24 @@ from tests.oracle.eigen import guyan_reduction
 NORMAL_UP, NORMAL_DOWN = (0.0, 1.0), (0.0, -1.0)
 ValuesByName = dict[str, np.ndarray]
 TOLERANCE = 1e-8
-# The 8-node quadrilateral of two triangles condenses a node that carries no load: the oracle keeps
-# it and gets the same result. In vibration, condensation changes the result
+# The 8-node quadrilateral of two triangles condenses a node without load. The oracle keeps this
+# node and gets the same result in statics. In vibration, condensation changes the result
 STATIC_ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 
 
 @dataclass(frozen=True)
 class StudyComparison:
-    """Values of the study by name, and a function that computes them by the oracle."""
+    """Values of the study by name, and a function that computes the same values by the oracle."""
 
     study_values: ValuesByName
     compute_oracle_values: Callable[[bool], ValuesByName]
     scales: dict[str, float] = field(default_factory=dict)
 
     def differences(self, linear_weights: bool) -> dict[str, float]:
-        """Return the largest difference of each value over its scale, with one kind of weights."""
+        """Return the largest difference of each value, divided by its scale.
+
+        The oracle's weights are piecewise linear, or else quadratic.
+        """
         oracle_values, differences = self.compute_oracle_values(linear_weights), {}
         for name, values in self.study_values.items():
             scale = self.scales.get(name, np.abs(values).max())
@@ -40,42 +43,45 @@ class StudyComparison:
 
 
 def assert_agrees(problem, element):
-    """Assert that the oracle finds all values of an element, relative to each largest one."""
+    """Assert that the oracle reproduces all values of an element.
+
+    Differences are relative to the largest number of each value.
+    """
     differences = problem.differences(element.startswith("pw"))
     assert len(differences) > 0
     assert max(differences.values()) < TOLERANCE, differences
 
 
 def assert_differs(problem):
-    """Assert that quadratic weights give other values."""
+    """Assert that the oracle with quadratic weights gives other values."""
     differences = problem.differences(False)
     assert max(differences.values()) > 1e3 * TOLERANCE, differences
 
 
 def assert_agrees_with_these_weights_alone(problem, element):
-    """Assert that the oracle agrees, for T6 with piecewise-linear weights only."""
+    """Assert that the oracle agrees, and that with quadratic weights it differs from pw-T6."""
     assert_agrees(problem, element)
     if element == "pw-T6":
         assert_differs(problem)
 
 
 def rows_on_plane(axis, value):
-    """Return a marker of the rows (n, dim) with x[axis] = value."""
+    """Return a function that marks the rows of points (n, dim) with x[axis] = value."""
     return lambda x: np.isclose(x[:, axis], value)
 
 
 def rows_within(limit):
-    """Return a marker of the rows (n, dim) with |x| below a limit."""
+    """Return a function that marks the rows of points (n, dim) whose |x| is below a limit."""
     return lambda x: np.abs(x[:, 0]) < limit + 1e-9
 
 
 def all_of(*conditions):
-    """Return a marker of the points that satisfy all conditions."""
+    """Return a function that marks the points that satisfy all conditions."""
     return lambda x: np.all([condition(x) for condition in conditions], axis=0)
 
 
 def any_of(*conditions):
-    """Return a marker of the points that satisfy any condition."""
+    """Return a function that marks the points that satisfy at least one condition."""
     return lambda x: np.any([condition(x) for condition in conditions], axis=0)
 
 
@@ -87,7 +93,10 @@ def sorted_nodes(curves, where):
 
 
 def oracle_body(result, element, linear, state, E, nu, **options):
-    """Return the oracle's body on a result's mesh; pw-Q8 uses T6 triangles with its inner nodes."""
+    """Return the oracle's body on the mesh of a result.
+
+    For pw-Q8 it consists of T6 triangles and keeps their inner nodes.
+    """
     kind = element.removeprefix("pw-").removeprefix("pwsym-").removeprefix("galerkin-")
     kind = "T6" if element == "pw-Q8" else kind
     curves = result.curves
@@ -95,12 +104,12 @@ def oracle_body(result, element, linear, state, E, nu, **options):
 
 
 def plane_functions(normal, level=0.0):
-    """Return gap and normal of a horizontal plane, for a `Pair`."""
+    """Return the gap and normal functions of a horizontal plane, for a `Pair`."""
     return (lambda x: (x[:, 1] - level) * normal[1], lambda x: np.tile(normal, (len(x), 1)))
 
 
 def parabola_functions(apex, radius):
-    """Return gap and normal of a parabolic punch that presses downwards."""
+    """Return the gap and normal functions of a parabolic punch that presses downwards."""
     return (lambda x: x[:, 0] ** 2 / (2 * radius) - (x[:, 1] - apex)), plane_functions(NORMAL_DOWN)[
         1
     ]
@@ -113,9 +122,10 @@ def no_prescribed_displacements(body):
 def compare_contact_line(
     result, solve_by_oracle, normal, tangent=(-1.0, 0.0), with_displacement=True, **further_values
 ):
-    """Compare forces along one contact line and their sums; displacements and others, if stored.
+    """Compare the forces along a contact line and their sums with those of the oracle.
 
-    `further_values` has pairs of a study value and a function of the oracle's state.
+    Displacements are compared if `with_displacement`. `further_values` has, by name, pairs of a
+    study value and a function of the oracle's state.
     """
     names = ["force_n", "force_t"] + ["displacement"] * with_displacement
     study_values = {name: result.curves[name] for name in names}
@@ -137,7 +147,7 @@ def compare_contact_line(
 
 
 def solve_displacement(K, f, prescribed_mask):
-    """Solve K u = f with zero displacements where `prescribed_mask` holds."""
+    """Solve K u = f with zero displacements where `prescribed_mask` is True."""
     free_dofs = np.flatnonzero(~prescribed_mask.ravel())
     u = np.zeros(len(f))
     u[free_dofs] = splu(K[free_dofs][:, free_dofs].tocsc()).solve(f[free_dofs])
@@ -163,6 +173,6 @@ def _inner_nodes(body, element):
         return body.cells[:, 8]
     if element != "pw-Q8":
         return np.empty(0, dtype=int)
-    ends = body.nodes[body.cells[:, [[1, 2], [0, 2], [0, 1]]]]  # of the sides of nodes 3, 4, 5
+    ends = body.nodes[body.cells[:, [[1, 2], [0, 2], [0, 1]]]]  # ends of the sides of nodes 3, 4, 5
     longest = np.linalg.norm(np.diff(ends, axis=2)[:, :, 0], axis=2).argmax(axis=1)
     return np.unique(body.cells[np.arange(len(body.cells)), 3 + longest])

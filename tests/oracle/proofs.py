@@ -1,14 +1,15 @@
 """Check whether a refused problem's rigid velocity proves that it has no equilibrium.
 
-The check uses the problem's data alone: positions, K, loads, supports, pairs. From the library's
-contact it takes only the velocity that its error carries. The velocity is a proof if
+The check uses the problem's data alone: positions, stiffness matrix K, loads, supports and pairs.
+The only result of the library that it uses is the velocity that the error carries. This velocity is
+a proof if
 
 - each node moves rigidly with its connected body, K^T of the motion is zero, and supports rest,
 - loads and forces on free surfaces do positive work,
 - at every node that a surface faces, the velocity relative to it opens the gap at least mu times
   as fast as it slides; then no contact force in Coulomb's cone does negative work.
 
-A curved surface that is free to move is sampled at many positions: its normals may not change.
+A curved surface that is free to move is sampled at many positions. Its normals may not change.
 """
 
 import numpy as np
@@ -28,9 +29,9 @@ Array = npt.NDArray[np.float64]
 def measure_proof_defects(problem, increment: int, error: NoEquilibrium) -> dict[str, float]:
     """Return the violations of the conditions of a proof by name, in serial.
 
-    Strain forces, motion of supports and violation of cones are relative to those that velocities
-    of this size could cause; "turning" is the change of normals, "work" the work over the sum of
-    magnitudes.
+    Strain forces, motion of supports and violation of cones are relative to the largest ones that
+    velocities of this size could cause. "turning" is the change of normals. "work" is the work of
+    the loads divided by the sum of magnitudes of its terms.
     """
     space = problem.space
     dim = space.mesh.geometry.dim
@@ -76,16 +77,16 @@ def measure_proof_defects(problem, increment: int, error: NoEquilibrium) -> dict
 
 
 def is_valid_proof(defects: dict[str, float]) -> bool:
-    """Return whether the defects leave the proof valid.
+    """Return whether the defects are small enough for a valid proof.
 
-    Contact forces would have to be a thousand times the loads to invalidate it by round-off.
+    Contact forces would have to be a thousand times the loads to make it invalid by round-off.
     """
     exact = all(defects[name] < 1e-9 for name in ("strain", "supports", "turning", "cones"))
     return exact and defects["work"] > 1e-9 + 1e3 * defects["cones"]
 
 
 def node_velocities(space, error: NoEquilibrium) -> Array:
-    """Return the velocities (n, dim) of nodes as rigid motions of their connected bodies."""
+    """Return the velocities (n, dim) of nodes in the rigid motions of their connected bodies."""
     x = space.tabulate_dof_coordinates()
     dim = space.mesh.geometry.dim
     cells = space.dofmap.list
@@ -140,7 +141,11 @@ def _largest_cone_violation(
     surface: Array,
     prescribed_mask: npt.NDArray[np.bool_],
 ) -> float:
-    """Return the largest mu |v_t| - v_n over the length of (1, mu)."""
+    """Return the largest violation of the condition that gaps open fast enough compared with slip.
+
+    It is the largest mu |v_t| - v_n, with v_t and v_n the tangential and normal relative velocity,
+    divided by the length of the vector (1, mu).
+    """
     nodes, mu = contact_nodes_and_friction(pair, space)
     x = space.tabulate_dof_coordinates()[nodes, : v.shape[1]] - translation
     # a surface that is free to move may face any of the nodes
@@ -159,7 +164,7 @@ def _largest_cone_violation(
 
 
 def _largest_relative_velocity(pair: ContactPair, space, v: Array, surface: Array) -> float:
-    """Return the largest velocity component of a pair's nodes relative to its surface."""
+    """Return the largest component of the velocities of a pair's nodes relative to its surface."""
     nodes, _ = contact_nodes_and_friction(pair, space)
     return float(np.abs(_relative_velocities(pair, space, nodes, v, surface)).max())
 
@@ -167,7 +172,7 @@ def _largest_relative_velocity(pair: ContactPair, space, v: Array, surface: Arra
 def _largest_normal_change(
     pair: ContactPair, x: Array, translation: Array, free: npt.NDArray[np.bool_]
 ) -> float:
-    """Return the largest change of a normal as the surface moves by up to the body's size."""
+    """Return the largest change of a normal while the surface moves by up to the body's size."""
     shape, rng = _rigid_shape(pair), np.random.default_rng(0)
     extent = np.ptp(x, axis=0).max()
     initial_normals = shape.normal(x - translation)
@@ -179,9 +184,10 @@ def _largest_normal_change(
 
 
 def linear_increment(problem, states) -> LinearIncrement:
-    """Return the increment after some states of a plane problem as linear functions, in serial.
+    """Return the next increment of a plane problem as linear functions of unknown motions.
 
-    All of K is used. Surfaces that are free to move have to be flat.
+    `states` are those before this increment. The whole matrix K is used, in serial. Surfaces that
+    are free to move have to be flat.
     """
     space = problem.space
     dim, i_increment = space.mesh.geometry.dim, len(states)
@@ -226,7 +232,7 @@ def linear_increment(problem, states) -> LinearIncrement:
     a[inner_dofs] = np.linalg.solve(K[np.ix_(inner_dofs, inner_dofs)], right_side)
     r = K @ a
     r[:, -1] -= f
-    r[prescribed_mask.ravel()] = 0.0  # forces of supports
+    r[prescribed_mask.ravel()] = 0.0  # leaves out the forces of supports
     a, r = a.reshape(-1, dim, size)[nodes], r.reshape(-1, dim, size)[nodes]
     U = np.zeros((len(problem.pairs), dim, size))
     U[..., -1] = translation

@@ -1,9 +1,9 @@
-"""Random contact problems by seed.
+"""Random contact problems, each of which is defined by a seed.
 
-A problem is made in two steps: `draw_sketch` takes all random decisions as plain numbers, and
+A problem is made in two steps. `draw_sketch` takes all random decisions as plain numbers.
 `make_problem` builds mesh, matrices and pairs from them. Sketches can be counted without a mesh.
 
-A body is a box whose last axis points up, with sides named by (axis, end). Meshes are smooth
+A body is a box whose last axis points up. Its sides are named by (axis, end). Meshes are smooth
 functions of position, so that they do not depend on the number of processes.
 """
 
@@ -44,7 +44,7 @@ from study.elements import composite, serendipity
 from tests.contact.polyline import Polyline
 
 Array = npt.NDArray[np.float64]
-Side = tuple[int, int]  # axis and end of the box
+Side = tuple[int, int]  # axis and end (0 or 1) of the box
 
 CELL_PROBABILITIES = {
     "triangle": 0.38,
@@ -53,7 +53,7 @@ CELL_PROBABILITIES = {
     "hexahedron": 0.05,
 }
 SOLID_CELLS = ("tetrahedron", "hexahedron")
-# Pressing and dragging at the ends of the increments, over their largest values, by name
+# Factors of pressing and dragging at the ends of the increments, by name
 LOAD_PATHS = {
     "one step": [(1.0, 1.0)],
     "press, then drag": [(1.0, 0.0), (1.0, 0.5), (1.0, 1.0)],
@@ -67,9 +67,9 @@ LOAD_PATHS = {
 
 @dataclass(frozen=True)
 class PairSketch:
-    """Numbers that define one pair; lengths over the body's size.
+    """Numbers that define one pair; lengths are relative to the body's size.
 
-    `drag` times mu times the normal force is the tangential force.
+    The tangential force is `drag` times the friction coefficient times the normal force.
     """
 
     side: Side
@@ -87,7 +87,7 @@ class PairSketch:
 
 @dataclass(frozen=True)
 class ProblemSketch:
-    """Numbers that define a problem."""
+    """Numbers that define a random contact problem."""
 
     seed: int
     cell: str
@@ -121,7 +121,7 @@ class ProblemSketch:
 
 @dataclass(frozen=True)
 class RandomProblem:
-    """Matrix, loads, supports and pairs of a random problem."""
+    """A random problem with its stiffness matrix, loads, supports and contact pairs."""
 
     sketch: ProblemSketch
     K: PETSc.Mat
@@ -139,8 +139,8 @@ class RandomProblem:
 
 
 def draw_sketch(seed: int) -> ProblemSketch:
-    """Draw all random decisions of a problem."""
-    rng = np.random.default_rng((2004, seed))  # the first 60 seeds contain all kinds
+    """Return the numbers that define the problem of a seed."""
+    rng = np.random.default_rng((2004, seed))  # the first 60 seeds include all kinds of problems
     cell = _draw_name(rng, CELL_PROBABILITIES)
     dim = 3 if cell in SOLID_CELLS else 2
     state = "solid"
@@ -203,7 +203,7 @@ def draw_sketch(seed: int) -> ProblemSketch:
 
 
 def _draw_name(rng: np.random.Generator, weights: dict[str, float], default: str = "") -> str:
-    """Draw one of the names by their weights; the default gets the rest of the probability."""
+    """Draw one of the names by their weights; the default has the remaining probability."""
     names, values = list(weights), list(weights.values())
     if default:
         names, values = [*names, default], [*values, 1 - sum(values)]
@@ -216,7 +216,7 @@ def _draw_bool(rng: np.random.Generator, probability: float) -> bool:
 
 
 def _draw_supports(rng, dim, state, is_hollow):
-    """Draw the kind of the supports, and their (side, axis, displacement)."""
+    """Draw the kind of the supports and the prescribed (side, axis, displacement)."""
     up = dim - 1
     base, left = (up, 0), (0, 0)
     symmetry_conditions: list[tuple[Side, int, float]] = [
@@ -240,7 +240,7 @@ def _draw_supports(rng, dim, state, is_hollow):
 
 
 def _draw_pairs_and_loads(rng, dim, state, is_hollow, support, strain):
-    """Draw the contact pairs and loads that suit the supports."""
+    """Draw the contact pairs and loads so that they suit the supports."""
     up = dim - 1
     top, base, right, left = (up, 1), (up, 0), (0, 1), (0, 0)
     round_axis = state == "axisymmetric" and not is_hollow  # no node may slide across the axis
@@ -356,7 +356,7 @@ def _draw_pairs_and_loads(rng, dim, state, is_hollow, support, strain):
 
 
 def _draw_friction(rng: np.random.Generator) -> float:
-    """Draw mu: mostly between 0 and 2, often 0, sometimes up to 30."""
+    """Draw a friction coefficient: mostly between 0 and 2, often 0, sometimes up to 30."""
     kind = _draw_name(rng, {"none": 0.17, "common": 0.5, "large": 0.27}, default="huge")
     if kind == "none":
         return 0.0
@@ -365,10 +365,10 @@ def _draw_friction(rng: np.random.Generator) -> float:
 
 
 def _draw_surface(rng, side, dim, max_slope, is_centred, must_be_flat, strain):
-    """Draw kind and numbers of a surface, lengths over the width of the side.
+    """Draw the kind and the numbers of a surface, with lengths relative to the width of the side.
 
-    `place` is the position of its middle along the pair's range, `max_slope` bounds the slope, and
-    a body can rest on the surface if it `must_be_flat`.
+    The number `place` is the position of its middle along the pair's range. `max_slope` bounds the
+    slope. If `must_be_flat`, a body can rest on the surface.
     """
     flatness = _draw_flatness(rng, strain)
     kinds = {"plane": 0.34, "sphere": 0.2, "flat punch": 0.12, "signed distance": 0.12}
@@ -411,7 +411,7 @@ def _draw_flatness(rng: np.random.Generator, strain: float) -> float:
 
 
 def _draw_path(rng, support, pairs):
-    """Draw the load path: its name, and press and drag at the end of each increment."""
+    """Draw the load path: its name, and the factors of press and drag after each increment."""
     weights = {
         "one step": 0.2,
         "press, then drag": 0.2,
@@ -425,7 +425,7 @@ def _draw_path(rng, support, pairs):
         count = int(rng.integers(2, 6))
         steps = np.column_stack((rng.uniform(0.3, 1.0, count), rng.uniform(-1, 1, count)))
         return name, tuple(map(tuple, steps.tolist()))
-    # bodies that contact alone holds are unloaded in a few problems only: they have no solution
+    # bodies that contact alone holds are rarely unloaded, as they then have no solution
     is_held = support != "contact alone" and all(pair.normal_drive != "pushed" for pair in pairs)
     if name == "total unloading" and not is_held and not _draw_bool(rng, 0.1):
         return name, tuple(
@@ -438,12 +438,12 @@ def _draw_path(rng, support, pairs):
 
 
 def make_problem(seed: int, comm: MPI.Comm = MPI.COMM_SELF) -> RandomProblem:
-    """Build the problem of a seed."""
+    """Return the problem that belongs to a seed."""
     return _ProblemBuilder(draw_sketch(seed), comm).build()
 
 
 class _ProblemBuilder:
-    """Builds mesh, matrices and pairs from a sketch."""
+    """Builder of the mesh, matrices and pairs of a sketch."""
 
     def __init__(self, sketch: ProblemSketch, comm: MPI.Comm) -> None:
         self.sketch, self.comm = sketch, comm
@@ -455,11 +455,11 @@ class _ProblemBuilder:
         material = Material(sketch.modulus, sketch.nu)
         self.body = Body(spaces, material, StressState(sketch.state), thickness)
         self.space = spaces.trial
-        self.x = self.space.tabulate_dof_coordinates()[:, : sketch.dim]  # ghosts too
+        self.x = self.space.tabulate_dof_coordinates()[:, : sketch.dim]  # with ghosts
         self.owned = self.space.dofmap.index_map.size_local
 
     def build(self) -> RandomProblem:
-        """Return the problem; a node of two sides belongs to the pair that comes first."""
+        """Return the problem; a node on two sides belongs to the first of their pairs."""
         sketch = self.sketch
         conditions, prescribed_mask = self._make_conditions()
         K = assemble_matrix(self.body.stiffness())
@@ -478,7 +478,7 @@ class _ProblemBuilder:
     # -- the body ----------------------------------------------------------------------------
 
     def _make_mesh(self) -> tuple[Mesh, dict[Side, npt.NDArray[np.int32]]]:
-        """Return the mesh and the facets of each side."""
+        """Return the mesh, and the facets on each side."""
         sketch, dim = self.sketch, self.sketch.dim
         if dim == 3:
             box = [(0.0,) * 3, (1.0,) * 3]
@@ -497,7 +497,7 @@ class _ProblemBuilder:
         return move_nodes(mesh, self._map_unit_box), facets
 
     def _map_unit_box(self, x: Array) -> Array:
-        """Map points of the unit box: waves inside, crowned sides, size and position."""
+        """Map points of the unit box: add inner waves, crown two sides, scale and move the box."""
         sketch, dim = self.sketch, self.sketch.dim
         s = x[:, :dim].copy()
         for axis in range(dim):
@@ -533,7 +533,7 @@ class _ProblemBuilder:
         return conditions, prescribed_mask
 
     def _assemble_loads(self, K: PETSc.Mat) -> list[PETSc.Vec]:
-        """Return the load vector of each increment."""
+        """Return the load vectors of all increments."""
         sketch = self.sketch
         stress_unit = sketch.modulus * sketch.strain
         vectors_of_loads = []
@@ -560,7 +560,7 @@ class _ProblemBuilder:
         return loads
 
     def _middle_node_marker(self, side: Side) -> Callable[[Array], npt.NDArray[np.bool_]]:
-        """Return the marker of the node nearest to the middle of a side."""
+        """Return a function that marks the node nearest to the middle of a side."""
         x = self._gather_positions(self._side_nodes(side))
         middle = self.lower + 0.5 * self.size
         middle[side[0]] = self.lower[side[0]] + side[1] * self.size[side[0]]
@@ -569,13 +569,13 @@ class _ProblemBuilder:
         return lambda x: np.linalg.norm(x[: len(node_x)].T - node_x, axis=1) < tolerance
 
     def _gather_positions(self, nodes: npt.NDArray[np.int32]) -> Array:
-        """Return the positions of nodes of all processes, in an order that is the same on all."""
+        """Return the positions of nodes of all processes, in the same order on all of them."""
         local_x = self.x[nodes[nodes < self.owned]]
         x = np.concatenate(self.comm.allgather(local_x))
         return x[np.lexsort(np.round(x / self.size.max(), 9).T)]
 
     def _side_area(self, side: Side) -> float:
-        """Return a side's area times thickness, in axisymmetry of the whole circumference."""
+        """Return the area of a side times the thickness, or that of the whole circumference."""
         lengths = np.delete(self.size, side[0])
         area = float(np.prod(lengths))
         if self.sketch.state == "axisymmetric":
@@ -589,7 +589,7 @@ class _ProblemBuilder:
     def _contact_mask(
         self, pair: PairSketch, prescribed_mask: npt.NDArray[np.bool_]
     ) -> npt.NDArray[np.bool_]:
-        """Return the mask of a pair's nodes: those whose normal displacement is not prescribed."""
+        """Return the mask of a pair's nodes, whose normal displacements are not prescribed."""
         side, dim = pair.side, self.sketch.dim
         range_axis = 0 if side[0] else 1
         s = (self.x[:, range_axis] - self.lower[range_axis]) / self.size[range_axis]
@@ -601,7 +601,7 @@ class _ProblemBuilder:
         return touching
 
     def _normal_stays_orthogonal(self, pair: PairSketch, axis: int) -> npt.NDArray[np.bool_]:
-        """Return at which nodes the surface normal stays orthogonal to an axis."""
+        """Return the mask of nodes whose surface normal is always orthogonal to an axis."""
         if axis == pair.side[0]:
             return np.zeros(len(self.x), dtype=bool)
         number = self._tangential_axes(pair.side).index(axis)
@@ -615,24 +615,24 @@ class _ProblemBuilder:
         return np.full(len(self.x), has_no_slope)
 
     def _tangential_axes(self, side: Side) -> list[int]:
-        """Return the axes along a side."""
+        """Return the axes that are parallel to a side."""
         return [axis for axis in range(self.sketch.dim) if axis != side[0]]
 
     def _surface_middle(self, pair: PairSketch) -> Array:
-        """Return the surface's middle along the side's axes, over the lengths of the box."""
+        """Return the middle of the surface along the side's axes, in units of the box's lengths."""
         low, high = pair.side_range
         middle = low + pair.shape["place"] * (high - low)
         return np.array([middle, pair.shape["place 1"]])[: self.sketch.dim - 1]
 
     def _make_pair(self, pair: PairSketch, mask: npt.NDArray[np.bool_]) -> ContactPair:
-        """Return the contact pair of a sketch and a node mask."""
+        """Return the contact pair of a sketch with the nodes in a mask."""
         surface = self._make_surface(pair, self._gather_positions(np.flatnonzero(mask)))
-        # nodes are given as a mask or as numbers, friction as a number or as a function
+        # by turns, nodes are given as a mask or as numbers, friction as a number or a function
         nodes = mask if self.sketch.seed % 2 else np.flatnonzero(mask).astype(np.int32)
         return ContactPair(nodes, surface, self._make_friction(pair), self._make_motions(pair))
 
     def _make_surface(self, pair: PairSketch, x: Array) -> Surface:
-        """Return the surface at its gap from the nearest of the pair's nodes x."""
+        """Return the surface of a pair, at its gap from the nearest of the nodes at positions x."""
         side, shape = pair.side, pair.shape
         axes = self._tangential_axes(side)
         outward = np.zeros(self.sketch.dim)
@@ -656,7 +656,7 @@ class _ProblemBuilder:
     def _make_surface_at(
         self, pair: PairSketch, surface_point: Array, outward: Array, axes: list[int]
     ) -> Surface:
-        """Return the surface through a point next to the side."""
+        """Return the surface of a pair through a point next to the side."""
         shape, width = pair.shape, self.size[axes].max()
         if pair.kind == "sphere":
             radius = shape["radius"] * width
@@ -678,7 +678,7 @@ class _ProblemBuilder:
         return Polyline(points, shape["rounding"] * shape["flat"] * width)
 
     def _make_friction(self, pair: PairSketch) -> float | Callable[[Array], Array]:
-        """Return the friction coefficient, or a function of positions."""
+        """Return the friction coefficient of a pair, or a function of positions."""
         if pair.friction == "constant":
             return pair.mu
         range_axis = 0 if pair.side[0] else 1
@@ -691,7 +691,7 @@ class _ProblemBuilder:
         return friction
 
     def _make_motions(self, pair: PairSketch) -> list[Motion]:
-        """Return the motions of a pair's surface."""
+        """Return the motions of a pair's surface in all increments."""
         if pair.normal_drive == "rest":
             return []
         sketch, side, axes = self.sketch, pair.side, self._tangential_axes(pair.side)

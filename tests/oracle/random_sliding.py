@@ -1,4 +1,4 @@
-"""Generator of random problems of large strains and large sliding; a seed defines one.
+"""Generator of random problems of large strains and large sliding, each defined by a seed.
 
 Seeds 0 to 399 are the fixed set on which the library's accepted states are checked. A rubber block
 of two to six cells in depth lies under a rigid tool, or under another rubber body:
@@ -7,7 +7,8 @@ of two to six cells in depth lies under a rigid tool, or under another rubber bo
     roller    a circle that rotates about its centre, by up to more than a turn per increment, or
               about another pivot
     plane     pressed on a whole side, straight or tilted, and dragged; it may rotate a little
-    held      a plane on a block whose sides, or the ends of whose top, are held or moved along it
+    held      a plane on a block with supports along x at its sides or at the ends of its top; the
+              supports may move
     bodies    a parabolic or flat die on a block that is wider or narrower, slid over its ends
 
 Friction is 0 to 1, weights are piecewise linear or standard, and nodes are displaced at random.
@@ -54,18 +55,18 @@ class SketchStep:
     """Prescribed values at the end of one increment, relative to the initial position."""
 
     across: float
-    down: float | None  # translation, or None under a force
-    force: float = 0.0  # upwards, of the tool on the body
+    down: float | None  # translation; None if a force is prescribed
+    force: float = 0.0  # upwards, from the tool on the body
     angle: float = 0.0
-    support_displacement: float = 0.0  # displacement of the supports across
+    support_displacement: float = 0.0  # horizontal displacement of the supports
 
 
 @dataclass(frozen=True)
 class SlidingSketch:
-    """Numbers that define a problem.
+    """Numbers that define a random problem of large sliding.
 
-    Lengths are over half the block's width, stresses over the shear modulus. Sketches of two bodies
-    have only steps and arguments of `make_die_on_block`.
+    Lengths are divided by half the block's width, stresses by the shear modulus. Sketches of two
+    bodies have only steps and arguments of `make_die_on_block`.
     """
 
     seed: int
@@ -82,12 +83,12 @@ class SlidingSketch:
     offset: float = 0.0
     gap: float = 0.0
     pivot: tuple[float, float] = (0.0, 0.0)
-    support_kind: str = "base"  # or with it the "sides", or the "ends" of the top
+    support_kind: str = "base"  # or "sides", or "ends" of the top, with the base
     die_options: dict = field(default_factory=dict)
 
 
 def draw_sketch(seed: int) -> SlidingSketch:
-    """Draw a problem."""
+    """Return the numbers that define the problem of a seed."""
     rng = np.random.default_rng([47, seed])
     kind = str(rng.choice(list(KIND_PROBABILITIES), p=list(KIND_PROBABILITIES.values())))
     friction = 0.0 if rng.random() < 0.12 else float(rng.uniform(0.02, 1.0))
@@ -120,7 +121,7 @@ def draw_sketch(seed: int) -> SlidingSketch:
             angle += float(rng.uniform(-1, 1)) * largest_turn if tool_rotates else 0.0
             support_displacement += float(rng.uniform(-0.2, 0.2)) if supports_move else 0.0
         force_acts = by_force and k > 0
-        # the circle's centre moves across and down, whatever its pivot is
+        # the centre of the circle moves across and down, whatever its pivot is
         arm = np.array([offset, radius + gap]) - pivot if radius else np.zeros(2)
         lift = arm - [
             np.cos(angle) * arm[0] - np.sin(angle) * arm[1],
@@ -157,7 +158,7 @@ def draw_sketch(seed: int) -> SlidingSketch:
 
 
 def _draw_two_bodies(seed: int, rng: np.random.Generator, friction: float) -> SlidingSketch:
-    """Draw a problem of two bodies."""
+    """Return the numbers that define a problem of two bodies."""
     translation, steps = 0.0, []
     for k in range(rng.integers(2, 5)):
         if k == 0 or rng.random() < 0.4:
@@ -176,14 +177,14 @@ def _draw_two_bodies(seed: int, rng: np.random.Generator, friction: float) -> Sl
 
 
 class RigidToolProblem:
-    """A block and a tool: the library's history, and its violations of the law by `tools`."""
+    """A block and a tool, solved by the library and checked by the oracle's module `tools`."""
 
     def __init__(self, sketch: SlidingSketch) -> None:
         self.sketch = sketch
 
     @cached_property
     def solution(self) -> tuple[list[ContactState], ContactFailed | None]:
-        """Return the states, the undeformed one first, and the error that ends them or None."""
+        """Return the states, beginning with the undeformed one, and the final error or None."""
         sketch, mesh = self.sketch, self._make_mesh()
         spaces = (Spaces.petrov_galerkin if sketch.linear_weights else Spaces.galerkin)(mesh)
         lame = fem.Constant(mesh, 2 * sketch.nu / (1 - 2 * sketch.nu))
@@ -221,7 +222,7 @@ class RigidToolProblem:
         return states, None
 
     def violations(self) -> list[dict[str, float]]:
-        """Return the violations of the law by each accepted state and substate."""
+        """Return the violations of the law in each accepted state and substate."""
         states, _ = self.solution
         sketch, results, previous_displacement = self.sketch, [], 0.0
         body = NeoHookeanBody(
@@ -257,7 +258,7 @@ class RigidToolProblem:
         if sketch.radius:
             centre = np.array([sketch.offset, sketch.radius + sketch.gap])
             return RigidTool(centre, normal, sketch.friction, sketch.radius, np.array(sketch.pivot))
-        # through the corner that is touched first, or the gap above it
+        # the plane touches this corner first, or lies above it by the gap
         corner = np.array([-np.sign(sketch.tilt), sketch.gap])
         return RigidTool(corner, normal, sketch.friction, pivot=np.array(sketch.pivot))
 
@@ -290,7 +291,7 @@ class RigidToolProblem:
         return mask
 
     def tool_state(self, state: ContactState) -> ToolState:
-        """Return the displacements, tool position and nodal forces of a state."""
+        """Return the displacements, the tool's position and the nodal forces of a state."""
         (pair,) = state.pairs
         force = np.zeros_like(self.nodes)
         force[pair.node] = pair.force_vector
@@ -298,7 +299,10 @@ class RigidToolProblem:
         return ToolState(u, pair.translation, float(pair.rotation), force)
 
     def _drive_error(self, body, start, substate, fraction, step) -> float:
-        """Return the largest relative error of translation, angle and force at a load factor."""
+        """Return the largest relative error of the tool's translation, angle or force.
+
+        They are prescribed as linear functions of the load factor `fraction`.
+        """
         (start_pair,), (pair,) = start.pairs, substate.pairs
         length = max(np.abs(pair.translation).max(), 1e-3)
 
@@ -319,14 +323,14 @@ class RigidToolProblem:
 
 
 class TwoBodyProblem:
-    """Two bodies: the library's history, and its violations of the law by `sliding`."""
+    """Two bodies, solved by the library and checked by the oracle's module `sliding`."""
 
     def __init__(self, sketch: SlidingSketch) -> None:
         self.sketch = sketch
 
     @cached_property
     def solution(self) -> tuple[list[ContactState], ContactFailed | None]:
-        """Return the states, the undeformed one first, and the error that ends them or None."""
+        """Return the states, beginning with the undeformed one, and the final error or None."""
         self.bodies = make_die_on_block(friction=self.sketch.friction, **self.sketch.die_options)
         states = [self.bodies.problem.undeformed]
         try:
@@ -339,7 +343,7 @@ class TwoBodyProblem:
         return states, None
 
     def violations(self) -> list[dict[str, float]]:
-        """Return the violations of the law by each accepted state and substate."""
+        """Return the violations of the law in each accepted state and substate."""
         states, _ = self.solution
         problem = make_oracle_contact(self.bodies)
         history = [
@@ -350,13 +354,13 @@ class TwoBodyProblem:
 
 
 def make_oracle_contact(bodies: SlidingBodies) -> SlidingContact:
-    """Return the oracle's model of two bodies."""
+    """Return the oracle's model of the contact between two bodies."""
     nodes = bodies.space.tabulate_dof_coordinates()[:, :2]
     body = NeoHookeanBody(nodes, bodies.space.dofmap.list, True, 1.5, TRIANGLE_RULE)
     (pair,) = bodies.problem.undeformed.pairs
     sides = [side[np.argsort(nodes[side, 0])] for side in (pair.node, pair.opposite_node)]
     below = int(nodes[sides[1], 1].mean() < nodes[sides[0], 1].mean())
-    sides[below] = sides[below][::-1]  # the lower body's outside is above
+    sides[below] = sides[below][::-1]  # the outside of the lower body is above it
     mask = np.zeros_like(nodes, dtype=bool)
     for condition in bodies.conditions:
         mask.ravel()[condition.dof_indices()[0]] = True
@@ -364,6 +368,6 @@ def make_oracle_contact(bodies: SlidingBodies) -> SlidingContact:
 
 
 def make_problem(seed: int) -> RigidToolProblem | TwoBodyProblem:
-    """Return the problem of a seed."""
+    """Return the problem of a seed, with a tool or with two bodies."""
     sketch = draw_sketch(seed)
     return TwoBodyProblem(sketch) if sketch.kind == "bodies" else RigidToolProblem(sketch)

@@ -1,17 +1,19 @@
-"""Search of all statuses of contact nodes in the plane for a state.
+"""Search for a state among all statuses of contact nodes, for plane problems.
 
-Branch and bound: a branch allows each node some of the four statuses open, sticking, slipping
-forwards and slipping backwards along its tangent. The conditions that these have in common are
-linear in the motions z:
+The search is branch and bound. A branch allows each node some of the four statuses open, sticking,
+slipping forwards and slipping backwards along its tangent. The conditions that these statuses have
+in common are linear in the motions z of nodes and surfaces:
 
     r_n >= 0,  g >= 0,  |r_t| <= mu r_n    always,
     r = 0                                  at nodes that can only be open,
     g = 0                                  at nodes that cannot be open,
     v >= 0,  r_t = -mu r_n                 at nodes that can only slip forwards,
 
-and so on. A linear program finds the smallest violation of these conditions. If they can all hold,
-Newton's method starts from that point, and a node at which r_n g or the friction work is wrong has
-its statuses split between two branches. If they cannot hold, the branch is discarded.
+and so on. Here r_n and r_t are the normal and tangential force, g the gap, v the slip and mu the
+friction coefficient. A linear program finds the smallest violation of these conditions. If they can
+all hold, Newton's method starts from the solution of the linear program. A node at which r_n g or
+the friction work is wrong has its statuses split between two branches. If the conditions cannot all
+hold, the branch is discarded.
 """
 
 from collections.abc import Iterator
@@ -20,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linprog
 
-# Sets of statuses that a branch may allow, and the two subsets into which each is split
+# Sets of statuses that a branch may allow, and the two subsets into which each set is split
 ANY, OPEN_ONLY, CLOSED, NOT_FORWARDS, FORWARDS, STICKING, BACKWARDS = range(7)
 SUBSETS = {
     ANY: (OPEN_ONLY, CLOSED),
@@ -30,25 +32,27 @@ SUBSETS = {
 INFEASIBLE_VIOLATION, ZERO_VIOLATION = (
     1e-7,
     1e-9,
-)  # violation over the largest force that closes a branch, and that is none
+)  # relative to the largest force: larger violations close a branch, smaller ones count as none
 BRANCHING_CANDIDATES, MAX_NEWTON_STEPS, MAX_NEWTON_STARTS = 3, 8, 200
-MAX_SEARCH_WORK = 2_500_000  # linear programs times nodes squared: some ten seconds
+MAX_SEARCH_WORK = 2_500_000  # linear programs times nodes squared, some ten seconds
 LINPROG_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
 
 @dataclass(frozen=True)
 class LinearIncrement:
-    """The quantities of the law at n nodes as linear functions of (z; 1), each (n, k + 1).
+    """An increment in which forces, gaps and slips at n nodes are linear in unknown motions z (k,).
+
+    Each field of shape (n, k + 1) is a matrix whose product with (z; 1) is the quantity.
 
     Args:
-        normal: r_n, the normal forces.
-        shear: r_t, along the tangents; zero where a support holds these.
-        gap: where a surface faces the node.
-        slip: along the tangents, since the increment's start.
-        balance: (b, k + 1), zero in equilibrium: of free surfaces, R - P.
-        mu: (n,).
-        faced: (n,), whether a surface faces the node.
-        stiffness: of a node, which converts lengths into forces.
+        normal: normal forces r_n (n, k + 1).
+        shear: tangential forces r_t (n, k + 1), zero if a support prescribes the tangential motion.
+        gap: gaps (n, k + 1) at nodes that a surface faces.
+        slip: slips (n, k + 1) along the tangents since the increment's start.
+        balance: resultant less prescribed forces (b, k + 1) of free surfaces, zero in equilibrium.
+        mu: friction coefficients (n,).
+        faced: mask (n,) of the nodes that a surface faces.
+        stiffness: stiffness of a node, which converts lengths into forces.
     """
 
     normal: np.ndarray
@@ -64,9 +68,10 @@ class LinearIncrement:
 def search_statuses(
     increment: LinearIncrement, max_work: float = MAX_SEARCH_WORK
 ) -> np.ndarray | None:
-    """Return a state z (k,), if one is found within `max_work`.
+    """Return the motions z (k,) of a state that obeys the law, or None.
 
-    The work is the number of linear programs times the squared number of nodes.
+    The search ends after `max_work`, which is the number of linear programs times the squared
+    number of nodes.
     """
     conditions = _BranchConditions(increment)
     max_programs = max_work / max(1, len(conditions.faced)) ** 2
@@ -99,7 +104,7 @@ def search_statuses(
 
 
 def _split_at_node(codes: np.ndarray, node: int) -> Iterator[np.ndarray]:
-    """Yield the statuses of the two branches that split a node's set."""
+    """Yield the sets of statuses `codes` of the two branches into which a node's set is split."""
     for code in SUBSETS[int(codes[node])]:
         child = codes.copy()
         child[node] = code
@@ -107,7 +112,7 @@ def _split_at_node(codes: np.ndarray, node: int) -> Iterator[np.ndarray]:
 
 
 def _solve_by_newton(increment: LinearIncrement, z: np.ndarray) -> np.ndarray | None:
-    """Return a state by Newton's method from the statuses at z, or None."""
+    """Return the motions of a state by Newton's method from the statuses at z, or None."""
     rows = (increment.normal, increment.shear, increment.gap, increment.slip)
     c, mu, faced = increment.stiffness, increment.mu, increment.faced
     has_friction = faced & (mu > 0) & np.any(increment.shear != 0, axis=1)
@@ -165,11 +170,11 @@ def _satisfies_law(increment: LinearIncrement, z: np.ndarray, has_friction: np.n
 
 
 class _BranchConditions:
-    """Conditions >= 0, <= 0 or both, linear in z.
+    """Inequalities and equations of a branch, which are linear in the motions z.
 
-    They are r_n, g, mu r_n + r_t, mu r_n - r_t and v of faced nodes, and conditions that hold in
-    all branches. Lengths are converted into forces by the nodes' stiffness, and forces are over the
-    largest one.
+    At faced nodes they limit r_n, g, mu r_n + r_t, mu r_n - r_t and v (see the module) from below,
+    from above, or from both sides by zero. Further conditions hold in all branches. Lengths are
+    converted into forces by the stiffness of nodes, and forces are divided by the largest one.
     """
 
     def __init__(self, increment: LinearIncrement) -> None:
@@ -178,7 +183,7 @@ class _BranchConditions:
         has_tangent = np.any(increment.shear != 0, axis=1)
         mu = increment.mu[faced]
         self._has_friction = has_tangent[faced] & (mu > 0)
-        # zero in all branches: forces at nodes that face nothing, frictionless shear, balances
+        # zero in all branches: forces at nodes that face nothing, frictionless shears, imbalances
         self._unfaced = ~increment.faced
         self._smooth = has_tangent & ~(increment.faced & (increment.mu > 0))
         normal, shear = increment.normal[faced], increment.shear[faced]
@@ -202,7 +207,7 @@ class _BranchConditions:
         self._scale_by_largest_normal_force()
 
     def _scale_by_largest_normal_force(self) -> None:
-        """Scale forces by the largest sum of normal forces, if there is one."""
+        """Scale forces by the largest possible sum of normal forces, if the sum is bounded."""
         lower_mask, _ = self._lower_and_upper_masks(np.zeros(len(self.faced), dtype=np.int8))
         total_slope = self._slope[: len(self.faced)].sum(axis=0)
         solution = linprog(
@@ -219,7 +224,7 @@ class _BranchConditions:
             self._value = self._value / factor
 
     def _lower_and_upper_masks(self, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the masks of the conditions >= 0 and of those <= 0."""
+        """Return the masks of the conditions that require values >= 0 and values <= 0."""
         n_nodes, has_friction = len(codes), self._has_friction
         lower_mask = np.ones((5, n_nodes), dtype=bool)
         lower_mask[2:4] = has_friction
@@ -234,7 +239,7 @@ class _BranchConditions:
         return np.append(lower_mask.ravel(), always), np.append(upper_mask.ravel(), always)
 
     def minimise_violation(self, codes: np.ndarray) -> np.ndarray | None:
-        """Return the z of the smallest violation; None if the branch is infeasible."""
+        """Return the motions z of the smallest violation, or None if the branch is infeasible."""
         lower_mask, upper_mask = self._lower_and_upper_masks(codes)
         sign = np.repeat((1.0, -1.0), (lower_mask.sum(), upper_mask.sum()))
         row = np.concatenate([np.flatnonzero(lower_mask), np.flatnonzero(upper_mask)])
@@ -247,7 +252,7 @@ class _BranchConditions:
             method="highs-ds",
             options=LINPROG_TOLERANCES,
         )
-        # HiGHS may fail
+        # HiGHS may fail, which counts as infeasible
         return (
             self._length * solution.x[:n]
             if solution.success and solution.fun <= INFEASIBLE_VIOLATION
@@ -255,7 +260,7 @@ class _BranchConditions:
         )
 
     def law_violation_per_node(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Return each node's violation of the law beyond a branch's conditions, (n,)."""
+        """Return by how much each node (n,) violates the conditions that a branch leaves out."""
         values = self._slope @ (z / self._length) + self._value
         r_n, gap, forward_limit, backward_limit, slip = values[: 5 * len(codes)].reshape(5, -1)
         r_n, gap, forward_limit, backward_limit = (
@@ -269,7 +274,7 @@ class _BranchConditions:
         )
 
     def nodes_to_split(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Return the nodes with the largest violations whose statuses can be split."""
+        """Return the nodes with the largest violations among those whose statuses can be split."""
         violation = np.where(
             np.isin(codes, list(SUBSETS)), self.law_violation_per_node(codes, z), 0.0
         )

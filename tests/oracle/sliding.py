@@ -1,22 +1,28 @@
-"""Violations of the law by a state of two rubber bodies that slide on each other, by loops.
+"""Violations of the contact law by two rubber bodies that slide on each other.
 
-Sides are the polylines through their deformed nodes, ordered so that the outside is on the right. A
-slave node's normal n is that of the chord between its neighbours, to the inside. A facet with ends
-a and b projects along n(s) = (1 - s) n_a + s n_b from x(s) = (1 - s) a + s b. Its part that faces a
-master facet lies between the s of the master's ends, within [0, 1] and before the point where the
-normals meet. Only facets are paired whose normals oppose each other, and whose midpoints are
-farther apart than the nearest ones by at most half of both lengths (the longest one of the master).
-There
+Everything is computed in plain loops. Sides are the polylines through their deformed nodes, ordered
+so that the outside is on the right. A slave node's normal n is that of the chord between its
+neighbours, to the inside. A point x(s) = (1 - s) a + s b of a facet with ends a and b, where the
+normals are n_a and n_b, is projected along n(s) = (1 - s) n_a + s n_b. The part of the facet that
+faces a master facet is the interval of s within [0, 1] between the projections of the master's
+ends, up to the point where the normals meet. Two facets are paired only if their normals oppose
+each other and their midpoints are close. Their distance may exceed that of the nearest midpoint by
+at most half of both lengths, for which the longest facet of the master is taken. With w the linear
+functions of the facets, integrals over this part are
 
     W_ij = int w_i w_j,    Q_ik = int w_i w_k,    psi = D W^-1 w,    D_i = sum over j of W_ij,
 
-by Gauss' rule of three points. With A_j the sum of D_j over the adjacent facets, a slave node's
-force r_j is distributed to the master's nodes by P_jk = int psi_j w_k / A_j, and with
+by Gauss' rule of three points. The indices i and j denote nodes of the slave, and k nodes of the
+master. With A_j the sum of D_j over the adjacent facets, a slave node's force r_j is distributed to
+the master's nodes by P_jk = int psi_j w_k / A_j. The distances S x, the gap g and the
+slip v are
 
     S x = (sum of W_ji x_i - sum of Q_jk x_k) / A_j,    g = n·S x,    v = t·(S_0 x - S x),
 
-S_0 being S at the increment's start. A node that faced nothing then, at positions x_0 and with the
-tangent t_0, has slipped by v = t·S x - t_0·S x_0 relative to its present counterpart. The law is
+where x are the positions of nodes, t is the tangent and S_0 is S at the increment's start. A node
+that faced nothing at the start has slipped by v = t·S x - t_0·S x_0 relative to its present
+counterpart, with x_0 and t_0 the positions and tangent at the start. With the normal force r_n, the
+tangential force r_t and the friction coefficient mu, the law is
 
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
 """
@@ -39,10 +45,12 @@ def inward_normals(x):
 
 
 def visible_interval(a, b, n_a, n_b, c, d):
-    """Return the interval of s in [0, 1] from which a facet with ends c and d is visible, or None.
+    """Return the interval of s in [0, 1] that faces a master facet with ends c and d, or None.
 
-    At a master node p, (x(s) - p) x n(s) passes through zero from below: where it decreases, p is
-    beyond the point where normals meet, and nothing is visible.
+    The point x(s) = (1 - s) a + s b of the slave facet moves from its end a to its end b, where the
+    normals are n_a and n_b. At the projection of a master node p, the cross product of (x(s) - p)
+    and the normal is zero and increases with s. If it decreases, p lies beyond the point where the
+    normals meet, and the facet faces nothing.
     """
     interval = [0.0, 1.0]
     for k, p, sign in ((0, d, 1), (1, c, -1)):
@@ -65,9 +73,10 @@ def visible_interval(a, b, n_a, n_b, c, d):
 
 
 def integrate_mortar(slave, master):
-    """Return P (m, k), S (m, m + k), normals (m, 2) and areas (m,) of two polylines.
+    """Return matrices P (m, k) and S (m, m + k), normals (m, 2) and areas (m,) of two polylines.
 
-    The slave is (m, 2), the master (k, 2).
+    P distributes the slave's forces to the master's nodes, and S gives the distances between both
+    sides (see the module). The slave's nodes are (m, 2), the master's are (k, 2).
     """
     m, k, n = len(slave), len(master), inward_normals(slave)
     D, S, facets = np.zeros(m), np.zeros((m, m + k)), []
@@ -109,7 +118,7 @@ def integrate_mortar(slave, master):
 
 @dataclass(frozen=True)
 class SlidingContact:
-    """Both bodies, their sides' nodes in order, the mask (n, 2) of supports, and mu."""
+    """Two bodies, the nodes of their sides in order, the mask (n, 2) of supports, and friction."""
 
     bodies: NeoHookeanBody
     slave: np.ndarray
@@ -120,7 +129,7 @@ class SlidingContact:
     def violations(self, history):
         """Return each condition's largest violation after a history of displacements (n, 2).
 
-        Forces and lengths are over the largest ones of the history.
+        Forces and lengths are divided by the largest ones of the history.
         """
         previous_u, u = history[-2:]
         force = max(np.abs(self.bodies.nodal_forces(u)).max() for u in history)
@@ -149,5 +158,5 @@ class SlidingContact:
         return {name: float(max(0.0, violation.max())) for name, violation in violations.items()}
 
     def _current_positions(self, u, side):
-        """Return the deformed positions of a side's nodes."""
+        """Return the deformed positions of the nodes of a side."""
         return (self.bodies.nodes + u)[side]

@@ -1,4 +1,4 @@
-"""Contact at large strains: the oracle checks accepted states of given and of random problems."""
+"""The oracle checks accepted states of contact at large strains, in given and random problems."""
 
 from dataclasses import replace
 from functools import cached_property
@@ -24,15 +24,15 @@ from tests.oracle.large import CircleContact, NeoHookeanBody, RigidCircle
 TOLERANCE = 1e-8
 QUADRATURE_DEGREE = 4
 TRIANGLE_RULE = basix.make_quadrature(basix.CellType.triangle, QUADRATURE_DEGREE)
-MAX_REFUSED_SHARE = 0.05  # of random problems, at most
+MAX_REFUSED_SHARE = 0.05  # of the number of random problems
 
 
 class CircleProblem:
     """A block on a fixed base, its top at height 0, and a circle that comes from above.
 
-    An increment is the translation (2,) at its end, or the translation across, None and the total
-    vertical force. Inner nodes, and those of the boundary along their sides, are displaced at
-    random by up to `jiggle` times the cells' size.
+    An increment is the translation (2,) at its end. If the force is prescribed, it is the
+    horizontal translation, None, and the total vertical force. Nodes are displaced at random by up
+    to `jiggle` times the size of cells; nodes on the boundary stay on their sides.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class CircleProblem:
 
     @cached_property
     def accepted_states(self):
-        """Return the states, the undeformed one first, and the error that ends them or None."""
+        """Return the states, beginning with the undeformed one, and the final error or None."""
         spaces = (Spaces.petrov_galerkin if self.linear_weights else Spaces.galerkin)(self.mesh)
         lame = fem.Constant(self.mesh, self.lame)
 
@@ -84,7 +84,7 @@ class CircleProblem:
         return states, None
 
     def oracle_contact(self, linear_weights=None):
-        """Return the oracle's model of the problem, once `accepted_states` has set the nodes."""
+        """Return the oracle's model of the problem; `accepted_states` has to be computed before."""
         oracle_weights = self.linear_weights if linear_weights is None else linear_weights
         body = NeoHookeanBody(self.nodes, self.cells, oracle_weights, self.lame, TRIANGLE_RULE)
         contact_nodes = np.flatnonzero(np.isclose(self.nodes[:, 1], 0.0))
@@ -93,14 +93,17 @@ class CircleProblem:
 
     @classmethod
     def from_seed(cls, seed):
-        """Return a random problem; lengths over the block's height, shear modulus 1."""
+        """Return the random problem of a seed, with lengths in units of the block's height.
+
+        The shear modulus is 1.
+        """
         rng = np.random.default_rng(seed)
         radius = rng.uniform(0.4, 1.5)
         translation, depth, increments = 0.0, 0.0, []
         by_force = rng.random() < 0.25
         for k in range(rng.integers(2, 6)):
             if k == 0 or rng.random() < 0.5:
-                depth = rng.uniform(0.02, 0.3)  # depth below the first contact, over the radius
+                depth = rng.uniform(0.02, 0.3)  # depth below the first contact / radius
             if k > 0 or rng.random() < 0.3:
                 translation += rng.uniform(-0.5, 0.5)
             if by_force and k > 0:
@@ -122,7 +125,7 @@ class CircleProblem:
 
 
 def displacement_and_translation(state):
-    """Return displacements (n, 2) and the circle's translation."""
+    """Return the displacements (n, 2) of a state and the circle's translation (2,)."""
     return state.displacement.array_r.reshape(-1, 2), state.pairs[0].translation
 
 
@@ -165,7 +168,7 @@ def solve_and_check(problem):
 
 
 def largest_violations(all_violations):
-    """Return the largest value of each name."""
+    """Return the largest value of each name in a list of dictionaries."""
     return {
         name: max(violations[name] for violations in all_violations)
         for name in (all_violations[0] if all_violations else ())
@@ -173,7 +176,10 @@ def largest_violations(all_violations):
 
 
 def drive_error(contact, start, substate, fraction, motion):
-    """Return the relative error of translation and force at a fraction of an increment."""
+    """Return the relative error of translation and force at a fraction of an increment.
+
+    Both are prescribed as linear functions of the fraction.
+    """
     (u, U), (end_x, end_y, end_force) = displacement_and_translation(substate), motion
     r = contact.body.nodal_forces(u)
     (_, start_translation), length = displacement_and_translation(start), np.abs(U).max()
@@ -196,17 +202,17 @@ def drive_error(contact, start, substate, fraction, motion):
 
 
 def move_supports(u, contact):
-    """Disturb the displacements at supports."""
+    """Disturb the displacements at the supports."""
     u[contact.prescribed_mask] += 1e-6
 
 
 def move_inner_node(u, contact):
-    """Disturb the displacement of a node inside the body."""
+    """Disturb the displacement of one node inside the body."""
     u[np.abs(contact.body.nodes + np.array([0.0, 0.5])).sum(axis=1).argmin()] += 1e-6
 
 
 def move_open_node(u, contact):
-    """Lift a node that is not in contact."""
+    """Lift one node that is not in contact."""
     u[np.isclose(contact.body.nodes, [-1.0, 0.0]).all(axis=1), 1] += 1e-4
 
 
@@ -227,7 +233,7 @@ def test_states_obey_the_law_with_weights_of_their_kind_alone(name):
     assert slip > cell_size or name.endswith("friction") or name == "new, to and fro"
 
 
-DISTURBANCES = {  # by condition: change of displacements, change of the translation, factor of mu
+DISTURBANCES = {  # by condition: change of displacements and of the translation, factor of friction
     "supports": (move_supports, 0.0, 1.0),
     "equilibrium": (move_inner_node, 0.0, 1.0),
     "tension": (move_open_node, 0.0, 1.0),
@@ -257,7 +263,7 @@ def test_a_disturbed_state_violates_the_condition(name):
 
 
 def assert_law_in_accepted_states(solve_and_check_seed, seeds):
-    """Assert that all accepted states obey the law and few problems are refused."""
+    """Assert that all accepted states obey the law and that few problems are refused."""
     refused = []
     for seed in seeds:
         violations, error = solve_and_check_seed(seed)
@@ -268,7 +274,7 @@ def assert_law_in_accepted_states(solve_and_check_seed, seeds):
 
 @pytest.mark.random
 def test_law_holds_in_every_accepted_state_and_few_problems_are_refused(request):
-    # the last paths also have a state that obeys the law, but is not stable
+    # the last three paths have another state that obeys the law but is unstable
     seeds = range(200) if request.config.getoption("--nightly") else (*range(7), 31, 129, 153)
     assert_law_in_accepted_states(
         lambda seed: solve_and_check(CircleProblem.from_seed(seed)), seeds

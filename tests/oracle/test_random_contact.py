@@ -1,4 +1,4 @@
-"""Random contact problems: the law holds in every state, and refusals have a cause."""
+"""Random contact problems: the law holds in every state, and each refusal has a cause."""
 
 from collections import Counter
 from dataclasses import replace
@@ -28,17 +28,18 @@ from tests.oracle.search import search_statuses
 
 SUITE_SEEDS, NIGHTLY_SEEDS = 60, 1600
 # Fixed beforehand. The largest value in seeds 0 to 1 599 is 7.7e-10, except 6.5e-9 in seed 637. The
-# solver's tolerance is 1e-9 of the largest force plus round-off, more at nu = 0.4997.
+# solver's tolerance is 1e-9 of the largest force plus round-off, more at Poisson's ratio 0.4997
 TOLERANCE = 1e-8
-# Refused although a search finds a state: locking cells, strained by 1.7, without friction
+# Seeds that are refused although a search finds a state: locking cells, strain 1.7, no friction
 REFUSED_WITH_SOLUTION = {1397}
 
 
 def solve_and_check(seed):
-    """Return the outcome, CPU seconds, dimension, and everything that is wrong with the result.
+    """Return the outcome, CPU seconds, dimension, and a list of all faults of the result.
 
-    Other errors than refusals are not caught. The library's own residuals have to agree where
-    round-off is small, or where everything is round-off; they do not divide by mu.
+    Only refusals are caught, no other errors. The library's own residuals have to be small if
+    round-off is negligible, or if all forces are round-off. They are not divided by the friction
+    coefficient.
     """
     problem, faults, outcome = make_problem(seed), [], "solved"
     start = process_time()
@@ -81,7 +82,7 @@ def _is_searchable(problem):
 
 
 def _is_determined(increment):
-    """Return whether every motion changes a quantity of the law or of the balances."""
+    """Return whether every motion changes a quantity of the law or of the force balances."""
     has_friction = increment.faced & (increment.mu > 0)
     quantities = increment.normal, increment.shear, increment.gap[increment.faced]
     rows = np.concatenate([*quantities, increment.slip[has_friction], increment.balance])[:, :-1]
@@ -89,9 +90,9 @@ def _is_determined(increment):
 
 
 def _forces_over_round_off(problem, states):
-    """Return each state's largest nodal contact force over the round-off of forces.
+    """Return the largest nodal contact force of each state, divided by the round-off of forces.
 
-    Round-off is that of positions and displacements, times the stiffness.
+    This is the round-off of positions and displacements, times the stiffness.
     """
     x = np.abs(problem.space.tabulate_dof_coordinates()).max()
     stiffness = np.abs(problem.K.getValuesCSR()[2]).max()
@@ -102,10 +103,10 @@ def _forces_over_round_off(problem, states):
 
 @pytest.mark.random
 def test_law_holds_in_every_state_and_refusals_are_few_cheap_and_with_cause(request):
-    """The bounds were fixed before the first run.
+    """The contact law holds in every state, and refusals are few, cheap and justified.
 
-    Without a proof are at most 4 % in the plane and 5 % in space; 91 % of 8 000 problems are
-    solved.
+    The bounds were fixed before the first run: at most 4 % of the plane problems and 5 % of the
+    solids are refused without a proof. Of 8 000 problems, 91 % are solved.
     """
     nightly, outcomes = request.config.getoption("--nightly"), []
     for seed in range(NIGHTLY_SEEDS if nightly else SUITE_SEEDS):
@@ -142,7 +143,10 @@ PAIR_VALUES = {
 
 
 def test_random_problems_are_of_all_kinds():
-    """At least 40 % are driven by forces."""
+    """Random problems include all kinds of cells, states, elements, supports, pairs and paths.
+
+    At least 40 % of them are driven by forces.
+    """
     sketches = [draw_sketch(seed) for seed in range(SUITE_SEEDS)]
     pairs = [pair for sketch in sketches for pair in sketch.pairs]
     assert np.mean([sketch.driven_by_force for sketch in sketches]) >= 0.4
@@ -167,7 +171,10 @@ def test_random_problems_are_of_all_kinds():
 
 @cache
 def ball_dragged_on_block():
-    """Return a ball pressed on a clamped block, then dragged: nodes are open, stick and slip."""
+    """Return a ball that is pressed on a clamped block, then dragged.
+
+    There are open, sticking and slipping nodes.
+    """
     body = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (10, 4)), E=50.0)
     pushes = [Motion((None, None), (factor * 0.3, -1.0)) for factor in (0.0, 0.6)]
     top = lambda x: np.isclose(x[1], 1.0) & (x[0] < 2 - 1e-9)  # noqa: E731
@@ -185,14 +192,14 @@ def ball_dragged_on_block():
 
 
 def problem_with_changed_ball(**changes):
-    """Return the dragged ball's problem with another pair, and its steps."""
+    """Return the problem of the dragged ball with a changed contact pair, and its steps."""
     problem, steps = ball_dragged_on_block()
     ball, wall = problem.pairs
     return replace(problem, pairs=[replace(ball, **changes), wall]), steps
 
 
 def steps_with_changed_one(change, number=-1):
-    """Return the dragged ball's problem, and its steps with a changed one."""
+    """Return the problem of the dragged ball, and its steps after changing one of them."""
     problem, steps = ball_dragged_on_block()
     steps = list(steps)
     steps[number] = change(steps[number])
@@ -200,7 +207,7 @@ def steps_with_changed_one(change, number=-1):
 
 
 def displace_nodes(marker, shift):
-    """Return a change of a step that displaces the marked nodes."""
+    """Return a function that changes a step by displacing the marked nodes."""
 
     def change(step):
         a, x = step.displacement.copy(), ball_dragged_on_block()[0].space.tabulate_dof_coordinates()
@@ -212,7 +219,7 @@ def displace_nodes(marker, shift):
 
 
 def displace_surfaces(shift):
-    """Return a change of a step that displaces the surfaces."""
+    """Return a function that changes a step by displacing the surfaces."""
     return lambda step: replace(step, translations=step.translations + np.array(shift))
 
 

@@ -1,4 +1,4 @@
-"""400 random problems of large strains and large sliding: the oracle checks accepted states."""
+"""The oracle checks accepted states of 400 random problems of large strains and sliding."""
 
 from collections import Counter
 from dataclasses import replace
@@ -66,7 +66,10 @@ TWO_BODY_SEEDS = [seed for seed in SEEDS if draw_sketch(seed).kind == "bodies"][
 @pytest.mark.random
 @pytest.mark.parametrize("seed", TWO_BODY_SEEDS)
 def test_verification_of_two_bodies_agrees_with_the_iteration(seed):
-    """Formulas and code are independent; pairs of states need not be consecutive."""
+    """Independent verification and iteration agree about the mortar integrals of two bodies.
+
+    Any pair of states is compared, even if they are not consecutive.
+    """
     problem = make_problem(seed)
     states, _ = problem.solution
     mortar, positions = mortar_positions_in_states(problem.bodies, states)
@@ -77,7 +80,7 @@ def test_verification_of_two_bodies_agrees_with_the_iteration(seed):
 
 
 def oracle_contact_and_history(problem):
-    """Return the oracle's model of a problem with a tool, and its history."""
+    """Return the oracle's model of a problem with a tool, and its history of states."""
     states, _ = problem.solution
     sketch = problem.sketch
     lame = 2 * sketch.nu / (1 - 2 * sketch.nu)
@@ -88,13 +91,13 @@ def oracle_contact_and_history(problem):
 
 @pytest.fixture(scope="module", params=[7, 2], ids=["circle", "plane"])
 def slipping_contact(request):
-    """Return the oracle's model of a problem with slipping nodes, and its history."""
+    """Return the oracle's model of a problem with slipping nodes, and its history of states."""
     problem = make_problem(request.param)
     assert problem.solution[1] is None
     return oracle_contact_and_history(problem)
 
 
-DISTURBANCES = {  # by condition: changes of the last translation and angle, factor of mu
+DISTURBANCES = {  # by condition: changes of the last translation and angle, factor of friction
     "penetration": ((0.0, -1e-6), 0.0, 1.0),
     "complementarity": ((0.0, 1e-6), 0.0, 1.0),
     "cone": ((0.0, 0.0), 0.0, 1 - 1e-5),
@@ -119,7 +122,7 @@ def test_a_disturbed_state_violates_the_condition(slipping_contact, name):
     assert violations[name] > 10 * TOLERANCE
 
 
-# whose active sets cycled for ever, though one of them had a solution
+# seeds whose active sets cycled forever, though one of the sets had a solution
 @pytest.mark.parametrize("seed", [365])
 def test_problems_whose_active_sets_cycle_are_solved(seed):
     violations, error = find_violations(seed)
@@ -129,7 +132,10 @@ def test_problems_whose_active_sets_cycle_are_solved(seed):
 
 @pytest.mark.parametrize("seed", [3, 7, 12, 71])
 def test_unloaded_states_obey_the_law_relative_to_the_remaining_forces(seed):
-    """Forces are relative to the last two states, not to the whole history."""
+    """States of an unloaded body obey the law relative to the forces that remain.
+
+    Forces are divided by the largest one of the last two states, not of the whole history.
+    """
     sketch = draw_sketch(seed)
     last_step = sketch.steps[-1]
     stages = tuple(
@@ -142,7 +148,7 @@ def test_unloaded_states_obey_the_law_relative_to_the_remaining_forces(seed):
     largest = [np.abs(contact.body.nodal_forces(state.displacement)).max() for state in history]
     n_checked, no_displacement = 0, np.zeros_like(contact.body.nodes)
     for k in range(len(history) - len(stages), len(history)):
-        if largest[k] > 1e-9 * max(largest):  # else there is round-off alone
+        if largest[k] > 1e-9 * max(largest):  # otherwise there is nothing but round-off
             n_checked += 1
             violations = contact.violations(history[k - 1 : k + 1], no_displacement)
             assert max(violations.values()) < TOLERANCE, k

@@ -1,7 +1,8 @@
-"""Random small contact problems: the library's forces and displacements against the oracle's.
+"""Random small contact problems, in which library and oracle give equal results.
 
-A distorted block is clamped at one side, or rests on a rough rigid floor alone. It is loaded back
-and forth in increments, by a moved or pushed rigid surface or by tractions.
+Forces and displacements are compared. A distorted block is clamped at one side, or it rests on a
+rough rigid floor alone. It is loaded back and forth in increments, by a moved or pushed rigid
+surface or by tractions.
 """
 
 from dataclasses import replace
@@ -30,7 +31,7 @@ def pytest_generate_tests(metafunc):
 
 
 class RandomSmallProblem:
-    """One random problem; lengths and Young's modulus are of order 1."""
+    """A random small problem; lengths and Young's modulus are of order 1."""
 
     load_path = (0.0, 0.5, 1.0, 0.2, -0.8, 0.1)  # factors of the sideways loads or motions
 
@@ -53,11 +54,14 @@ class RandomSmallProblem:
         self.is_pushed = (
             not self.rests_on_floor and self.surface != "ball" and bool(rng.random() < 0.5)
         )
-        self.friction_share = rng.uniform(0.1, 0.8)  # the sideways force over the friction limit
+        self.friction_share = rng.uniform(0.1, 0.8)  # sideways force divided by the friction limit
         self.mesh = self._make_mesh()
 
     def _make_mesh(self):
-        """Return a block [1, 2] x ... x [0, 1]; nodes are moved, those of sides within them."""
+        """Return the mesh of a block [1, 2] x ... x [0, 1] with displaced nodes.
+
+        Nodes on a side are displaced within this side.
+        """
         corners = [(1.0,) + (0.0,) * (self.dim - 1), (2.0,) + (1.0,) * (self.dim - 1)]
         if self.is_solid:
             n, cell = (2, 2, 1), meshes.CellType.tetrahedron
@@ -75,7 +79,7 @@ class RandomSmallProblem:
         return mesh
 
     def loads(self, assemble_traction):
-        """Return the load vector of each increment from tractions on the top and the right side."""
+        """Return the load vectors of all increments, of tractions on the top and the right side."""
         down, sideways = -np.eye(self.dim)[-1], np.eye(self.dim)[0]
         top_load = assemble_traction(self.dim - 1, 1.0, 0.05 * down) * float(self.rests_on_floor)
         side_load = assemble_traction(0, 2.0, 0.05 * sideways) * float(self.rests_on_floor)
@@ -83,7 +87,7 @@ class RandomSmallProblem:
 
     @property
     def motions(self):
-        """Return translation, None where free, and force of each increment."""
+        """Return the translation, None where it is free, and the force of each increment."""
         zero, motions = np.zeros(self.dim), []
         if self.rests_on_floor:
             return []
@@ -94,7 +98,7 @@ class RandomSmallProblem:
             if self.is_pushed:
                 translation, force_vector[-1] = [0.0] * self.dim, -force * (1 + k / 10)
                 translation[-1] = None
-                if self.state == "axisymmetric" or self.mu == 0:  # no free radial motion, or held
+                if self.state == "axisymmetric" or self.mu == 0:  # not free sideways
                     translation[0] = 0.02 * sideways_factor
                 else:
                     translation[0], force_vector[0] = None, force * sideways_factor
@@ -131,7 +135,7 @@ class RandomSmallProblem:
 
 
 class LibraryProblem(ElasticBody):
-    """The problem as the library states it."""
+    """A random small problem, formulated for the library."""
 
     def __init__(self, problem):
         self.problem = problem
@@ -143,7 +147,7 @@ class LibraryProblem(ElasticBody):
         self.nodes, self.cells = self.x, self.space.dofmap.list
 
     def solve(self):
-        """Yield displacements (n, dim), and positions and forces (m, dim) of contact nodes."""
+        """Yield displacements (n, dim), and positions and forces (m, dim) of m contact nodes."""
         problem, up_axis = self.problem, self.dim - 1
         supports = (
             self.make_supports() if problem.rests_on_floor else self.clamp(on_plane(up_axis, 0.0))
@@ -183,7 +187,10 @@ def solve_by_oracle(problem, nodes, cells, linear_weights):
 
 
 def largest_difference(problem, linear_weights):
-    """Return the largest difference of forces and displacements, over their largest values."""
+    """Return the largest relative difference of forces and displacements.
+
+    They are divided by their largest values in each state.
+    """
     library = LibraryProblem(problem)
     library_states = list(library.solve())
     contact_nodes, oracle_states = solve_by_oracle(
@@ -204,7 +211,10 @@ def test_library_and_oracle_find_the_same_forces_and_displacements(seed):
 
 
 def test_a_block_on_a_nearly_frictionless_floor_is_solved():
-    """Friction alone holds the block sideways: in the end one node sticks and all others slip."""
+    """A block on a nearly frictionless floor, which friction alone holds sideways, is solved.
+
+    In the end one node sticks and all others slip.
+    """
     problem = RandomSmallProblem(12)
     problem.rests_on_floor, problem.surface, problem.is_pushed, problem.mu = (
         True,
@@ -219,7 +229,7 @@ def test_a_block_on_a_nearly_frictionless_floor_is_solved():
     assert largest_difference(problem, problem.linear_weights) < TOLERANCE
 
 
-@pytest.mark.parametrize("number", [1, 3, 6, 9, 15])  # of triangles and tetrahedra
+@pytest.mark.parametrize("number", [1, 3, 6, 9, 15])  # seeds with triangles and tetrahedra
 def test_library_and_oracle_differ_with_other_weights(number):
     problem = RandomSmallProblem(number)
     assert largest_difference(problem, not problem.linear_weights) > 1e5 * TOLERANCE
@@ -248,12 +258,12 @@ def test_problems_are_of_all_kinds():
 @pytest.mark.parametrize(
     ("force", "motion"),
     [
-        ((-1e-3, 0.0), (0.0, 0.0)),  # pulls
-        ((1.0, 0.0), (-1e-3, 0.0)),  # penetrates
-        ((1.0, 0.0), (1e-3, 0.0)),  # pushes across a gap
-        ((1.0, 0.301), (0.0, 0.0)),  # lies outside the cone
-        ((1.0, 0.1), (0.0, -1e-3)),  # slips inside the cone
-        ((1.0, 0.3), (0.0, 1e-3)),  # slips in the direction of friction
+        ((-1e-3, 0.0), (0.0, 0.0)),  # a contact force that pulls
+        ((1.0, 0.0), (-1e-3, 0.0)),  # penetration
+        ((1.0, 0.0), (1e-3, 0.0)),  # a contact force across a gap
+        ((1.0, 0.301), (0.0, 0.0)),  # friction outside the cone
+        ((1.0, 0.1), (0.0, -1e-3)),  # slip inside the cone
+        ((1.0, 0.3), (0.0, 1e-3)),  # slip in the direction of friction
     ],
 )
 def test_every_condition_of_the_law_is_checked(force, motion):

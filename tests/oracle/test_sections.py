@@ -1,14 +1,15 @@
-"""The study's own verification problems, stated again for the oracle: V1, V4, V5, V8.
+"""The study's own verification problems V1, V4, V5 and V8, formulated anew for the oracle.
 
 The problems of the paper are in `tests/paper`; V2, V3, V6 and V7 have known solutions.
 
-A section's function runs a case of the study on an element and states all but its mesh again. All
-nodal forces along the contact, their sums, displacements, translations and eigenvalues are
-compared, relative to the largest of each.
+The function of a section runs a case of the study on an element, and defines everything but its
+mesh anew. Compared are all nodal forces along the contact, their sums, displacements, translations
+and eigenvalues, relative to the largest value of each.
 
-The integrals of triangles that touch the axis with one vertex, where 1/r is not smooth, and of
-curved ones depend on the rule, and the study's rule of degree 8 leaves differences above 1e-8, up
-to 5e-5 of the largest nodal force. There the library and the oracle get converged rules (`RULES`).
+Two kinds of integrals depend on the quadrature rule: those of curved triangles, and those of
+triangles that touch the axis with one vertex, where 1/r is not smooth. There, the study's rule of
+degree 8 leaves differences above 1e-8, up to 5e-5 of the largest nodal force. For such cases the
+library and the oracle get converged rules (`RULES`).
 """
 
 from unittest.mock import patch
@@ -39,19 +40,19 @@ from tests.oracle.problem import (
     symmetric_part,
 )
 
-# Degree of the library's rule, and points per direction of the oracle's. On quadrilaterals the
-# study's own degree 8 is the 5-point Gauss rule in both; triangles have rules over whole cells with
-# quadratic weights, over each sub-cell with piecewise-linear ones
+# Degree of the library's rule, and points per direction of the oracle's rule. On quadrilaterals
+# both have the 5-point Gauss rule for the study's degree 8. On triangles rules cover whole cells
+# if weights are quadratic, and each sub-cell if they are piecewise linear
 RULES = {"quadrilaterals": (8, 5), "triangles": (50, 24), "sub-triangles": (30, 16)}
 
 
 def raise_quadrature_degree(element):
-    """Patch the library's rule for integrands that are no polynomials to a higher degree."""
+    """Patch the library so that it uses a higher degree for integrands that are no polynomials."""
     return patch.object(body, "_RATIONAL_DEGREE", rule_of_element(element)[0])
 
 
 def oracle_gauss_count(element):
-    """Return the number of Gauss points per direction of the oracle's rule."""
+    """Return the number of Gauss points per direction in the oracle's rule for an element."""
     return rule_of_element(element)[1]
 
 
@@ -98,7 +99,7 @@ def compare_spence_punch(element, state="plane strain"):
 
 
 def compare_partial_slip(element):
-    """Compare two bodies with matching nodes, for which the study has one unknown per pair."""
+    """Compare two bodies with matching nodes; in the study, each pair of nodes is one unknown."""
     result = v5_cattaneo.partial_slip(element, 10, far_field=False)
     force = np.pi / (2 * (1 - 0.3**2)) / 4e4
 
@@ -166,6 +167,9 @@ CASES = [(name, element) for name, (_, elements, _) in PROBLEMS.items() for elem
 
 @pytest.mark.parametrize(("name", "element"), CASES)
 def test_oracle_agrees_with_the_study_with_the_same_weights_alone(name, element):
-    """With other weights the oracle differs, so that the comparison tells the weights."""
+    """The oracle agrees with the study if it has the same weights, and only then.
+
+    The comparison therefore distinguishes the weights.
+    """
     compare, _, parameters = PROBLEMS[name]
     assert_agrees_with_these_weights_alone(compare(element, **parameters), element)

@@ -1,4 +1,4 @@
-"""Two bodies that slide on each other at large strains: the oracle checks accepted states."""
+"""The oracle checks accepted states of two bodies that slide on each other at large strains."""
 
 from functools import cache
 
@@ -18,7 +18,7 @@ from tests.oracle.test_large import (
 
 
 def random_die(seed):
-    """Return a die of random shape and friction and its path back and forth in a few increments."""
+    """Return a random die and its path, which goes back and forth in a few increments."""
     rng = np.random.default_rng(seed)
     translation, path = 0.0, []
     for k in range(rng.integers(2, 5)):
@@ -46,7 +46,7 @@ def displacements(states):
 
 @cache
 def solve_random_die(seed):
-    """Return the oracle's model, the history of accepted displacements, and the library's error."""
+    """Return the oracle's model, the accepted displacements, and the library's error."""
     bodies, path = random_die(seed)
     states, error = [bodies.problem.undeformed], None
     try:
@@ -85,7 +85,7 @@ def test_a_disturbed_state_violates_the_condition(name, size):
         u[np.flatnonzero(is_inner)[0]] += size
     elif name == "cone":
         problem = SlidingContact(*list(vars(problem).values())[:4], problem.friction * (1 - size))
-    else:  # the slave's body moves away from the other one or into it
+    else:  # the slave's body moves away from the other one, or into it
         upper = problem.bodies.nodes[problem.slave, 1].mean() > 0.005
         moved_nodes = (problem.bodies.nodes[:, 1] > 0.005) == upper
         u[moved_nodes, 1] += size if upper else -size

@@ -1,4 +1,4 @@
-"""All sets of statuses of five nodes against the library, and loose bodies."""
+"""All sets of statuses of five contact nodes, compared with the library, and loose bodies."""
 
 from dataclasses import replace
 from itertools import product
@@ -24,7 +24,7 @@ from tests.oracle.search import search_statuses
 
 
 class PlateOnFiveNodes(ElasticBody):
-    """A block with five nodes under a plate that a force presses and pushes."""
+    """A block with five contact nodes under a plate that a force presses and pushes."""
 
     def __init__(self, seed):
         rng = np.random.default_rng((11, seed))
@@ -42,7 +42,7 @@ class PlateOnFiveNodes(ElasticBody):
         self.conditions = [prescribe(self.space, axis, on_plane(1, 0.0)) for axis in (0, 1)]
 
     def equilibria(self):
-        """Return all motions z of nodes and plate that obey the law, by all sets of statuses."""
+        """Return all motions z of nodes and plate that obey the law, from all sets of statuses."""
         law = linear_increment(self, [])
         rows, mu, solutions = (law.normal, law.shear, law.gap, law.slip), law.mu, []
         for statuses in product(range(4), repeat=len(mu)):
@@ -86,7 +86,11 @@ def test_library_and_search_find_a_state_exactly_where_trying_all_statuses_does(
 
 @pytest.mark.parametrize("seed", [103, 762])
 def test_loose_bodies_are_not_unique(seed):
-    """The attached state has no forces, and neither has a state moved off what just touches."""
+    """The position of a loose body is not unique: two states without contact forces exist.
+
+    One of them is the state in the error. In the other one, the body is moved away from the node
+    that it just touches.
+    """
     problem = make_problem(seed)
     with pytest.raises(NotUnique, match="the body is loose") as caught:
         problem.solve()

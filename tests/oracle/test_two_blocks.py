@@ -1,4 +1,7 @@
-"""A loose block on another one, up to a million times as stiff or soft, pressed and pushed."""
+"""A loose block on another one, pressed and pushed.
+
+One of the blocks may be up to a million times as stiff as the other one.
+"""
 
 import numpy as np
 import pytest
@@ -13,7 +16,10 @@ SUITE, NIGHTLY = (*range(5), 9), range(60)  # seed 9 is refused
 
 
 class LooseBlocks:
-    """A problem by seed: non-matching meshes, friction, forces on top in one or two increments."""
+    """Two blocks with non-matching meshes and friction, defined by a seed.
+
+    Forces act on the top in one or two increments.
+    """
 
     def __init__(self, seed, **options):
         rng = np.random.default_rng(seed)
@@ -42,7 +48,7 @@ class LooseBlocks:
         )
 
     def solve(self):
-        """Return the accepted states, and the load that is refused without a proof, if any."""
+        """Return the accepted states, and the load that is refused without a proof or None."""
         states = [self.problem.undeformed]
         for load in self.loads:
             try:
@@ -54,7 +60,10 @@ class LooseBlocks:
         return states, None
 
     def round_off(self, state):
-        """Return the round-off of a row of K a (some 40 terms), over the largest contact force."""
+        """Return the round-off of nodal forces K a, divided by the largest contact force.
+
+        A row of K has some 40 terms; a is the displacement.
+        """
         K = self.problem._K.copy()
         K.setValuesCSR(*K.getValuesCSR()[:2], np.abs(K.getValuesCSR()[2]))
         K.assemble()
@@ -100,9 +109,10 @@ class LooseBlocks:
 def test_loose_blocks_are_refused_with_cause_only_and_iterative_solves_agree_with_direct_ones(
     request,
 ):
-    """Either block may be the stiffer one, and either may have the nodes of the pair.
+    """Loose blocks are refused only with a cause, and iterative and direct solvers agree.
 
-    Residuals are the round-off of the stiffer body; iterative solves need no remedies.
+    Either block may be the stiffer one, and the contact nodes may belong to either. Residuals are
+    at the round-off of the stiffer body. Iterative solves need no fallbacks.
     """
     n_systems, n_krylov = 0, 0
     for seed in NIGHTLY if request.config.getoption("--nightly") else SUITE:

@@ -1,18 +1,20 @@
-"""Violations of the law by a rubber body under rigid planes and circles that move and rotate.
+"""Violations of the contact law by a rubber body under rigid planes and circles.
 
-A tool at a translation U and an angle a about its pivot c has moved its points X to c + U + R (X -
-c). With a node's position x = X + u, for a plane through p with the unit normal n
+Tools move and rotate. A tool with the translation U and the angle a about its pivot c has moved its
+points X to c + U + R (X - c), with R the rotation matrix. A node has moved to x = X + u, with u its
+displacement. For a plane through p with the unit normal n and the tangent t, gap g and slip v are
 
     y = c + R^T (x - U - c),    g = n·(y - p),    v = t·(y - y_0),
 
-y_0 being y at the increment's start. For a circle with the moved centre m and the radius R
+with y_0 the value of y at the increment's start. For a circle of radius r with the moved centre m
 
-    g = |x - m| - R,    v = R (change of the direction of x - m, less the change of a),
+    g = |x - m| - r,    v = r (change of the direction of x - m, less the change of a).
 
-which is exact for any number of turns, since a node that touches a circle stays on its side. At the
-surface's nodes F_i(u) is the tool's force r. Where a support holds a node along the surface, F_i
-contains the reaction as well: r is the force that the library reports, and F_i checks its normal
-component. Then, as in `large`,
+The slip is exact for any number of turns, since a node that touches a circle stays on its side. The
+nodal forces F_i(u) at the surface are the tool's forces. Where a support holds a node along the
+surface, F_i contains the reaction. At such nodes the tool's force is the one that the library
+reports, and F_i checks its normal component. As in `large`, the law for the normal force r_n, the
+tangential force r_t and the friction coefficient mu is
 
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
 """
@@ -26,10 +28,10 @@ from tests.oracle.large import NeoHookeanBody, cross_product, law_violations
 
 @dataclass(frozen=True)
 class RigidTool:
-    """A rigid plane, or a circle if the radius is not zero, at its initial position."""
+    """A rigid plane, or a rigid circle if the radius is not zero, at its initial position."""
 
-    point: np.ndarray  # of the plane, or the circle's centre
-    normal: np.ndarray  # of the plane, into the body
+    point: np.ndarray  # a point of the plane, or the centre of the circle
+    normal: np.ndarray  # normal of the plane, into the body
     friction: float
     radius: float = 0.0
     pivot: np.ndarray = (0.0, 0.0)
@@ -37,17 +39,17 @@ class RigidTool:
 
 @dataclass(frozen=True)
 class ToolState:
-    """Displacements, translation, angle and tool force of one state of the library."""
+    """Displacements, translation, angle and tool force in one state of the library."""
 
     displacement: np.ndarray  # (n, 2)
     translation: np.ndarray  # (2,)
     angle: float
-    force: np.ndarray  # of the tool on the nodes, (n, 2); used at held nodes only
+    force: np.ndarray  # (n, 2), force of the tool on the nodes; used at held nodes only
 
 
 @dataclass(frozen=True)
 class ToolContact:
-    """A body, a tool, the nodes that may touch it, and the mask (n, 2) of supports."""
+    """A body, a tool, the nodes that may touch it, and the mask (n, 2) of supported components."""
 
     body: NeoHookeanBody
     tool: RigidTool
@@ -57,9 +59,9 @@ class ToolContact:
     def violations(self, history: list[ToolState], prescribed: np.ndarray) -> dict[str, float]:
         """Return each condition's largest violation in the last increment, by name.
 
-        `prescribed` are the displacements (n, 2) at supports. Forces and lengths are over the
-        history's largest. Conditions at nodes whose tangential motion a support prescribes have the
-        prefix "held".
+        `prescribed` are the displacements (n, 2) at supports. Forces and lengths are divided by the
+        largest ones of the history. For nodes whose tangential motion a support prescribes, names
+        have the prefix "held".
         """
         last_state = history[-1]
         force = max(np.abs(self.body.nodal_forces(state.displacement)).max() for state in history)

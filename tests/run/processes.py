@@ -1,4 +1,7 @@
-"""Run commands in separate processes; find all their descendants by parent and by a marker."""
+"""Run commands in separate processes, and find all their descendants.
+
+Descendants are found by their parents and by a marker in their environment.
+"""
 
 import os
 import secrets
@@ -15,7 +18,7 @@ TERMINATION_SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 class SpawnedCommand:
     """A command in its own session, whose descendants inherit a marker in their environment.
 
-    Standard output is a pipe that stays open; standard error is written to a file.
+    Standard output is a pipe that stays open. Standard error is written to a file.
 
     Args:
         command: list of the program and its arguments.
@@ -28,7 +31,7 @@ class SpawnedCommand:
         self.marker = secrets.token_hex(16)
         self.messages = messages
 
-        def reset_signals():  # the tests may ignore or block signals themselves
+        def reset_signals():  # the tests themselves may ignore or block signals
             signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINATION_SIGNALS)
             for number in TERMINATION_SIGNALS:
                 signal.signal(number, signal.SIG_IGN if number in ignored else signal.SIG_DFL)
@@ -59,19 +62,19 @@ class SpawnedCommand:
         return self.process.pid
 
     def read_output_until(self, line):
-        """Read standard output up to and including a line."""
+        """Read standard output up to and including a given line."""
         for output in self.process.stdout:
             if output.strip() == line:
                 return
         raise AssertionError(f"{line!r} was not printed: {self.read_messages()}")
 
     def send(self, number, group=False):
-        """Send a signal to the first process, or to all processes of its group."""
+        """Send a signal to the first process or, if `group` is True, to its process group."""
         with suppress(ProcessLookupError):
             (os.killpg if group else os.kill)(self.pid, number)
 
     def wait(self, seconds=1800):
-        """Wait for the first process to end and return its status."""
+        """Wait until the first process ends, and return its status."""
         return self.process.wait(seconds)
 
     def read_messages(self):
@@ -79,7 +82,7 @@ class SpawnedCommand:
         return self.messages.read_text().splitlines()
 
     def list_descendants(self):
-        """Return the IDs of all descendants, ordered by generation: children first."""
+        """Return the IDs of all descendants, ordered by generation, children first."""
         parents = {}
         for process in _list_process_ids():
             with suppress(OSError):
@@ -103,11 +106,11 @@ class SpawnedCommand:
         return marked_processes
 
     def list_survivors(self):
-        """Return the IDs of all remaining processes of the command, which may itself have ended."""
+        """Return the IDs of the remaining processes, even if the first one has ended."""
         return sorted({*self.list_marked_processes(), *self.list_descendants()})
 
     def list_lasting_survivors(self):
-        """Return the IDs of the processes that remain after at most 600 s."""
+        """Wait at most 600 s for all processes to end, and return the IDs of those that remain."""
         deadline = time.monotonic() + 600
         while (survivors := self.list_survivors()) and time.monotonic() < deadline:
             time.sleep(0.02)
@@ -115,7 +118,7 @@ class SpawnedCommand:
 
 
 def read_command_line(process):
-    """Return the command line of a process, or an empty string if it has ended."""
+    """Return the command line of a process, or an empty string if the process has ended."""
     try:
         return Path(f"/proc/{process}/cmdline").read_bytes().replace(b"\0", b" ").decode()
     except OSError:
@@ -128,5 +131,5 @@ def _list_process_ids():
 
 
 def _read_stat_fields(process):
-    """Return the fields of /proc/PID/stat that follow the name: state, parent and so on."""
+    """Return the fields of /proc/PID/stat after the process's name: state, parent and so on."""
     return Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()

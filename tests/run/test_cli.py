@@ -1,4 +1,4 @@
-"""The command line: computed, kept and reported results, and exit statuses."""
+"""The command line of the study: computed, kept and reported results, and exit statuses."""
 
 import json
 import os
@@ -23,13 +23,13 @@ ROOT = Path(__file__).parents[2]
 
 BUILD_REPORT = study.report.build
 
-# Debian combines WeasyPrint with a newer pydyf, which has renamed some methods
+# Debian combines WeasyPrint with a newer pydyf, in which some methods have other names
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
 
 
 @pytest.fixture
 def toy_study(tmp_path, monkeypatch):
-    """Install a toy study without a report in a temporary folder; return the folder."""
+    """Install a toy study without a report in a temporary folder, and return this folder."""
     install(tmp_path, monkeypatch)
     monkeypatch.setattr(study.report, "build", lambda *_: [])
     return tmp_path
@@ -37,7 +37,7 @@ def toy_study(tmp_path, monkeypatch):
 
 @pytest.fixture
 def real_report(toy_study, monkeypatch):
-    """Enable the report, which is slow and which most tests of this module do not need."""
+    """Enable the report, which is slow and not needed by most tests of this module."""
     assert toy_study
     monkeypatch.setattr(study.report, "build", BUILD_REPORT)
     # the texts of the report describe the real sections
@@ -61,7 +61,7 @@ def run_study(results_folder):
 
 
 def replace_in_file(path, old, new):
-    """Replace all occurrences of `old`, at least one, in a file."""
+    """Replace all occurrences of `old` in a file; there has to be at least one."""
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
@@ -99,7 +99,7 @@ def test_changed_and_corrupt_cases_are_computed_again(run_study, toy_study, resu
     assert run_study("1") == 0
     assert "1/a: its stored result cannot be read" in capsys.readouterr().err
     assert (started(toy_study), Results(results_folder).scalar("1/a", "y")) == (7, 2.0)
-    assert run_study("2", "--force") == 0  # a subset uses the stored results of the other cases
+    assert run_study("2", "--force") == 0  # a subset uses the stored results of other cases
     assert started(toy_study) == 7
     assert Results(results_folder).claims()[0]["verdict"] == "holds"
 
@@ -107,7 +107,10 @@ def test_changed_and_corrupt_cases_are_computed_again(run_study, toy_study, resu
 def test_recorded_results_are_counted_separately_and_computed_on_demand(
     run_study, toy_study, results_folder, monkeypatch, capsys
 ):
-    """The second case of the section is read from a record, like those of the longer series."""
+    """Recorded results are counted separately, and they are computed only on demand.
+
+    The second case of the section is read from a record, like the cases of the longer series.
+    """
     cases_with_record = 'CASES = [case("a"), replace(case("b", 9.0), record="toy/record.json")]'
     replace_in_file(
         toy_study / "toy" / "one.py", 'CASES = [case("a"), case("b", 2.5)]', cases_with_record
@@ -224,7 +227,10 @@ def test_a_case_that_raises_stores_no_result_and_does_not_affect_the_others(
 def test_a_corrupt_result_affects_only_its_own_verdicts(
     run_study, toy_study, results_folder, capsys, command, damage
 ):
-    """The status is 3, and a message names the command that repairs each case."""
+    """A corrupt result affects only the verdicts that are based on it.
+
+    The status is 3, and a message names the command that repairs each case.
+    """
     other_claim = claim(id='"other"', args='{ key = "2/only", name = "z" }', value="7.0")
     wrong_claim = claim(id='"wrong"', value="4.0")
     (toy_study / "claims.toml").write_text(claim() + other_claim + wrong_claim)
@@ -288,7 +294,10 @@ def test_a_folder_in_place_of_a_file_gives_a_one_line_error(run_study, results_f
 
 @pytest.mark.parametrize("command", ["1", "1/b", "report", ""])
 def test_nothing_is_written_to_a_foreign_folder(run_study, results_folder, capsys, command):
-    """This holds even for a folder with the name of a section, and a result in it."""
+    """No command writes to a folder that the study has not made.
+
+    This holds even if the folder has the name of a section and contains a result.
+    """
     (results_folder / "1").mkdir(parents=True)
     for name in ("claims.json", "1/a.json", "1/former.json", "letter.txt"):
         (results_folder / name).write_text('{"mine": 1}')
@@ -437,7 +446,7 @@ def test_a_valid_result_survives_a_failed_run_with_force(
     run_study("1")
     old_result = (results_folder / "1" / "b.json").read_text()
     (toy_study / "log").unlink()
-    (toy_study / "log").mkdir()  # the sources are unchanged, but every case of section 1 now fails
+    (toy_study / "log").mkdir()  # the sources are unchanged, but now every case of section 1 fails
     assert run_study("1", "--force") == 1
     assert (results_folder / "1" / "b.json").read_text() == old_result
     assert capsys.readouterr().err.count("its stored result still holds and is kept") == 2
@@ -492,7 +501,7 @@ def test_a_full_disk_keeps_valid_results_and_gives_one_line_per_failure(
     failure = r"\d/\w+: failed: OSError: .*No space left on device.*"
     assert sum(bool(re.fullmatch(failure, line)) for line in lines) == 3
     assert re.fullmatch(r"study: .*claims.json: No space left on device", lines[-1])
-    # also the line about reused results, and a line for each of two sections
+    # counts the line about reused results, and a line for each of two sections
     assert len(lines) == 7
     assert [path.name for path in results_folder.rglob(".*")] == [".pw-elements"]
     assert (read_stored_scalars(), started(toy_study)) == (old_scalars, 4)
@@ -501,7 +510,10 @@ def test_a_full_disk_keeps_valid_results_and_gives_one_line_per_failure(
 
 @pytest.mark.parametrize("command", ["check", "3 --jobs 2"])
 def test_a_closed_output_pipe_gives_status_141_and_no_traceback(tmp_path, command):
-    """It is not reported as a success either, because the work is incomplete."""
+    """A closed output pipe gives status 141 and no traceback.
+
+    The status is not that of a success, because the work is incomplete.
+    """
     stored = Result({"y": 1.0}, {"y": "1"})
     save(tmp_path, "7.1", "former", stored, {"problem": "toy"}, {})
     line = f"{sys.executable} -m study {command} --out {tmp_path} | true; echo ${{PIPESTATUS[0]}}"
@@ -513,7 +525,10 @@ def test_a_closed_output_pipe_gives_status_141_and_no_traceback(tmp_path, comman
 
 
 def test_an_interrupt_during_imports_gives_one_line(tmp_path):
-    """Packages may convert the interrupt to an ImportError of an optional dependency."""
+    """An interrupt during imports gives one line.
+
+    Packages may convert the interrupt to an ImportError of an optional dependency.
+    """
     (tmp_path / "toy").mkdir()
     slow = "import os, signal\ntry:\n    os.killpg(0, signal.SIGINT)\n    signal.pause()\n"
     slow += "except KeyboardInterrupt:\n    raise ImportError('take a package') from None\n"

@@ -1,6 +1,7 @@
-"""Rules of the code's structure, above all of imports: figures -> study -> pw_elements -> DOLFINx.
+"""Rules for the structure of the code, mainly for imports.
 
-The oracle of the tests imports none of these packages.
+Imports follow one direction: figures -> study -> pw_elements -> DOLFINx. The oracle of the tests
+imports none of these packages.
 """
 
 import ast
@@ -20,7 +21,7 @@ from tests.contact.cases import GALERKIN, PW, BlockOnFloor
 
 ROOT = Path(__file__).parents[2]
 LIBRARY = ROOT / "pw_elements"
-PACKAGES = [  # packages of the library, from the lowest to the highest
+PACKAGES = [  # packages and modules of the library, from the lowest to the highest
     "arrays",
     "_compat",
     "files",
@@ -55,13 +56,13 @@ MODULES_WITHOUT_SOLVER = [
 
 
 def list_module_names(package):
-    """Return the dotted names of all modules of a package, sorted."""
+    """Return the sorted dotted names of all modules of a package."""
     paths = [path.relative_to(ROOT) for path in (ROOT / package).rglob("*.py")]
     return sorted(".".join(path.with_suffix("").parts).removesuffix(".__init__") for path in paths)
 
 
 def get_top_level_packages(names):
-    """Return the set of top-level packages of dotted names."""
+    """Return the set of top-level packages in some dotted names."""
     return {name.split(".")[0] for name in names}
 
 
@@ -80,7 +81,7 @@ def test_a_package_imports_nothing_from_higher_packages(package, forbidden):
 
 
 def list_modules(folder):
-    """Return the paths of the modules and packages in a folder, without its `__init__`."""
+    """Return the paths of the modules and packages in a folder, except its `__init__`."""
     return [
         path
         for path in folder.iterdir()
@@ -105,7 +106,10 @@ def test_a_module_has_at_most_700_lines(package):
 
 
 def find_package(module):
-    """Return the name in `PACKAGES` that a module belongs to: two levels deep in contact."""
+    """Return the name in `PACKAGES` to which a module belongs.
+
+    The name has two levels for modules in `contact`, otherwise one.
+    """
     parts = module.split(".")[1:]
     depth = 2 if parts[:1] == ["contact"] and len(parts) > 1 else 1
     return ".".join(parts[:depth])
@@ -137,7 +141,10 @@ def test_the_library_has_at_most_62_public_names():
 
 
 def test_every_public_name_has_a_user():
-    """Users are the study, an example or a guide; the list of names in the reference is not."""
+    """Every public name is used by the study, an example or a guide.
+
+    The list of names in the reference does not count as a use.
+    """
     users = [ROOT / "README.md", *(ROOT / "examples").glob("*.py"), *(ROOT / "docs").rglob("*.md")]
     users += [p for p in (ROOT / "study").rglob("*.py") if p.name != "reference.py"]
     words = {word for path in users for word in re.findall(r"\w+", path.read_text())}
@@ -146,7 +153,7 @@ def test_every_public_name_has_a_user():
 
 
 def iterate_library_imports():
-    """Yield module, imported module and imported names of each import within the library."""
+    """Yield the module, imported module and imported names of each import within the library."""
     for name in list_module_names("pw_elements"):
         tree = ast.parse(source(name).read_text())
         for node in ast.walk(tree):
@@ -184,7 +191,10 @@ def test_the_iteration_does_not_import_checks():
 
 
 def test_the_iteration_contains_no_type_tests():
-    """Tangents, equilibria and surfaces use polymorphism instead of type tests."""
+    """The modules of the iteration contain no type tests.
+
+    Tangents, equilibria and surfaces use polymorphism instead.
+    """
     type_tests = []
     parts = ("nodes", "system", "iteration")
     paths = [path for part in parts for path in (LIBRARY / "contact" / part).glob("*.py")]
@@ -198,9 +208,10 @@ def test_the_iteration_contains_no_type_tests():
 @pytest.mark.parametrize("method", [GALERKIN, PW])
 @pytest.mark.parametrize(("solver", "max_modules"), [(Direct(), 8), (Iterative(), 13)])
 def test_an_iteration_enters_few_modules(monkeypatch, method, solver, max_modules):
-    """Counted from the second iteration on, without the final linearisation for free surfaces.
+    """One iteration calls functions of few modules.
 
-    Reports of progress are not counted: they only observe the iteration.
+    Calls are counted from the second iteration on. Neither the final linearisation for free
+    surfaces nor reports of progress, which only observe the iteration, are counted.
     """
     entered, solves = set(), []
     solve, linearise = LinearIncrement.solve, UndeformedKinematics.linearise
@@ -244,17 +255,20 @@ def test_an_iteration_enters_few_modules(monkeypatch, method, solver, max_module
 DESTRUCTIVE_CALLS = {"replace", "rename", "renames", "unlink", "remove", "rmdir", "removedirs"}
 DESTRUCTIVE_CALLS |= {"rmtree", "move", "truncate"}
 ALLOWED_CALLS = {
-    # files of DOLFINx
+    # files that DOLFINx has written
     "study/core/jit.py": {"source.with_suffix('.c.cached').unlink", "source.unlink"},
     "study/core/supervisor.py": {"shutil.rmtree"},  # its temporary folder
-    "study/site/__init__.py": {"shutil.rmtree"},  # within the new site
+    "study/site/__init__.py": {"shutil.rmtree"},  # inside the new site
 }
 DESTRUCTIVE_PATH_METHODS = {"rename", "unlink", "rmdir", "rmtree", "renames", "removedirs"}
 DESTRUCTIVE_PATH_METHODS |= {"truncate"}
 
 
 def test_only_one_module_replaces_and_deletes_files():
-    """Checks both packages and the figures for `os.replace` and similar calls and path methods."""
+    """Only one module replaces or deletes files, by `os.replace`, similar calls or path methods.
+
+    The library, the study and the figures are searched.
+    """
     calls = {}
     for path in (p for top in ("pw_elements", "study", "figures") for p in (ROOT / top).rglob("*")):
         if path.suffix != ".py":
@@ -293,7 +307,7 @@ def test_the_oracle_shares_no_code_with_the_library():
 
 
 def find_reachable_modules(module):
-    """Return all modules of the project that the import of a module leads to."""
+    """Return all modules of the project that are imported, directly or not, with a module."""
     reachable, waiting = set(), [module]
     while waiting:
         for name in closure(waiting.pop()):

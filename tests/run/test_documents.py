@@ -1,4 +1,4 @@
-"""README: its example runs, its files exist, and its numbers agree with the study."""
+"""The README: its example runs, its files exist, and its numbers agree with the study."""
 
 import re
 from pathlib import Path

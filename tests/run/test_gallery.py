@@ -1,4 +1,4 @@
-"""The examples, unchanged but on coarse meshes: their output, pictures and mechanics.
+"""The examples run unchanged except for coarse meshes; their pictures and numbers are right.
 
 `python3 -m tests.run.test_gallery FOLDER` draws the pictures of the gallery.
 """
@@ -18,8 +18,8 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 EXAMPLE_NAMES = sorted(
     path.stem for path in EXAMPLES.glob("*.py") if not path.stem.endswith("_mesh")
 )
-MAX_CODE_LINES = 60  # without docstring and empty lines
-# replaces the line that sets the mesh size of an example
+MAX_CODE_LINES = 60  # number of lines without docstring and empty lines
+# Replacements of the line that sets the mesh size, by example
 COARSE_SETTINGS = {
     "bracket": "size = 12.0",
     "buckling": "cells = 1",
@@ -40,7 +40,10 @@ COARSE_SETTINGS = {
 
 
 def run_source(name, folder, coarse=True):
-    """Run an example in a folder; return its global names and its output, see `run_program`."""
+    """Return the global names and the output of an example that is run in a folder.
+
+    See `run_program`. By default, the mesh is coarse.
+    """
     code = (EXAMPLES / f"{name}.py").read_text()
     if coarse and name in COARSE_SETTINGS:
         setting = COARSE_SETTINGS[name].partition(" = ")[0]
@@ -57,7 +60,7 @@ def run_example(tmp_path):
     """Return a function that runs an example and checks that it draws its picture."""
 
     def run_and_check_picture(name):
-        """Return the global names of an example; assert that its picture is not empty."""
+        """Return the global names of an example after checking that its picture is not empty."""
         names = run_source(name, tmp_path)
         assert (tmp_path / f"{name}.png").stat().st_size > 20_000
         return names
@@ -76,7 +79,10 @@ def test_examples_are_short_and_each_is_tested():
 
 
 def test_plate_with_hole(run_example):
-    """Howland's factor for a hole of a fifth of the width is 3.14, relative to the gross stress."""
+    """The stress concentration at a hole is close to Howland's factor.
+
+    For a hole of a fifth of the plate's width it is 3.14, relative to the gross stress.
+    """
     names = run_example("plate_with_hole")
     assert names["stress"][0] / names["pull"] == pytest.approx(3.14, rel=0.04)
     carried = names["cut"].reaction[:, 1].sum()
@@ -84,7 +90,7 @@ def test_plate_with_hole(run_example):
 
 
 def test_falling_friction(run_example):
-    """The stress is uniform, so the friction follows from the law alone."""
+    """Falling friction follows from its law alone, since the stress is uniform."""
     names = run_example("falling_friction")
     exact = names["mu"] / (1 + names["pressures"] / names["p_0"])
     for ratio in names["found"].values():
@@ -92,7 +98,7 @@ def test_falling_friction(run_example):
 
 
 def test_poisson(run_example):
-    """Both elements give the total heat of a side, but only the new element's is even."""
+    """Both elements give the total heat of a side, but only the new one distributes it evenly."""
     names = run_example("poisson")
     spaces_by_method, below = names["ways"], names["below"]
     heats = {
@@ -106,7 +112,11 @@ def test_poisson(run_example):
 
 
 def test_buckling(run_example):
-    """The sway of a portal with fixed feet lies between Euler's of fixed-free and fixed-guided."""
+    """The buckling load of a portal lies between two of Euler's loads.
+
+    The portal sways on fixed feet. The loads are those of columns with a fixed end and either a
+    free or a guided end.
+    """
     names = run_example("buckling")
     inertia = 0.1 * names["column"] ** 3 / 12
     euler = np.pi**2 * 210e9 * inertia / (names["height"] - names["beam"]) ** 2
@@ -123,7 +133,10 @@ def test_rubber_punch(run_example):
 
 
 def test_rubber_roller(run_example):
-    """The roller drives below the friction limit, on about the width of a circle at this depth."""
+    """The rubber roller drives below the friction limit.
+
+    The width of its contact is about that of a circle at this depth.
+    """
     names = run_example("rubber_roller")
     force, depth = names["pair"].force, names["depth"]
     assert 0 < force[0] < names["friction"] * force[1]
@@ -132,7 +145,10 @@ def test_rubber_roller(run_example):
 
 
 def test_driven_wheel(run_example):
-    """Torques equal the prescribed ones, and the largest torque follows from the friction law."""
+    """The torques of the wheel equal the prescribed ones.
+
+    The largest torque follows from the friction law.
+    """
     names = run_example("driven_wheel")
     prescribed_torques = np.linspace(0.15, 0.9, 6) * names["friction"] * names["load"] * names["R"]
     assert names["torques"][1:7] == pytest.approx(prescribed_torques, rel=1e-8)
@@ -153,7 +169,7 @@ def test_identify(run_example):
 
 
 def test_shaft_seal(run_example):
-    """The lip slides by Coulomb's law on the shaft; at the shoulder the resistance is larger."""
+    """The lip of the seal slides by Coulomb's law; at the shoulder the resistance is larger."""
     forces = run_example("shaft_seal")["forces"]
     friction_ratio, normal = -forces[:, 0] / forces[:, 1], forces[:, 1]
     assert friction_ratio[3] == pytest.approx(0.3, rel=0.03)  # before the shoulder
@@ -163,7 +179,7 @@ def test_shaft_seal(run_example):
 
 
 def test_seal(run_example):
-    """The force is that of Lindley's empirical formula for long cords."""
+    """The force on the seal is that of Lindley's empirical formula for long cords."""
     names = run_example("seal")
     squeeze, modulus, diameter = names["squeeze"], 3 * names["mu"], 2.0
     lindley = modulus * diameter * (1.25 * squeeze**1.5 + 50 * squeeze**6)
@@ -173,7 +189,7 @@ def test_seal(run_example):
 
 
 def test_seepage(run_example):
-    """Inflow equals outflow, and the seepage is less than without the pile."""
+    """Inflow equals outflow, and there is less seepage than without the pile."""
     names = run_example("seepage")
     all_reactions = names["reactions"](names["K"], names["a"], names["f"])
     assert abs(all_reactions.sum()) < 1e-9 * np.abs(all_reactions.array).sum()
@@ -192,7 +208,7 @@ def test_roller_on_dome(run_example):
 
 
 def test_press_fit(run_example):
-    """Between the holes the pressure is close to Lamé's; beside a hole it is far lower."""
+    """The pressure between the holes is close to Lamé's, and beside a hole it is far lower."""
     names = run_example("press_fit")
     assert names["pressure"].max() == pytest.approx(names["lame"], rel=0.1)
     assert names["pressure"].min() < 0.3 * names["lame"]
@@ -207,7 +223,7 @@ def test_bar_impact(run_example):
 
 
 def test_tuning_fork(run_example):
-    """The tone of the fork is slightly below that of one prong as a clamped cantilever."""
+    """The tone of the fork is slightly lower than that of one prong as a clamped cantilever."""
     names = run_example("tuning_fork")
     frequency_factor = 1.8751**2 / (2 * np.pi) * names["thick"] / np.sqrt(12) / names["prong"] ** 2
     clamped = frequency_factor * np.sqrt(206e3 / 7.85e-9)
@@ -215,7 +231,7 @@ def test_tuning_fork(run_example):
 
 
 def test_gasket(run_example):
-    """The gasket carries the bolt force, then the bolt force minus the thrust of the pressure."""
+    """The gasket carries the bolt force and then, under pressure, this force minus the thrust."""
     names = run_example("gasket")
     bolted, pressed = (state.pairs[0].force[1] for state in names["states"])
     assert bolted == pytest.approx(-names["bolts"], rel=1e-6)
@@ -224,7 +240,10 @@ def test_gasket(run_example):
 
 
 def test_gears(run_example):
-    """The force is along the line of action up to friction, at most a tenth of the normal force."""
+    """The force between the gears is along the line of action up to friction.
+
+    Friction is at most a tenth of the normal force.
+    """
     names = run_example("gears")
     contact = names["state"].pairs[0]
     force = contact.force

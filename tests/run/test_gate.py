@@ -1,4 +1,4 @@
-"""The gate .ci/run: its listed steps, and the conditions under which it refuses to start."""
+"""The script .ci/run, which runs all checks: its listed steps, and when it refuses to start."""
 
 import importlib.util
 import re
@@ -13,13 +13,13 @@ GATE_SCRIPT = ROOT / ".ci" / "run"
 
 
 def read_listed_steps():
-    """Return the names of the steps that the gate lists."""
+    """Return the names of the steps that the script lists."""
     return re.search(r"^all='(.*)'$", GATE_SCRIPT.read_text(), re.MULTILINE)[1].split()
 
 
 @pytest.fixture
 def gate_folder(tmp_path):
-    """Create a folder that contains only the gate."""
+    """Create a folder that contains only the script .ci/run."""
     (tmp_path / ".ci").mkdir()
     for file in (GATE_SCRIPT, GATE_SCRIPT.with_name("signals.sh")):
         shutil.copy(file, tmp_path / ".ci")
@@ -27,7 +27,7 @@ def gate_folder(tmp_path):
 
 
 def run_gate(gate_folder, *arguments):
-    """Run the gate in its folder; return the completed process."""
+    """Run the script in its folder, and return the completed process."""
     command = ["bash", str(gate_folder / ".ci" / "run"), *arguments]
     return subprocess.run(command, capture_output=True, text=True)
 
@@ -41,7 +41,7 @@ def test_every_step_is_described_and_has_a_function():
 
 
 def test_steps_are_logged_under_their_names(gate_folder):
-    """This holds for any variables that a step sets."""
+    """Steps are logged under their names, whatever variables a step sets."""
     (gate_folder / "results").mkdir()
     (gate_folder / "results" / "report.html").write_text("")
     (gate_folder / "run").write_text(

@@ -1,4 +1,4 @@
-"""The glossary: its number of terms, its columns and its references to the code."""
+"""The glossary: its number of terms, its columns, and its references to the code."""
 
 import importlib
 import re
@@ -16,7 +16,10 @@ ROWS = [
 
 
 def find_object(dotted_name):
-    """Return the module, class or attribute of a dotted name; a field of a class is its name."""
+    """Return the module, class or attribute of a dotted name.
+
+    For a field of a class, return the field's name.
+    """
     parts = dotted_name.split(".")
     for length in range(len(parts), 0, -1):
         try:

@@ -1,4 +1,4 @@
-"""The pages of the guide: the code blocks of each page are a program that runs unchanged."""
+"""The pages of the guide: the code blocks of each page form a program that runs unchanged."""
 
 import re
 import shutil
@@ -33,7 +33,10 @@ def test_every_how_to_page_is_in_the_index():
 
 
 def test_links_within_the_guide_lead_to_existing_pages():
-    """Generated pages (gallery, reference, evidence) are checked by the tests of the site."""
+    """All links within the guide lead to existing pages.
+
+    Links to generated pages (gallery, reference, evidence) are checked by the tests of the site.
+    """
     for page in DOCS.rglob("*.md"):
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
             if target.removeprefix("../").split("/")[0] in ("gallery", "reference", "evidence"):
@@ -50,7 +53,10 @@ def find_heading_anchors(page):
 
 
 def test_anchors_within_the_guide_lead_to_headings():
-    """An anchor may follow only a complete file name, or no name."""
+    """All anchors in links within the guide lead to headings.
+
+    In a link, an anchor may follow a complete file name or no name, but nothing else.
+    """
     checked = 0
     for page in DOCS.rglob("*.md"):
         for target, anchor in re.findall(r"\]\(([^)#:]*)#([^)]*)\)", page.read_text()):

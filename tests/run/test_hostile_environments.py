@@ -1,4 +1,4 @@
-"""The study in unusual environments: it ends with a result, or with a reason in one line.
+"""The study in unusual environments ends with a result, or with a reason in one line.
 
 The tests run nightly, on one real section. Environments that cannot be created on this machine are
 skipped, with the reason.
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.random
 
 @pytest.fixture(autouse=True)
 def require_nightly(request):
-    """Skip the tests of this module without the option --nightly."""
+    """Skip the tests of this module unless the option --nightly is given."""
     if not request.config.getoption("--nightly"):
         pytest.skip("with --nightly")
 
@@ -47,7 +47,7 @@ class Mount:
     size: str = "64k"
 
     def make(self):
-        """Mount the file system; raise OSError on failure."""
+        """Mount the file system, or raise OSError."""
         folder, bind = str(self.folder).encode(), self.flags & BIND
         flags = self.flags | (REMOUNT if bind and self.flags & READ_ONLY else 0)
         kind, options = (folder, None) if bind else (b"tmpfs", f"size={self.size}".encode())
@@ -57,14 +57,17 @@ class Mount:
 
 
 def skip_without_mounts():
-    """Skip the test if this process may not create mounts."""
+    """Skip the test if this process is not allowed to create mounts."""
     code = "import os; os.unshare(os.CLONE_NEWNS)"
     if subprocess.run([sys.executable, "-c", code], capture_output=True).returncode:
         pytest.skip("this machine cannot create mounts: they need root, and Python 3.12")
 
 
 def run_study(out, *arguments, wrapped=(), mounts=(), limits=(), script=RUN, cwd=ROOT, **changes):
-    """Run the study of two cases and return the process; a variable given as None is unset."""
+    """Run the study of two cases, and return the process.
+
+    The keyword arguments `changes` are environment variables; a variable given as None is unset.
+    """
     environment = {k: v for k, v in {**os.environ, **changes}.items() if v is not None}
 
     if mounts:
@@ -91,7 +94,7 @@ def run_study(out, *arguments, wrapped=(), mounts=(), limits=(), script=RUN, cwd
 
 
 def assert_complete(process, out):
-    """Assert status 0 and complete results in the folder `out`."""
+    """Assert status 0 of a process, and complete results in the folder `out`."""
     assert process.returncode == 0, process.stderr
     results = Results(out)
     assert [case in results for case in CASES] == [True, True]
@@ -99,7 +102,7 @@ def assert_complete(process, out):
 
 
 def assert_complete_or_explained(process, out):
-    """Assert complete results, or a positive status and messages that end with the reason."""
+    """Assert complete results, or a positive status with messages that end with the reason."""
     if process.returncode == 0:
         assert_complete(process, out)
         return
@@ -126,7 +129,7 @@ def test_a_full_temporary_folder_gives_results_or_a_reason(tmp_path):
 
 
 def test_read_only_shared_memory_gives_results_or_a_reason(tmp_path):
-    """The folder /dev/shm is read-only."""
+    """With a read-only folder /dev/shm, the study gives results or a reason."""
     mounts = [Mount(Path("/dev/shm"), READ_ONLY)]
     variable = {"OMPI_MCA_btl_sm_backing_directory": None}
     process = run_study(tmp_path / "out", mounts=mounts, **variable)
@@ -134,7 +137,7 @@ def test_read_only_shared_memory_gives_results_or_a_reason(tmp_path):
 
 
 def test_read_only_results_are_refused_and_a_read_only_clone_works(tmp_path):
-    """Read-only results give an error; a read-only clone can write results elsewhere."""
+    """Read-only results cause an error, but a read-only clone can write results elsewhere."""
     out = tmp_path / "read-only"
     out.mkdir()
     process = run_study(out, mounts=[Mount(out, READ_ONLY)])
@@ -169,7 +172,7 @@ def test_limited_memory_gives_results_or_a_reason(tmp_path, megabytes):
 @pytest.mark.parametrize("megabytes", [300, 600])
 @pytest.mark.parametrize("command", [(RUN, "study"), (sys.executable, "-m", "study")])
 def test_insufficient_memory_is_refused(tmp_path, command, megabytes):
-    """The study is refused before OpenBLAS waits for memory forever."""
+    """The study is refused if memory is so small that OpenBLAS would wait for it forever."""
     size = megabytes << 20
     process = subprocess.run(
         [*command, *CASES, "--out", str(tmp_path / "out")],
@@ -188,7 +191,10 @@ def test_insufficient_memory_is_refused(tmp_path, command, megabytes):
 
 
 def test_results_from_the_future_remain_valid(tmp_path):
-    """The clock may have been set back after they were written."""
+    """Results with a time in the future remain valid.
+
+    The clock may have been set back after they were written.
+    """
     out = tmp_path / "out"
     assert_complete(run_study(out), out)
     later = time.time() + 1e8
@@ -201,7 +207,7 @@ def test_results_from_the_future_remain_valid(tmp_path):
 
 @pytest.mark.parametrize("locale", ["tr_TR.UTF-8", "de_DE.UTF-8", "tr_TR.ISO-8859-9", "C", "none"])
 def test_the_study_completes_in_any_locale(tmp_path, locale):
-    """The study works with installed and missing locales."""
+    """The study completes in any locale, even in one that is not installed."""
     process = run_study(tmp_path / "out", LC_ALL=locale, LANG=locale, LC_NUMERIC=locale)
     assert_complete(process, tmp_path / "out")
 
@@ -225,7 +231,10 @@ def test_a_missing_home_folder_gives_results_or_a_reason(tmp_path, home):
 
 
 def test_names_with_spaces_quotes_and_umlauts_are_supported(tmp_path):
-    """Tested are names of results, current folder, project folder and TMPDIR."""
+    """Names with spaces, quotes and umlauts are supported.
+
+    They are the names of results, current folder, project folder and TMPDIR.
+    """
     folder, project = tmp_path / ODD_NAME, tmp_path / f"project {ODD_NAME}"
     (folder / "temporary").mkdir(parents=True)
     ignored = shutil.ignore_patterns(".git", "results*", ".cache", "__pycache__")
@@ -246,7 +255,7 @@ def test_names_with_spaces_quotes_and_umlauts_are_supported(tmp_path):
 
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-"])
 def test_the_study_completes_with_closed_streams(tmp_path, closed):
-    """Some daemons start commands with closed streams."""
+    """The study completes with closed streams, with which some daemons start commands."""
     out = tmp_path / "out"
     line = f'exec "$@" {closed}'
     process = run_study(out, wrapped=["sh", "-c", line, "sh"])

@@ -1,4 +1,4 @@
-"""Signals to complete commands, and kills of their processes, at random times."""
+"""Complete commands that get signals, or whose processes are killed, at random times."""
 
 import multiprocessing
 import os
@@ -37,7 +37,7 @@ INTERRUPTION_MESSAGE = re.compile(
 
 
 class StudyCommand(SpawnedCommand):
-    """The study in separate processes, under the supervisor."""
+    """The study under its supervisor, which runs in separate processes."""
 
     def __init__(self, out, *arguments, **environment):
         command = [*SUPERVISED_PYTHON, "study", *arguments, "--jobs", "2", "--out", str(out)]
@@ -52,7 +52,7 @@ class StudyCommand(SpawnedCommand):
         ]
 
     def list_killable_processes(self):
-        """Return leader, guard, main process and workers, but no compilers and helpers."""
+        """Return the IDs of leader, guard, main process and workers, but not of compilers."""
         supervised = [
             process
             for process in self.list_descendants()
@@ -62,7 +62,7 @@ class StudyCommand(SpawnedCommand):
 
 
 def read_stored_numbers(out):
-    """Return the scalars and curves of each case as text, in which NaN equals NaN."""
+    """Return the scalars and curves of each case as text, so that NaN equals NaN."""
     results = Results(out)
     return {
         case.key: repr((case.scalars, {key: curve.tolist() for key, curve in case.curves.items()}))
@@ -72,7 +72,7 @@ def read_stored_numbers(out):
 
 
 def make_commands(folder):
-    """Return the commands to interrupt: for results, a figure and the site."""
+    """Return the commands that are interrupted: for results, a figure and the site."""
     results = str(folder / "results")
     return {
         "study": [RUN, "study", "3", "--force", "--jobs", "2", "--out", results],
@@ -93,7 +93,10 @@ def make_commands(folder):
 @pytest.mark.random
 @pytest.mark.parametrize("name", N_SIGNALS)
 def test_a_signal_at_any_time_gives_one_line_and_leaves_no_process(tmp_path, request, name):
-    """This holds for every phase of the command; foreign files are kept."""
+    """A signal at any time gives one line of messages, and leaves no process.
+
+    This holds for every phase of the command. Foreign files are kept.
+    """
     if not request.config.getoption("--nightly"):
         pytest.skip("with --nightly")
     study_command = make_commands(tmp_path)["study"]  # marks the folder as a results folder
@@ -124,7 +127,7 @@ def test_a_signal_at_any_time_gives_one_line_and_leaves_no_process(tmp_path, req
             elif status == 128 + number:
                 assert [match[1] for match in interruptions] == [number.name]
                 assert INTERRUPTION_MESSAGE.fullmatch(process.read_messages()[-1])
-            else:  # no message while the shell is replaced by the command
+            else:  # there is no message while the shell is replaced by the command
                 assert status == -number, process.read_messages()
                 assert len(interruptions) <= 1
         new_numbers = read_stored_numbers(tmp_path / "results")
@@ -154,8 +157,9 @@ def test_an_interrupt_keeps_stored_results_and_workers_end_with_a_killed_main_pr
 
 @pytest.mark.random
 def test_random_kills_lose_no_result_and_leave_no_process(tmp_path, request):
-    """Leader, guard, main process or worker is killed; half of the results is computed each time.
+    """Random kills of processes lose no result, and leave no process.
 
+    Leader, guard, main process or worker is killed; half of the results is computed each time.
     Every tenth run starts without compiled forms, because a killed compilation may block its form.
     """
     if not request.config.getoption("--nightly"):
@@ -178,7 +182,7 @@ def test_random_kills_lose_no_result_and_leave_no_process(tmp_path, request):
             time.sleep(random.uniform(0.0, seconds))
             victim = random.choice(run.list_killable_processes())
             was_running = run.process.poll() is None
-            with suppress(ProcessLookupError):  # the process has just ended
+            with suppress(ProcessLookupError):  # the process may just have ended
                 os.kill(victim, signal.SIGKILL)
             status = run.wait()
             statuses += [status] * was_running
@@ -188,7 +192,7 @@ def test_random_kills_lose_no_result_and_leave_no_process(tmp_path, request):
             assert not errors, run.read_messages()
         new_numbers = read_stored_numbers(out)
         assert {key: new_numbers.get(key) for key in old_numbers} == old_numbers
-    # killed workers with a case, and killed main processes
+    # number of killed workers with a case, and number of killed main processes
     assert set(statuses) >= {1, 128 + signal.SIGKILL}
     with StudyCommand(out, *SECTIONS, **cache) as run:
         assert run.wait() == 0, run.read_messages()
@@ -215,7 +219,7 @@ def test_unfinished_files_of_killed_writers_are_removed_from_results_folders(tmp
 
 
 def make_compilation_timeout(stale_source):
-    """Return the error of DOLFINx for a form whose compilation has been interrupted."""
+    """Return DOLFINx's error for a form whose compilation has been interrupted."""
     return TimeoutError(
         "JIT compilation timed out, probably due to a failed previous compile. "
         f"Try cleaning cache (e.g. remove {stale_source}) or increase timeout option."
@@ -224,7 +228,7 @@ def make_compilation_timeout(stale_source):
 
 @pytest.fixture
 def stale_source(tmp_path):
-    """C source of a form whose compilation began long ago."""
+    """Return the path of a form's C source whose compilation began long ago."""
     path = tmp_path / "libffcx_forms_1f.c"
     path.write_text("")
     os.utime(path, (0, 0))
@@ -232,7 +236,10 @@ def stale_source(tmp_path):
 
 
 def test_compilations_that_were_killed_or_duplicated_are_repeated(stale_source):
-    """A slow compilation is not repeated, and other errors do not count as blocked forms."""
+    """Compilations that were killed or started twice are repeated.
+
+    A slow compilation is not repeated, and other errors do not count as blocked forms.
+    """
     object_file, completion_mark = (
         stale_source.with_suffix(".o"),
         stale_source.with_suffix(".c.cached"),

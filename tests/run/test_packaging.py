@@ -1,4 +1,4 @@
-"""Metadata of the package; .ci/package builds the package and checks its contents."""
+"""The metadata of the package; .ci/package builds the package and checks its contents."""
 
 import re
 import sys

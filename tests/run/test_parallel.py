@@ -1,4 +1,4 @@
-"""The test helpers that run functions on several MPI processes."""
+"""The helpers of the tests that run a function on several MPI processes."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from tests.parallel import assert_same_on_processes, run_on
 
 
 def fail_on_process_1(comm):
-    """Print the rank; raise KeyError on process 1."""
+    """Print the rank of this process, and raise KeyError on process 1."""
     print("here is", comm.rank, flush=True)
     comm.barrier()
     if comm.rank == 1:
@@ -15,7 +15,7 @@ def fail_on_process_1(comm):
 
 
 def return_numbers_with_shift(comm, shift):
-    """Return arrays by name; `shift` is added to one value on all processes except the first."""
+    """Return arrays by name; one value is larger by `shift` on all processes except the first."""
     return {"none": [], "rank": [3.0, 1.0 + shift * (comm.rank > 0)], "a slip": 1e-12 * comm.rank}
 
 

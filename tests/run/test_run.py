@@ -1,4 +1,4 @@
-"""The script `run`, called from within itself: it then uses the Python that runs the tests."""
+"""The script `run`, called from within itself, so that it uses the Python that runs the tests."""
 
 import os
 import re
@@ -22,19 +22,22 @@ only_in_unpacked_debian = pytest.mark.skipif(
 
 
 def run_script(*args, cwd=ROOT, script=RUN, **env):
-    """Run the script and return the completed process; a variable given as None is unset."""
+    """Run the script, and return the completed process.
+
+    The keyword arguments `env` are environment variables; a variable given as None is unset.
+    """
     merged = {k: v for k, v in {**os.environ, **env}.items() if v is not None}
     return subprocess.run([script, *args], cwd=cwd, env=merged, capture_output=True, text=True)
 
 
 def read_environment(**env):
-    """Return the environment variables of a command that the script runs."""
+    """Return the environment variables of a command that the script starts."""
     lines = run_script("env", **env).stdout.splitlines()
     return dict(line.split("=", 1) for line in lines if "=" in line)
 
 
 def list_mount_points():
-    """Return the mount points of this process."""
+    """Return the mount points that this process sees."""
     lines = Path("/proc/self/mountinfo").read_text().splitlines()
     return [line.split()[4] for line in lines]
 
@@ -122,7 +125,7 @@ BASIC_TOOLS = (
 def run_on_bare_system(tmp_path):
     """Return a function that runs the script with an old DOLFINx and few other programs.
 
-    Each keyword argument of the function is the name of a program and its shell code.
+    Each keyword argument of the returned function is the name of a program and its shell code.
     """
     programs, packages = tmp_path / "bin", tmp_path / "packages"
     (packages / "dolfinx" / "fem").mkdir(parents=True)
@@ -134,7 +137,7 @@ def run_on_bare_system(tmp_path):
             (programs / tool).symlink_to(path)
 
     def run_with_stubs(*args, script=RUN, env=None, dolfinx_version="0.8.0", **stubs):
-        """Run a script with stub programs, given as shell code by name."""
+        """Run a script with stub programs, which are given by their names and shell code."""
         (packages / "dolfinx" / "__init__.py").write_text(f"__version__ = '{dolfinx_version}'")
         for name, text in stubs.items():
             path = programs / name.replace("_", "-")
@@ -228,7 +231,10 @@ APT_GET_STUB = """case "$*" in
 def test_a_missing_debian_mirror_is_requested_and_a_given_one_is_used(
     run_on_bare_system, tmp_path, mirror, suite
 ):
-    """A mirror of sid is listed under "sid" instead of a release name."""
+    """A missing Debian mirror is asked for, and a given mirror is used.
+
+    A mirror of sid is listed under "sid" instead of the name of a release.
+    """
     env = {"PW_ELEMENTS_MIRROR": mirror} if mirror else {}
     apt_get = APT_GET_STUB.replace(CODENAME, suite)
     programs = APT_STUBS | MOUNT_STUBS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": apt_get}
@@ -241,7 +247,10 @@ def test_a_missing_debian_mirror_is_requested_and_a_given_one_is_used(
 
 
 def test_folders_in_the_cache_without_a_marker_are_not_deleted(run_on_bare_system, tmp_path):
-    """Folders with the marker, left by an earlier start, are deleted."""
+    """Folders in the cache without a marker are not deleted.
+
+    Folders with the marker, which an earlier start has left, are deleted.
+    """
     programs = (
         APT_STUBS | MOUNT_STUBS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": APT_GET_STUB}
     )
@@ -370,7 +379,10 @@ GIT_STUB = "case $* in *rev-parse*) echo abc ;; *status*) echo '{}' ;; esac"
     ],
 )
 def test_commit_local_changes_and_threads_are_passed_on(tmp_path, git, expected, threads):
-    """A shell script replaces git; the default is one thread."""
+    """The script passes on the commit, local changes and the number of threads.
+
+    A shell script replaces git. The default is one thread.
+    """
     (tmp_path / "git").write_text(f"#!/bin/sh\n{git}\n")
     (tmp_path / "git").chmod(0o755)
     unset = dict.fromkeys(("PW_ELEMENTS_COMMIT", "PW_ELEMENTS_DIRTY"))
@@ -398,7 +410,11 @@ def test_the_unpacked_debian_is_read_only():
 
 @only_in_unpacked_debian
 def test_no_folder_is_mounted_twice():
-    """The cache folder is itself mounted, so rm -r on it must not reach the mounts below."""
+    """No folder is mounted twice in the unpacked Debian.
+
+    The cache folder is itself a mount, and rm -r on this folder must not reach other mounts below
+    it.
+    """
     assert [p for p in list_mount_points() if p.endswith("/usr/private")] == ["/usr/private"]
 
 

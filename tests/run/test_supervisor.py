@@ -1,4 +1,4 @@
-"""The supervisor of every command: no descendant survives a signal, reported in one line."""
+"""The supervisor of all commands: no descendant survives a signal, which one line reports."""
 
 import os
 import signal
@@ -16,8 +16,8 @@ from tests.run.processes import TERMINATION_SIGNALS, SpawnedCommand, read_comman
 ROOT = Path(__file__).parents[2]
 RUN = ROOT / "run"
 
-# Starts a child; a child that ignores all signals that can be ignored, with its own child; children
-# that have left their parent and their session; then works without handling signals
+# Starts a child, a child that ignores all signals that can be ignored and has its own child, and
+# children that have left their parent and their session; then works without handling signals
 FAMILY_SOURCE = """
 import os, subprocess, sys, time
 def command():
@@ -28,7 +28,7 @@ def command():
     print("begun", flush=True)
     time.sleep(600)
 """
-# leader, guard, worker, two children, one grandchild, and three in another session
+# leader, guard, worker, two children, one grandchild, and three processes in another session
 N_FAMILY_PROCESSES = 9
 
 
@@ -42,11 +42,11 @@ def start_supervised(
     """Start a program that runs the function `command` of the body under the supervisor.
 
     Args:
-        folder: for the program, its messages and its temporary files.
-        body: source that defines `command`.
+        folder: folder for the program, its messages and its temporary files.
+        body: Python source that defines `command`.
         exit_expression: Python expression of the exit status.
-        sibling_command: another command in the same process group, but not a descendant.
-        options: for `SpawnedCommand`.
+        sibling_command: another command in the same process group that is not a descendant.
+        options: arguments of `SpawnedCommand`.
     """
     script = folder / "program.py"
     script.write_text(
@@ -62,7 +62,7 @@ def start_supervised(
 
 
 def start_family(folder, **options):
-    """Start `FAMILY_SOURCE` and wait until all its processes run."""
+    """Start `FAMILY_SOURCE`, and wait until all its processes run."""
     family = start_supervised(folder, **options)
     family.read_output_until("begun")
     while len(family.list_marked_processes()) < N_FAMILY_PROCESSES + ("sibling_command" in options):
@@ -71,14 +71,17 @@ def start_family(folder, **options):
 
 
 def interruption_message(number, kept=KEPT["study"], name="study"):
-    """Return the message of a command that a signal has ended."""
+    """Return the message of a command that was ended by a signal."""
     return f"{name}: interrupted by {signal.Signals(number).name}; {kept}"
 
 
 @pytest.mark.parametrize("group", [False, True])
 @pytest.mark.parametrize("number", TERMINATION_SIGNALS)
 def test_a_signal_ends_every_descendant_and_gives_one_line(tmp_path, number, group):
-    """No process remains when the command has ended, although its pipe is still open."""
+    """A signal to a command ends every descendant, and gives one line of messages.
+
+    No process remains when the command has ended, although its pipe is still open.
+    """
     with start_family(tmp_path) as family:
         # some processes have left their parent
         assert {*family.list_descendants()} < {*family.list_marked_processes()}
@@ -141,7 +144,10 @@ def test_killing_one_of_the_three_processes_ends_the_others(tmp_path, generation
 def test_status_and_messages_of_the_command_are_passed_on(
     tmp_path, body, status, messages, children
 ):
-    """This holds also if the caller ignores SIGCHLD, or if the command leaves a child behind."""
+    """The supervisor passes on the status and the messages of a command.
+
+    This holds even if the caller ignores SIGCHLD, or if the command leaves a child behind.
+    """
     code = f"import os, resource, signal, subprocess, sys\nsignal.signal(17, {int(children)})\n"
     code += "resource.setrlimit(resource.RLIMIT_CORE, (0, 0))\n"
     with start_supervised(tmp_path, f"{code}def command():\n    {body}\n") as command:
@@ -151,7 +157,7 @@ def test_status_and_messages_of_the_command_are_passed_on(
 
 
 def test_an_ignored_signal_remains_ignored(tmp_path):
-    """The command behaves as under nohup."""
+    """A signal that was ignored before remains ignored, as under nohup."""
     with start_family(tmp_path, ignored=[signal.SIGHUP]) as family:
         family.send(signal.SIGHUP, group=True)
         family.send(signal.SIGTERM)
@@ -186,7 +192,10 @@ def test_a_supervisor_that_is_not_an_ancestor_is_disregarded(tmp_path):
 
 
 def test_a_module_runs_under_the_supervisor_as_without_it(tmp_path):
-    """The module receives its arguments; without a module, the message asks for one."""
+    """A module runs under the supervisor as it runs without it.
+
+    It receives its arguments. If no module is given, the message asks for one.
+    """
     (tmp_path / "shown.py").write_text("import sys\nprint(__name__, sys.argv)\nsys.exit(4)\n")
     command = [sys.executable, "-m", "study.core.supervisor"]
     environment = os.environ | {"PYTHONPATH": f"{ROOT}:{tmp_path}"}
@@ -212,7 +221,10 @@ def test_a_module_runs_under_the_supervisor_as_without_it(tmp_path):
     ids=["study", "site", "figures", "one figure", "supervisor"],
 )
 def test_libraries_that_crash_at_the_end_of_the_leader_do_not_change_the_status(tmp_path, command):
-    """UCX crashes in this way if Python loads MPI at start-up."""
+    """Libraries that crash when the leader ends do not change the status of the command.
+
+    UCX crashes in this way if Python loads MPI at start-up.
+    """
     crash = "import atexit, os\nleader = os.getpid()\n"
     crash += "atexit.register(lambda: os.getpid() != leader or os.abort())\n"
     (tmp_path / "sitecustomize.py").write_text(crash)
@@ -246,7 +258,11 @@ def test_a_signal_to_a_figure_also_ends_the_study_that_it_started(tmp_path, numb
 
 
 def test_a_signal_before_the_command_starts_gives_one_line_and_leaves_no_process(tmp_path):
-    """The signal arrives while ./run searches for DOLFINx, here in a slow Python."""
+    """A signal before the command starts gives one line of messages, and leaves no process.
+
+    The signal arrives while ./run searches for DOLFINx, which takes long with the slow Python of
+    this test.
+    """
     python = tmp_path / "python3"
     python.write_text("#!/bin/sh\nsleep 600\n")
     python.chmod(0o755)

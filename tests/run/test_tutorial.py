@@ -22,12 +22,15 @@ METHODS = ("standard", "piecewise linear")
 
 
 def extract_code(page):
-    """Return the Python code blocks of a page as one program."""
+    """Return the code blocks of a page in Python as one program."""
     return "\n\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL))
 
 
 def run_program(code, file):
-    """Run a program in its folder; return its global names, with its output as "printed"."""
+    """Run a program in the folder of a file, and return its global names.
+
+    The name "printed" is added for its output.
+    """
     file.write_text(code)
     with chdir(file.parent), redirect_stdout(io.StringIO()) as printed:
         names = runpy.run_path(str(file))
@@ -35,7 +38,10 @@ def run_program(code, file):
 
 
 def run_tutorial(folder, size="0.1"):
-    """Run the program of the tutorial with an element size in mm; return its global names."""
+    """Run the program of the tutorial, and return its global names.
+
+    `size` is the size of elements in mm.
+    """
     code = extract_code(PAGE)
     assert "\nsize = 0.1 " in code
     code = code.replace("\nsize = 0.1 ", f"\nsize = {size} ")
@@ -43,19 +49,19 @@ def run_tutorial(folder, size="0.1"):
 
 
 def extract_numbers(text):
-    """Return the numbers in the output of the program, without residuals at round-off level."""
+    """Return the numbers in the output of the program, except residuals at round-off level."""
     text = re.sub(r"missed by .*", "", text)
     return [float(word) for word in re.findall(r"-?\d+\.?\d*", text)]
 
 
 def find_picture_names():
-    """Return the file names of the pictures on the page."""
+    """Return the file names of the pictures on the tutorial's page."""
     return re.findall(r"!\[[^]]+\]\(([\w.-]+)\)", PAGE.read_text())
 
 
 @pytest.fixture(scope="module")
 def dome(tmp_path_factory):
-    """Run the tutorial; return the global names of its program."""
+    """Run the program of the tutorial, and return its global names."""
     return run_tutorial(tmp_path_factory.mktemp("dome"))
 
 
