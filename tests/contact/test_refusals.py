@@ -68,7 +68,7 @@ class StatedProblem(ElasticBody):
         supports = Reduction.dirichlet(self.space, self.conditions)
         return self.solve_contact(pairs, supports, load)[0]
 
-    def nodal_push_loadat(self, position, force):
+    def nodal_push_load_at(self, position, force):
         """Assemble the load vector of a nodal force at a position."""
         return nodal_load(
             self.space, lambda x: np.all(np.isclose(x.T[:, : self.dim], position), axis=1), force
@@ -143,7 +143,7 @@ def test_a_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
     body = make_block()
     for slope_ratio, is_refused in ((0.99, False), (1.01, True), (1.001, True)):
         s, c = slope_ratio * mu / np.hypot(1, mu * slope_ratio), 1 / np.hypot(1, mu * slope_ratio)
-        load = body.nodal_push_loadat((1, 0), (s, -c))
+        load = body.nodal_push_load_at((1, 0), (s, -c))
         if not is_refused:
             assert body.solve(floor_pair(mu), load).residuals.largest() < 1e-10
             continue
@@ -166,11 +166,11 @@ def test_a_body_in_space_slides_in_any_direction():
     body, ground_pair = make_solid_block(), ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE, 0.3)
     for angle in np.radians([0.0, 30.0, 100.0]):
         pull = 0.3 * np.array([np.cos(angle), np.sin(angle)])
-        load = body.nodal_push_loadat((1, 1, 0), (*(1.0001 * pull), -1.0))
+        load = body.nodal_push_load_at((1, 1, 0), (*(1.0001 * pull), -1.0))
         error = solve_refused(body, ground_pair, load, "the body slides along .* on pair 0")
         velocity = error.velocity.translation[0]
         assert velocity[:2] / np.linalg.norm(velocity[:2]) == pytest.approx(pull / 0.3, abs=0.02)
-        body.solve(ground_pair, body.nodal_push_loadat((1, 1, 0), (*(0.98 * pull), -1.0)))
+        body.solve(ground_pair, body.nodal_push_load_at((1, 1, 0), (*(0.98 * pull), -1.0)))
 
 
 BOTH_SLIDE_MESSAGE = (
@@ -197,7 +197,7 @@ def test_the_upper_or_both_of_two_stacked_blocks_slide(floor_friction, block_fri
 
 def test_only_the_loose_one_of_two_blocks_is_named():
     body = make_two_blocks()
-    load = assemble_vector(body.body.body_load((0.0, -1.0))) + body.nodal_push_loadat(
+    load = assemble_vector(body.body.body_load((0.0, -1.0))) + body.nodal_push_load_at(
         (6, 1), (0, 5.0)
     )
     error = solve_refused(body, floor_pair(), load, r"\(6, 0\.5\), by .* lifts off pair 0\. At")

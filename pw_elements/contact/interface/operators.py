@@ -131,9 +131,9 @@ class Interface:
         )
         self.opposite = [part.opposite for part in points]
         self.motion = self.assemble_rows(sp.vstack([part.motion_rows for part in points], "csr"))
-        self.force = self.assemble_rows(sp.vstack([part.force_columns for part in points], "csr")).transpose(
-            PETSc.Mat()
-        )
+        self.force = self.assemble_rows(
+            sp.vstack([part.force_columns for part in points], "csr")
+        ).transpose(PETSc.Mat())
         self._sibling_inverse = sibling_inverse
         # there is no friction on the axis of revolution, where it has no direction, nor between two
         # bodies along supports that prescribe the same motion of both
@@ -180,7 +180,9 @@ class Interface:
         remedy = f"move them apart by {deepest:.3g}, or set interference=True in the pair"
         rigid = self.faced == RIGID
         self.refuse_points(cut & rigid, f"lie inside the rigid surface before any motion: {remedy}")
-        self.refuse_points(cut & ~rigid, f"lie inside the body that they face before any motion: {remedy}")
+        self.refuse_points(
+            cut & ~rigid, f"lie inside the body that they face before any motion: {remedy}"
+        )
         self._check_surface_sides()
 
     def check_laws(self, force: Array | None = None) -> None:
@@ -327,7 +329,7 @@ class Interface:
         return self.gather_values(values[self.pair == pair])[self._position_order[pair]]
 
     def gather_by_pair(self, values: Mapping[str, npt.NDArray]) -> list[dict[str, npt.NDArray]]:
-        """Return named values at the points of each pair, as gathered by `gather_in_order`; collective.
+        """Return named values at the points of each pair, in the order of positions; collective.
 
         `values` are arrays (m, ...) at the points of this process by their names.
         """
@@ -379,7 +381,7 @@ class Interface:
 
     @cached_property
     def _ordered_rows(self) -> list[Indices]:
-        """Indices of this process' points of each pair in the arrays that `gather_in_order` returns."""
+        """Indices of this process' points of each pair in the results of `gather_in_order`."""
         rows = []
         for k, order in enumerate(self._position_order):
             counts = self.comm.allgather(int(np.sum(self.pair == k)))
@@ -488,7 +490,7 @@ class Interface:
         return gap, normal, curvature
 
     def find_closest_or_nan(self, motion: Array) -> tuple[Array, Array, Array]:
-        """Return the values of `find_closest`, or NaN where there is no closest point; collective."""
+        """Return results of `find_closest`, NaN where there is no closest point; collective."""
         dim = motion.shape[1]
         layout = "it takes points as rows (n, dim), gives (n,), (n, dim) and (n, dim, dim)"
         results = [np.zeros((len(motion), *shape)) for shape in ((), (dim,), (dim, dim))]
