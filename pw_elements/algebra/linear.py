@@ -131,7 +131,7 @@ def has_free_constant_pressure(
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
-    """Return (A + A^T) / 2, the part of a matrix A (n, n) that a symmetric solver would use."""
+    """Return (A + A^T) / 2 of the matrix (n, n) A, the part that a symmetric solver would use."""
     part = matrix + matrix.transpose(PETSc.Mat())
     part.scale(0.5)
     return AssemblyRecord.read(matrix).attach(part)

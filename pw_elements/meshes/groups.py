@@ -263,8 +263,8 @@ class GroupedMesh:
     ) -> tuple[LocalIndices, dict[str, tuple[int, ...]]]:
         """Return the tag (n,) of each combination of groups, and the tags of each group name.
 
-        The tag is 0 without a group, and the number of the group for a single group. Combinations
-        of several groups get tags that are larger than the numbers of all groups.
+        Entities in no group have tag 0; entities in one group have the group's number. Combinations
+        of several groups get tags larger than any group number.
         """
         used_combinations, combination_index, n_entities = np.unique(
             combinations, return_inverse=True, return_counts=True

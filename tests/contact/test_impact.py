@@ -191,7 +191,7 @@ def test_the_law_holds_at_random_points(name):
 
 
 def test_the_law_holds_at_random_points_that_supports_hold_along_the_surface():
-    """The contact law holds for random data of nodes that supports hold along the surface.
+    """The contact law holds for random data at nodes whose tangential motion is prescribed.
 
     Supports prescribe a part of the slip, and friction opposes all of it.
     """

@@ -425,9 +425,10 @@ def rigid_points(rng, count, dim):
 
 
 def forces_balance(n, mu, modes, power, directions):
-    """Return whether contact forces balance the loads.
+    """Return whether some admissible contact forces balance the loads.
 
-    The contact forces are sums of the normals and of mu times the given tangential directions.
+    Each contact force is a nonnegative combination of normal + mu * direction, with the tangential
+    directions of its node.
     """
     generators = []
     for normal, friction in zip(n, mu, strict=True):

@@ -110,7 +110,7 @@ class RandomRubber:
 
     @property
     def parameters(self):
-        """Return the parameters by `PARAMETER_NAMES`, with their rates of change in all states."""
+        """Return the parameters, keyed by `PARAMETER_NAMES`, with their rates in all states."""
         ramp, n = np.arange(4) / 3, self.steps + 1
         depth, slide, push = np.zeros((3, 4, self.dim))
         depth[1:3, -1], slide[1:, 0], push[3, -1] = (
@@ -199,7 +199,7 @@ class SteelBlock:
 
 
 def difference_errors(case, sensitivities, states, groups):
-    """Return the differences of derivatives from central differences, by group of parameters.
+    """Return the errors of derivatives relative to central differences, by parameter group.
 
     The parameters of a group change together. Groups in which a status changes are left out.
     """

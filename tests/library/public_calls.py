@@ -56,7 +56,7 @@ def public_objects():
 
 
 def correct_calls(comm):
-    """Return each collective function with correct arguments, by its name."""
+    """Return valid calls of all collective functions, keyed by function name."""
     block = BlockOnFloor(8, comm=comm)
     w = SimpleNamespace(block=block, body=block.body, U=block.space, K=block.K, mesh=block.mesh)
     w.spaces, w.load, w.pair = block.body.spaces, block.pressure_load, block.floor_pair(0.3)

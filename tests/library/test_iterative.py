@@ -33,7 +33,7 @@ from pw_elements import (
 )
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, NoEquilibrium, Plane, solve_contact
-from pw_elements.contact.system import krylov
+from pw_elements.contact.system import preconditioners
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from pw_elements.solvers import Multigrid, automatic, choose_solver, iterative, matrices
 from study.elements import composite
@@ -353,7 +353,9 @@ def small(monkeypatch):
         "_MIN_KRYLOV_DOFS_FOR_MODES",
     ):
         monkeypatch.setattr(automatic, limit, 1)
-    monkeypatch.setattr(krylov, "_MIN_STICKING_NODES", 0)  # GMRES then fails where no node sticks
+    monkeypatch.setattr(
+        preconditioners, "_MIN_STICKING_NODES", 0
+    )  # GMRES then fails where no node sticks
 
 
 @pytest.mark.parametrize(("held", "method"), [(False, "LU by mumps"), (True, "GMRES with p-m")])

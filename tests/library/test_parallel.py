@@ -31,7 +31,7 @@ from pw_elements import (
 )
 from pw_elements.algebra import symmetric_part
 from pw_elements.contact import ContactPair, Plane, Sphere, solve_contact, solve_impact
-from pw_elements.contact.system import krylov
+from pw_elements.contact.system import preconditioners
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from pw_elements.solvers import automatic
@@ -261,7 +261,7 @@ def by_auto(comm):
     with pytest.MonkeyPatch.context() as patch:
         for limit in ("_MIN_KRYLOV_DOFS", "_MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS"):
             patch.setattr(automatic, limit, 1)
-        patch.setattr(krylov, "_MIN_STICKING_NODES", 0)
+        patch.setattr(preconditioners, "_MIN_STICKING_NODES", 0)
         states = solve_contact(*arguments)
         patch.setattr(automatic, "free_memory", lambda _: 1e6)
         with pytest.raises(NotConverged) as caught:

@@ -67,7 +67,7 @@ def read(path):
 
 
 def scheme(path):
-    """Return the XML scheme that ParaView reads."""
+    """Return the XML schema that ParaView reads."""
     text, size = ctypes.create_string_buffer(10_000), ctypes.c_size_t()
     for adios, io, _ in read_steps(path):
         attribute = ctypes.c_void_p(adios.adios2_inquire_attribute(io, b"vtk.xml"))

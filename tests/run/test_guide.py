@@ -55,7 +55,7 @@ def find_heading_anchors(page):
 def test_anchors_within_the_guide_lead_to_headings():
     """All anchors in links within the guide lead to headings.
 
-    In a link, an anchor may follow a complete file name or no name, but nothing else.
+    An anchor in a link must either follow a complete file name or stand alone.
     """
     checked = 0
     for page in DOCS.rglob("*.md"):

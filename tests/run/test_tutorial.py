@@ -38,7 +38,7 @@ def run_program(code, file):
 
 
 def run_tutorial(folder, size="0.1"):
-    """Run the program of the tutorial, and return its global names.
+    """Run the tutorial's script and return its global variables.
 
     `size` is the size of elements in mm.
     """

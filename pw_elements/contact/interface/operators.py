@@ -400,7 +400,7 @@ class Interface:
         """Position (1, dim) of the first node of each pair.
 
         Processes without points evaluate users' surfaces at this position. All processes then call
-        a surface equally often, so that the surface may communicate between processes.
+        a surface the same number of times, so that it may use collective communication.
         """
         return [self.gather_in_order(k, self.position)[:1] for k in range(self.pairs)]
 

@@ -351,7 +351,7 @@ def check_piecewise_linear_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> No
 def _gather_sides(
     number: int, pair: ContactPair, nodes: LocalIndices, body: BodyNodes
 ) -> tuple[Indices, Trace, Trace]:
-    """Return global numbers (m,) of a pair's owned nodes, trace of the slave, trace of the master.
+    """Return the global numbers (m,) of a pair's owned nodes and the traces of both sides.
 
     Args:
         number: index of the pair.

@@ -81,7 +81,7 @@ class Equilibrium(Protocol):
         """
 
     def displacements(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """Return all unknowns (n,) for displacements (n_r,) that are reduced by the supports."""
+        """Return all unknowns (n,) for the unknowns (n_r,) that the supports leave free."""
 
     def violation(self, unbalanced: Array, contact_allowance: float, unknowns: PETSc.Vec) -> float:
         """Return the largest ratio of an unbalanced force to its tolerance on this process.

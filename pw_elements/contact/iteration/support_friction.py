@@ -169,7 +169,7 @@ class SupportFriction:
         )
 
     def _coupled_tangents(self, kinematics: LinearisedKinematics) -> Mask:
-        """Return where a support holds a tangent along which the surface is free to move.
+        """Return where supports prevent motion along a tangent in which the surface is free to move.
 
         The result is a mask (m, dim - 1).
         """

@@ -475,7 +475,7 @@ def _describe_contacts(nodes: NodeVelocities, motion: Array) -> str:
 
 
 def _describe_missing_force(centre: Array, missing: MissingForce) -> str:
-    """Return a text with the missing forces and moments about the centres (pieces, dim)."""
+    """Return a message that lists the missing forces and moments about centres (pieces, dim)."""
     words = []
     for k in range(len(centre)):
         location = format_points(centre[k : k + 1])

@@ -57,7 +57,7 @@ class Basis:
 
     Args:
         motions: amplitudes (k, modes) of the modes in each motion.
-        pivot: number (k,) of a mode of each motion that is zero in all other motions.
+        pivot: index (k,), for each motion, of a mode that occurs in this motion only.
     """
 
     motions: Array
@@ -210,7 +210,7 @@ class RigidMotions:
         ]
 
     def is_friction_exhausted(self, nodes: ContactNodes, allowance: float) -> bool:
-        """Return whether a body may slide on because friction has reached its limit.
+        """Return whether a body may keep sliding because friction has reached its limit.
 
         Friction that is below its limit by no more than the force `allowance` counts as friction at
         the limit.

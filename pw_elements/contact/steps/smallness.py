@@ -159,7 +159,7 @@ class SmallnessCheck:
     def check_solution(
         self, increment: Increment, end: NewtonState, before: ContactState
     ) -> Smallness:
-        """Return largest strain, rotation and slip of a solution, with a warning if too large.
+        """Return the largest strain, rotation and slip of a solution; warn if one is too large.
 
         Args:
             increment: the equations of the increment.
