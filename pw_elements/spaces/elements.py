@@ -146,7 +146,7 @@ def _is_inside(points: Array) -> Mask:
 
 @functools.cache
 def _ffcx_rules() -> dict[int, list[Array]]:
-    """Return the points (n, 3) of FFCx's quadrature rules on tetrahedra, keyed by the number of points n.
+    """Return the points (n, 3) of FFCx's quadrature rules on tetrahedra, keyed by the value of n.
 
     They are the rules for the whole tetrahedron and for the tetrahedron with a single cut.
     """

@@ -169,7 +169,7 @@ class SupportFriction:
         )
 
     def _coupled_tangents(self, kinematics: LinearisedKinematics) -> Mask:
-        """Return where supports prevent motion along a tangent in which the surface is free to move.
+        """Return where supports prevent motion along a tangent on which the surface is free.
 
         The result is a mask (m, dim - 1).
         """
