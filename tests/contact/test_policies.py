@@ -99,7 +99,7 @@ def test_the_error_of_a_cycle_names_the_nodes_that_change():
         (make_active_set(SLIP, STICK, direction=1.0), make_active_set(OPEN, STICK)),
     )
     nodes = SimpleNamespace(
-        pair=np.zeros(2), position=np.array([[3.0, 1.0], [4.0, 1.0]]), gathered=lambda x: x
+        pair=np.zeros(2), position=np.array([[3.0, 1.0], [4.0, 1.0]]), gather_values=lambda x: x
     )
     assert str(history.make_error("no set", nodes)) == "no set"
     for k in range(8):
