@@ -349,7 +349,7 @@ class _ModesRequest:
     solver: Solver
 
     def check(self, K: PETSc.Mat, name: str, matrix: PETSc.Mat) -> None:
-        """Check all arguments.
+        """Raise an error for arguments that make no eigenvalue problem.
 
         Args:
             K: stiffness.
