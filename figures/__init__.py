@@ -10,6 +10,6 @@ from pathlib import Path
 _started = Path(getattr(sys.modules["__main__"], "__file__", None) or "")
 if _started.absolute().parent == Path(__file__).parent and _started.stem != "__main__":
     from figures.__main__ import main
-    from study.core.supervisor import run_supervised
+    from study.run.supervisor import run_supervised
 
     run_supervised(lambda: main([_started.stem, *sys.argv[1:]]), "figures")

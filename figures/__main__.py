@@ -23,11 +23,11 @@ from figures.drawing import (
     title,
     up_to_date,
 )
-from study.core.folder import ensure_writable
-from study.core.pool import Failed, Pool, Task
-from study.core.store import Results, StudyError, write_json
-from study.core.supervisor import run_supervised
 from study.paper.items import ITEMS
+from study.run.folder import ensure_writable
+from study.run.pool import Failed, Pool, Task
+from study.run.store import Results, StudyError, write_json
+from study.run.supervisor import run_supervised
 
 ROOT = Path(__file__).parents[1]
 FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))

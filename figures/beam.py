@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from figures.style import mesh_plot
 from figures.symbols import arrow, roller
-from study.core.store import Results
+from study.run.store import Results
 
 MESH = "7.6/galerkin-T6-J"
 LOAD = "#D55E00"

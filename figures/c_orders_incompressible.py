@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.style import FULL
-from study.core.store import Results
 from study.judge import measures
+from study.run.store import Results
 
 SECTION = "C"
 # Setting, its label, colour, marker, nodes of the element

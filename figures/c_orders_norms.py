@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.style import CLEAR, FULL, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "C"
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")

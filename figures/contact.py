@@ -11,9 +11,9 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.transforms import Affine2D, ScaledTranslation, blended_transform_factory
 
 from figures.style import LOOK, MANY
-from study.core.store import Results
+from study.model.vocabulary import ELEMENTS, OPEN, SLIP
 from study.paper.bands import DATA_NAME, DIAGONALS_NAME, Family, envelope, members
-from study.vocabulary import ELEMENTS, OPEN, SLIP
+from study.run.store import Results
 
 # Contact status as the library numbers it
 ZONES = {0: ("open", "#FFFFFF"), 1: ("stick", "#4C78A8"), 2: ("slip", "#F2B447")}

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from figures.style import CLEAR, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 # pw-Q8 is left out: it has the nodal forces of its pairs of pw-T6
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q9")

@@ -24,9 +24,9 @@ from PIL import Image
 import figures
 from figures.narrow import narrowed
 from figures.style import MANY, style
-from study.core import files
-from study.core.sources import closure
-from study.core.store import (
+from study.run import files
+from study.run.sources import closure
+from study.run.store import (
     CorruptResult,
     MissingResult,
     Results,

@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import SIDE
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "3"
 NEEDS = ["3/weights"]

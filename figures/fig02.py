@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 
 from figures.style import FULL, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "3"
 NEEDS = ["3/weights"]

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from figures.style import BESIDE, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "5"
 NEEDS = ["5/element-pw-Q8"]

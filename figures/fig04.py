@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from figures.style import SIDE, mesh_plot
 from figures.symbols import load_arrows, roller
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "7.1"
 NEEDS = ["7.1/pw-T6"]

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.style import BESIDE, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "7.1"
 NEEDS = ["7.1/pw-T6", "7.1/galerkin-T6"]

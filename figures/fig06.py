@@ -7,7 +7,7 @@ from matplotlib.patches import Rectangle
 
 from figures.style import FULL, mesh_plot
 from figures.symbols import INK, arrow, load_arrows
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "7.2"
 CASE = "7.2/pw-T6"

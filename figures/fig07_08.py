@@ -14,10 +14,10 @@ from figures.contact import (
     zone_strip,
 )
 from figures.style import FULL, LOOK
-from study.core.store import Results
 from study.judge.measures.contact import BLOCK_PRESSURE
+from study.model.vocabulary import ELEMENTS, OWN
 from study.paper.bands import DATA, DIAGONALS, members
-from study.vocabulary import ELEMENTS, OWN
+from study.run.store import Results
 
 SECTION = "7.2"
 FAMILIES = (("galerkin-T6", "pw-T6", "composite-T6"), ("galerkin-Q8", "pw-Q8", "pw-Q9"))

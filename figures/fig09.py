@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from figures.style import FULL, mesh_plot
 from figures.symbols import INK, arrow
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "7.3"
 CASE = "7.3/galerkin-Q8"

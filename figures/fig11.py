@@ -6,7 +6,7 @@ from matplotlib.patches import Rectangle
 
 from figures.style import FULL, mesh_plot
 from figures.symbols import INK, arrow
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "7.4"
 CASE = "7.4/galerkin-Q8"

@@ -13,9 +13,9 @@ from figures.contact import (
     zone_strip,
 )
 from figures.style import FULL
-from study.core.store import Results
+from study.model.vocabulary import OWN
 from study.paper.bands import DATA, DIAGONALS, members
-from study.vocabulary import OWN
+from study.run.store import Results
 
 SECTION = "7.4"
 ELEMENTS = ("galerkin-Q8", "pw-Q8")

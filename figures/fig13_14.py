@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from figures.contact import DATA_BAND, diagonal_band, family
 from figures.style import FULL, LOOK
-from study.core.store import Results
+from study.model.vocabulary import ELEMENTS
 from study.paper.bands import DATA, DIAGONALS, Family, envelope, members
-from study.vocabulary import ELEMENTS
+from study.run.store import Results
 
 SECTION = "7.4"
 PANELS = ("galerkin-Q8", "pw-Q8")

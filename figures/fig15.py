@@ -9,7 +9,7 @@ from matplotlib.patches import Rectangle
 from figures.column import MM, SURFACES, SYNTHETIC, outline, surface
 from figures.style import FULL, mesh_plot
 from figures.symbols import INK, arrow, roller
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "7.5"
 CASE = "7.5/galerkin-Q8"

@@ -18,9 +18,9 @@ from figures.contact import (
     zone_strip,
 )
 from figures.style import FULL, LOOK
-from study.core.store import Results
+from study.model.vocabulary import OWN
 from study.paper.bands import DATA, DIAGONALS, Family, members
-from study.vocabulary import OWN
+from study.run.store import Results
 
 SECTION = "7.5"
 ELEMENTS = ("galerkin-T6", "galerkin-Q8", "pw-T6", "pw-Q8")

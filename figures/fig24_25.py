@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from figures.beam import MESH, NOTE, half_beam
 from figures.style import FULL
 from figures.symbols import roller
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "7.6"
 NEEDS = [MESH]

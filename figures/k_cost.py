@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from figures.style import FULL, LOOK, plain_ticks
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "K"
 NEEDS = ["K/factors-pw-T10-8-Direct", "K/contact-pw-T10-8-Direct", "K/contact-pw-T10-8-Iterative"]

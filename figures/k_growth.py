@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.style import FULL, plain_ticks
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "K"
 # Task, element and sizes, by what they are called; markers and colours are those of no element

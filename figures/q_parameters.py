@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from figures.rivals import LOOK
 from figures.style import SIDE, plain_ticks
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "Q"
 SWEPT = ("nitsche-symmetric", "nitsche-skew", "penalty", "augmented-p1")

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from figures.rivals import LOOK
 from figures.style import BESIDE, plain_ticks
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "Q"
 SHOWN = ("pw-T6", "snes-vi", "nitsche-symmetric", "nitsche-skew", "mortar-p1", "linear")

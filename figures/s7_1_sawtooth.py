@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "7.1"
 ELEMENTS = ("galerkin-T6", "pw-T6")

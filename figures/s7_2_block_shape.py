@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from figures.contact import RECONSTRUCTED, deformed, force_arrows, zone_legend, zone_strip
 from figures.style import FULL
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "7.2"
 ELEMENTS = ("galerkin-T6", "pw-T6")

@@ -5,9 +5,9 @@ from matplotlib.figure import Figure
 
 from figures.contact import RECONSTRUCTED
 from figures.style import FULL, LOOK
-from study.core.store import Results
 from study.judge.measures.contact import BLOCK_PRESSURE
-from study.vocabulary import OWN, TRIBUTARY
+from study.model.vocabulary import OWN, TRIBUTARY
+from study.run.store import Results
 
 SECTION = "7.2"
 ELEMENTS = ("galerkin-T6", "pw-T6")

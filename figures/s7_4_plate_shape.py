@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from figures.contact import RECONSTRUCTED, deformed, force_arrows
 from figures.style import FULL
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "7.4"
 ELEMENTS = ("galerkin-Q8", "pw-Q8")

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from figures import contact
 from figures.column import MM, SYNTHETIC, outline
 from figures.style import FULL, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "7.5"
 ELEMENT = "pw-T6"

@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import CLEAR, FULL, LOOK
-from study.core.store import Results
 from study.judge import measures
+from study.run.store import Results
 
 SECTION = "7.6"
 # Cases under the paper's load, whose element and form are drawn under the uniform one

@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK
-from study.core.store import Results
 from study.judge import measures
+from study.run.store import Results
 
 SECTION = "7.6"
 NEEDS = [f"7.6/scan-{p}" for p in ("right", "right_left", "left_right", "crossed")]

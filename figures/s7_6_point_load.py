@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.style import CLEAR, FULL, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "7.6"
 SERIES = {

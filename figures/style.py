@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from study.vocabulary import ELEMENTS, WAYS
+from study.model.vocabulary import ELEMENTS, WAYS
 
 matplotlib.use("Agg")
 

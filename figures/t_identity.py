@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from figures.style import FULL
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "T"
 NEW = (

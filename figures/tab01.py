@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 
 from figures.column import SYNTHETIC
 from figures.style import FULL, LOOK
-from study.core.store import Results
 from study.judge import measures
+from study.run.store import Results
 
 SECTION = "7.5"
 MODES = range(1, 7)

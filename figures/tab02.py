@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK
-from study.core.store import Results
 from study.paper.items import TABLE_2
+from study.run.store import Results
 
 SECTION = "7.6"
 COMPUTED = {

@@ -9,8 +9,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 from figures.style import FULL
-from study.core.store import Results
-from study.vocabulary import ELEMENTS, NO_WEIGHT, OWN
+from study.model.vocabulary import ELEMENTS, NO_WEIGHT, OWN
+from study.run.store import Results
 
 SECTION = "V10"
 SHOWN = ("galerkin-T10", "transferred-T10", "sibling-T10", "pw-T10", "galerkin-H27", "pw-H27")

@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import FULL
-from study.core.store import Results
-from study.vocabulary import ELEMENTS, NO_WEIGHT, OPEN, OWN, SLIP, STATUS, STICK
+from study.model.vocabulary import ELEMENTS, NO_WEIGHT, OPEN, OWN, SLIP, STATUS, STICK
+from study.run.store import Results
 
 SECTION = "V10"
 SHOWN = ("galerkin-T10", "sibling-T10", "pw-T10")

@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.style import FULL, WAY_LOOK
-from study.core.store import Results
-from study.vocabulary import WAYS
+from study.model.vocabulary import WAYS
+from study.run.store import Results
 
 SECTION = "V11"
 LEVELS = (4, 8, 16)

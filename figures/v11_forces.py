@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import FULL, WAY_LOOK
-from study.core.store import Results
-from study.vocabulary import WAYS
+from study.model.vocabulary import WAYS
+from study.run.store import Results
 
 SECTION = "V11"
 SHOWN = ("pw-dual", "p2-dual", "p2-p1", "node-to-segment")

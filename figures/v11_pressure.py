@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import FULL, WAY_LOOK
-from study.core.store import Results
-from study.vocabulary import OWN, WAYS
+from study.model.vocabulary import OWN, WAYS
+from study.run.store import Results
 
 SECTION = "V11"
 PROBLEMS = {"hertz-2d-{}-4": "cylinders, 4 edges", "spheres-{}-3": "spheres, 3 edges"}

@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK
-from study.core.store import Results
-from study.vocabulary import NO_WEIGHT, OWN
+from study.model.vocabulary import NO_WEIGHT, OWN
+from study.run.store import Results
 
 SECTION = "V12"
 SERIES = {

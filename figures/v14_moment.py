@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "V14"
 SIZES = (4, 8, 16, 32, 64)

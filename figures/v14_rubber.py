@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK, mesh_plot
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "V14"
 SHOWN = ("galerkin-T6", "pw-T6")

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "V15"
 ONE_FIELD, HYBRID = ("galerkin-T6", "pw-T6"), ("galerkin-hybrid-T6", "pw-hybrid-T6")

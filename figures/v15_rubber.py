@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK, plain_ticks
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "V15"
 SHOWN = ("galerkin-T6", "pw-T6", "galerkin-hybrid-T6", "pw-hybrid-T6")

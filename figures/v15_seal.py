@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from figures.style import FULL, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "V15"
 SHOWN = ("galerkin-hybrid-T6", "pw-hybrid-T6")

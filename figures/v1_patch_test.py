@@ -5,8 +5,8 @@ from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK, mesh_plot
 from figures.symbols import load_arrows
-from study.core.store import Results
-from study.vocabulary import OWN, TRIBUTARY
+from study.model.vocabulary import OWN, TRIBUTARY
+from study.run.store import Results
 
 SECTION = "V1"
 ELEMENTS = ("galerkin-T6", "pw-T6")

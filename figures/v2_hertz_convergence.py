@@ -5,8 +5,8 @@ from matplotlib.figure import Figure
 
 from figures import convergence
 from figures.style import FULL
-from study.core.store import Results
-from study.vocabulary import OWN, TRIBUTARY
+from study.model.vocabulary import OWN, TRIBUTARY
+from study.run.store import Results
 
 SECTION = "V2"
 KINDS = {"line": "cylinder", "sphere": "sphere"}

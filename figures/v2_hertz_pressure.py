@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK
-from study.core.store import Results
-from study.vocabulary import OWN, TRIBUTARY
+from study.model.vocabulary import OWN, TRIBUTARY
+from study.run.store import Results
 
 SECTION = "V2"
 ELEMENTS = ("galerkin-T6", "pw-T6")

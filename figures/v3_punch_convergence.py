@@ -6,7 +6,7 @@ from matplotlib.lines import Line2D
 
 from figures import convergence
 from figures.style import FULL
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "V3"
 KINDS = {"smooth": "smooth", "bonded": "bonded", "round": "round, smooth"}

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "V3"
 ELEMENTS = ("galerkin-T6", "pw-T6")

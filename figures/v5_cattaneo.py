@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 
 from figures.contact import zone_legend, zone_strip
 from figures.style import BESIDE, LOOK
-from study.core.store import Results
-from study.vocabulary import OWN
+from study.model.vocabulary import OWN
+from study.run.store import Results
 
 SECTION = "V5"
 ELEMENTS = ("galerkin-T6", "pw-T6")

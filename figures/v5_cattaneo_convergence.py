@@ -5,9 +5,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import BESIDE, CLEAR, LOOK
-from study.core.store import Results
 from study.judge import measures
-from study.vocabulary import OWN
+from study.model.vocabulary import OWN
+from study.run.store import Results
 
 SECTION = "V5"
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q9")

@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 
 from figures.contact import zone_legend, zone_strip
 from figures.style import FULL, LOOK
-from study.core.store import Results
 from study.judge import measures
-from study.verification.friction import GRECO_PLACES, GRECO_PUBLISHED
-from study.vocabulary import OWN
+from study.model.vocabulary import OWN
+from study.run.store import Results
+from study.solutions.stick_slip import GRECO_PLACES, GRECO_PUBLISHED
 
 SECTION = "V6"
 ELEMENTS = ("galerkin-T6", "pw-T6")

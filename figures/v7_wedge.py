@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK
-from study.core.store import Results
-from study.verification.friction import WEDGE_SLOPE, WEDGE_SPRINGS, wedge_ratio
+from study.run.store import Results
+from study.solutions.stick_slip import WEDGE_SLOPE, WEDGE_SPRINGS, wedge_ratio
 
 SECTION = "V7"
 ELEMENTS = ("galerkin-T6", "pw-T6")

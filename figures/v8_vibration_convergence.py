@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import CLEAR, FULL, LOOK
-from study.core.store import Results
+from study.run.store import Results
 
 SECTION = "V8"
 PROBLEMS = {

@@ -6,9 +6,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from figures.style import FULL
-from study.core.store import Results
 from study.engineering.problems import MESHES, names
 from study.judge.measures.engineering import WORTH, answers
+from study.run.store import Results
 
 SECTION = "W"
 ANSWERS = (

@@ -1,10 +1,10 @@
 """Starts the command line under its supervisor."""
 
-from study.core.supervisor import run_supervised
+from study.run.supervisor import run_supervised
 
 
 def _run() -> int:
-    from study.command import main  # slow to import, which a signal may interrupt, too
+    from study.run.command import main  # slow to import, which a signal may interrupt, too
 
     return main()
 

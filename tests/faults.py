@@ -19,7 +19,7 @@ import numpy as np
 
 from pw_elements import files
 from pw_elements.files import claim_folder, remove_unfinished, replace_file, replacing_folder
-from study.core.store import CorruptResult, MissingResult, Result, Results, save
+from study.run.store import CorruptResult, MissingResult, Result, Results, save
 
 SYSTEM_CALLS = (
     "open", "write", "fsync", "close", "replace", "rename", "mkdir", "unlink", "rmdir", "scandir",

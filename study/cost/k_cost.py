@@ -7,10 +7,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from study.core.cases import Case
-from study.core.store import Result
 from study.cost.measure import EXACT_DIGITS, FORCING, RECORD, Row
-from study.units import units_of
+from study.model.units import units_of
+from study.run.cases import Case
+from study.run.store import Result
 
 TITLE = "Cost"
 RECORD_NAME = RECORD.relative_to(Path(__file__).parents[2]).as_posix()

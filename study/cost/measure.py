@@ -34,7 +34,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from study.core.store import write_json
+from study.run.store import write_json
 
 RECORD = Path(__file__).with_name("record.json")
 REPEATS = 3
@@ -73,7 +73,7 @@ class Row:
         element: as in the study, or one of CalculiX.
         cells: along the height of the block, or of the lower one; or the number of pieces.
         method: "Direct", "Iterative", "compared": both, for their difference; "graded": wide cells
-            around the others; or "CalculiX", which `study.benchmarks.calculix_block` measures.
+            around the others; or "CalculiX", which `tests.speed.calculix_block` measures.
         processes: of MPI.
     """
 
@@ -231,7 +231,7 @@ def _body(element: str, cells: int) -> Any:  # noqa: ANN401
 
     from pw_elements import Body, Material
     from pw_elements.elasticity import StressState
-    from study.discretisation import spaces
+    from study.model.discretisation import spaces
 
     comm = MPI.COMM_WORLD
     if element.endswith("T10"):
@@ -528,7 +528,7 @@ def _search(row: Row) -> dict[str, float]:
     from pw_elements import Reduction
     from pw_elements.contact.interface import build_interface
     from pw_elements.spaces import AssemblyRecord
-    from study.discretisation import spaces
+    from study.model.discretisation import spaces
 
     rim = RIM if row.method == "graded" else 0.0
     mesh, above = _two_blocks((row.cells, round(FINER * row.cells)), (1, 1), rim)
@@ -550,7 +550,7 @@ def _pieces(row: Row) -> dict[str, float]:
     from pw_elements._compat import cell_nodes
     from pw_elements.contact import ContactPair, Plane, solve_contact
     from pw_elements.elasticity import StressState
-    from study.discretisation import spaces
+    from study.model.discretisation import spaces
 
     comm, dim = MPI.COMM_WORLD, 3 if row.element.endswith("T10") else 2
     if dim == 3:
@@ -602,7 +602,7 @@ def _sliding(row: Row) -> dict[str, float]:
 
     import pw_elements as pw
     from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere, solve_contact
-    from study.discretisation import spaces
+    from study.model.discretisation import spaces
 
     n = (2 * row.cells, 2 * row.cells, row.cells)
     corners = [(-1.0, -1.0, -1.0), (1.0, 1.0, 0.0)]
@@ -659,7 +659,7 @@ def _stacked(row: Row, solver: Any) -> Any:  # noqa: ANN401
     import pw_elements as pw
     from pw_elements.contact import solve_contact
     from pw_elements.elasticity import StressState
-    from study.discretisation import spaces
+    from study.model.discretisation import spaces
 
     sizes = (row.cells, round(FINER * row.cells))
     mesh, above = _two_blocks(sizes, sizes)

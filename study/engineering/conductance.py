@@ -17,8 +17,8 @@ from dolfinx import fem
 from pw_elements import Spaces, SurfaceNodes, assemble_matrix
 from study.engineering.indented import Indented
 from study.engineering.readings import reading as read_by
+from study.meshes.mesh_lines import PLACE
 from study.rivals.problem import Problem, line, solved, sphere
-from study.verification.mesh_lines import PLACE
 
 Array = npt.NDArray[np.float64]
 

@@ -19,16 +19,16 @@ from pw_elements import Body, Material, Reduction, SurfaceNodes, assemble_matrix
 from pw_elements.contact import STICK, ContactPair, ContactProblem, Coulomb, Motion, Parabola
 from pw_elements.contact.model import Friction, PairState
 from pw_elements.elasticity import StressState
-from study.discretisation import held_nodes, spaces
 from study.engineering.readings import reading as read_by
-from study.line_mesh import on_lines
+from study.meshes import mesh_lines
+from study.meshes.line_mesh import on_lines
+from study.meshes.mesh_lines import PLACE
+from study.meshes.solid_meshes import box, cell_of
+from study.model.discretisation import held_nodes, spaces
 from study.rivals.problem import NU, OUTER, RADIUS, ZONE, E
-from study.verification import mesh_lines
-from study.verification.half_space import Elastic, HertzLine, HertzSphere
-from study.verification.half_space_shear import hertz_force
-from study.verification.indentation import growing
-from study.verification.mesh_lines import PLACE
-from study.verification.solid_meshes import box, cell_of
+from study.solutions.half_space import Elastic, HertzLine, HertzSphere
+from study.solutions.half_space_shear import hertz_force
+from study.solutions.indentation import growing
 
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from pw_elements import Reduction, prescribe
 from pw_elements.contact import ContactPair, Parabola, solve_impact
 from pw_elements.meshes import triangles
-from study.verification.solid_meshes import box
+from study.meshes.solid_meshes import box
 from study.verification.v12_impact import Scheme
 
 Array = npt.NDArray[np.float64]

@@ -8,9 +8,9 @@ from dolfinx import fem
 
 from pw_elements import Body, Material, Spaces, SurfaceNodes
 from pw_elements.elasticity import StressState
+from study.meshes.mesh_lines import PLACE
 from study.rivals import pw_t6, snes_vi
 from study.rivals.problem import NU, E, Problem, line, sphere
-from study.verification.mesh_lines import PLACE
 
 Array = npt.NDArray[np.float64]
 

@@ -22,9 +22,9 @@ from pw_elements import Reduction, assemble_matrix, assemble_vector, solve
 from pw_elements.spaces import Marker
 from study.engineering.indented import Indented
 from study.engineering.readings import reading as read_by
-from study.line_mesh import on_lines
+from study.meshes.line_mesh import on_lines
+from study.meshes.solid_meshes import box
 from study.rivals.problem import Problem, function
-from study.verification.solid_meshes import box
 
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]

@@ -11,15 +11,15 @@ from functools import cache
 
 import numpy as np
 
-from study.core.cases import Case
-from study.core.store import Result
 from study.engineering import conductance as joint
 from study.engineering.friction import slipping
 from study.engineering.impact import thrown
 from study.engineering.problems import FINE, elements, names
 from study.engineering.submodel import below
 from study.engineering.wear import PATH, worn
-from study.units import dimensionless
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
 from study.verification.recorded import longer, rows
 
 TITLE = "What an engineer's answer gains"

@@ -31,10 +31,10 @@ from pw_elements import (
 )
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
-from study.discretisation import spaces
 from study.engineering.readings import reading as read_by
+from study.meshes.solid_meshes import box, cell_of
+from study.model.discretisation import spaces
 from study.rivals.problem import direct
-from study.verification.solid_meshes import box, cell_of
 
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]

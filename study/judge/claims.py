@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import jsonschema
 
-from study.core.store import (
+from study.run.store import (
     CorruptResult,
     MissingResult,
     NoScalar,

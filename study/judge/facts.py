@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from study.core.store import CorruptResult, MissingResult, Results, Stored, StudyError
 from study.judge import claims
 from study.judge.claims import PAPER, Claim, Verdict, judge
 from study.paper.items import TABLE_1, TABLE_2
+from study.run.store import CorruptResult, MissingResult, Results, Stored, StudyError
 
 FILE = Path(__file__).parent / "facts.toml"
 Rows: TypeAlias = dict[str, tuple[float, ...]]

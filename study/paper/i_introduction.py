@@ -26,10 +26,10 @@ from pw_elements.contact import OPEN, SLIP, STICK, ContactPair, Plane, solve_con
 from pw_elements.contact.model import PairState
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import Discretisation, discretise
-from study.units import dimensionless
+from study.model.discretisation import Discretisation, discretise
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
 
 TITLE = "The paper's introduction: cost and tensile nodal forces"
 

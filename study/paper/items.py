@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from study.core.cases import SECTIONS, title
-from study.core.sources import source
+from study.run.cases import SECTIONS, title
+from study.run.sources import source
 
 # Critical stresses of modes 1 and 2 in Pa, as printed in Table 2 and below Eq. (27)
 TABLE_2: dict[str, tuple[float, ...]] = {

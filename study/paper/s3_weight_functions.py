@@ -12,11 +12,11 @@ from dolfinx.mesh import Mesh, create_mesh
 from pw_elements import Body, Material, Spaces, assemble_matrix
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import macro_element, quadratic_element
-from study.core.cases import Case
-from study.core.store import Result
-from study.elements import PAPER_NODES
-from study.matrices import dense, relative_difference
-from study.units import dimensionless
+from study.model.elements import PAPER_NODES
+from study.model.matrices import dense, relative_difference
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
 
 TITLE = "The element: weight functions and matrices"
 

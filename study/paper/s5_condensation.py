@@ -20,12 +20,12 @@ from pw_elements import (
 )
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern, move_nodes, quadrilaterals, triangles
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import Discretisation, discretise
-from study.inner_nodes import mid_diagonal_nodes
-from study.matrices import dense, relative_difference
-from study.units import dimensionless
+from study.meshes.inner_nodes import mid_diagonal_nodes
+from study.model.discretisation import Discretisation, discretise
+from study.model.matrices import dense, relative_difference
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
 from study.verification.t_identity import distorted
 
 TITLE = "The 8-node quadrilateral"

@@ -8,10 +8,10 @@ from dolfinx.mesh import Mesh
 from pw_elements import Material, forces_along, prescribe, reactions, solve
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern, quadrilaterals, triangles
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import discretise, mesh_curves
-from study.units import UNSTATED
+from study.model.discretisation import discretise, mesh_curves
+from study.model.units import UNSTATED
+from study.run.cases import Case
+from study.run.store import Result
 
 TITLE = "Simple structure with two elements"
 

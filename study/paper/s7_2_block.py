@@ -13,12 +13,12 @@ from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern, quadrilaterals, triangles
-from study.contact_result import contact_result
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import Discretisation, discretise
+from study.model.contact_result import contact_result
+from study.model.discretisation import Discretisation, discretise
+from study.model.units import UNSTATED
 from study.paper.bands import DATA, DIAGONALS
-from study.units import UNSTATED
+from study.run.cases import Case
+from study.run.store import Result
 
 TITLE = "Elastic block on a rigid surface"
 

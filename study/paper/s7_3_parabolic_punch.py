@@ -12,12 +12,12 @@ from pw_elements import Material, prescribe
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Parabola
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern, move_nodes, quadrilaterals, triangles
-from study.contact_result import contact_result
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import discretise
+from study.model.contact_result import contact_result
+from study.model.discretisation import discretise
+from study.model.units import UNSTATED
 from study.paper.bands import DATA, DIAGONALS
-from study.units import UNSTATED
+from study.run.cases import Case
+from study.run.store import Result
 
 TITLE = "Contact of an elastic body and a parabolic rigid punch"
 

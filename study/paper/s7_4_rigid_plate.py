@@ -11,13 +11,13 @@ from pw_elements import Material, prescribe
 from pw_elements.contact import ContactPair, FlatPunch, Motion, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern
-from study.contact_result import contact_result
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import discretise
-from study.line_mesh import on_lines
+from study.meshes.line_mesh import on_lines
+from study.model.contact_result import contact_result
+from study.model.discretisation import discretise
+from study.model.units import KN_M
 from study.paper.bands import DATA, DIAGONALS
-from study.units import KN_M
+from study.run.cases import Case
+from study.run.store import Result
 
 TITLE = "Rigid plate acting on an elastic body"
 

@@ -24,19 +24,19 @@ from pw_elements.contact import ContactPair, Motion, Plane, solve_contact
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern
-from study.contact_result import (
+from study.model.contact_result import (
     CONTACT_UNITS,
     deformation_curves,
     solver_scalars,
     surface_result,
 )
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import Discretisation, discretise, is_symmetrised, mass_left
+from study.model.discretisation import Discretisation, discretise, is_symmetrised, mass_left
+from study.model.units import KN_M, SI, units_of
 from study.paper import s7_5_profiles
 from study.paper.bands import DATA, DIAGONALS
 from study.paper.s7_5_profiles import PROFILES, Profile
-from study.units import KN_M, SI, units_of
+from study.run.cases import Case
+from study.run.store import Result
 
 TITLE = "Column of changing cross-section on rigid surfaces"
 

@@ -28,11 +28,11 @@ from pw_elements import (
 from pw_elements.algebra import BucklingModes, symmetric_part
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import DIAGONAL_PATTERNS, DiagonalPattern, quadrilaterals, triangles
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import is_quadrilateral, is_symmetrised, mesh_curves, spaces
+from study.model.discretisation import is_quadrilateral, is_symmetrised, mesh_curves, spaces
+from study.model.units import units_of
 from study.paper.s7_6_exact import Strip
-from study.units import units_of
+from study.run.cases import Case
+from study.run.store import Result
 
 TITLE = "Buckling load of a simply supported beam"
 

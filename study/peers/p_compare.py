@@ -14,15 +14,21 @@ from pw_elements import Material, Spaces, force_transfer, forces_along, prescrib
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import Discretisation, discretise
+from study.model.discretisation import Discretisation, discretise
+from study.model.units import dimensionless, units_of
 from study.paper import s7_1_two_triangles, s7_6_buckling
 from study.peers import p_standard
-from study.peers.calculix import peer_of, tracked_digest
-from study.peers.decks import Block, HalfBeam, NativePressure, TrianglePairs, TwoTriangles
-from study.peers.problems import PROBLEMS
-from study.units import dimensionless, units_of
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.calculix.calculix import peer_of, tracked_digest
+from study.solutions.calculix.decks import (
+    Block,
+    HalfBeam,
+    NativePressure,
+    TrianglePairs,
+    TwoTriangles,
+)
+from study.solutions.calculix.problems import PROBLEMS
 
 TITLE = "An independent code: CalculiX"
 

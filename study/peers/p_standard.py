@@ -31,12 +31,13 @@ from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh
 from pw_elements.spaces import Marker
-from study.core.cases import Case
-from study.core.store import Result
-from study.elements import serendipity
-from study.peers.calculix import Peer, peer_of, tracked_digest
-from study.peers.grids import Grid, Where
-from study.peers.standard_decks import (
+from study.model.elements import serendipity
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.calculix.calculix import Peer, peer_of, tracked_digest
+from study.solutions.calculix.grids import Grid, Where
+from study.solutions.calculix.standard_decks import (
     SPECIMENS,
     Buckling,
     Compressed,
@@ -45,7 +46,6 @@ from study.peers.standard_decks import (
     Specimen,
     Vibrating,
 )
-from study.units import dimensionless
 
 Array = npt.NDArray[np.float64]
 

@@ -7,10 +7,10 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 
-from study.line_mesh import on_lines
+from study.meshes.line_mesh import on_lines
+from study.meshes.solid_meshes import box
 from study.rivals.problem import Answer, Problem, function
 from study.rivals.snes_vi import displacements
-from study.verification.solid_meshes import box
 
 
 def solve(problem: Problem) -> Answer:

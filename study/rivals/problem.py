@@ -20,12 +20,12 @@ from dolfinx.fem import petsc
 from dolfinx.mesh import Mesh, locate_entities_boundary, meshtags
 
 from pw_elements import Spaces, assemble_vector
-from study.elements import one_cut
-from study.verification import mesh_lines
-from study.verification.half_space import Elastic, HertzLine, HertzSphere
-from study.verification.half_space_shear import hertz_force
-from study.verification.indentation import OUTER, graded_square
-from study.verification.solid_meshes import box
+from study.meshes import mesh_lines
+from study.meshes.solid_meshes import box
+from study.model.elements import one_cut
+from study.solutions.half_space import Elastic, HertzLine, HertzSphere
+from study.solutions.half_space_shear import hertz_force
+from study.solutions.indentation import OUTER, graded_square
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

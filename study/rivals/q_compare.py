@@ -18,14 +18,14 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 
 from pw_elements import assemble_vector, test_space
-from study.core.cases import Case
-from study.core.sources import closure
-from study.core.store import Result
-from study.peers.calculix import peer_of, tracked_digest
-from study.peers.hertz_line import PENALTIES
+from study.model.units import dimensionless, units_of
 from study.rivals.problem import Answer, Form, NoSolution, Problem, line, sphere
-from study.units import dimensionless, units_of
-from study.verification.indentation import INNER
+from study.run.cases import Case
+from study.run.sources import closure
+from study.run.store import Result
+from study.solutions.calculix.calculix import peer_of, tracked_digest
+from study.solutions.calculix.hertz_line import PENALTIES
+from study.solutions.indentation import INNER
 from study.verification.recorded import longer
 
 TITLE = "What a user would pick instead"

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from study.core.cases import Case
-from study.core.store import Result
+from study.model.units import dimensionless
 from study.rivals.friction import new
 from study.rivals.problem import Form, NoSolution, Problem, line
 from study.rivals.q_compare import EDGES, FAILED, OFFSETS, sampled
-from study.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
 
 Array = npt.NDArray[Any]
 

@@ -11,13 +11,7 @@ from dolfinx.mesh import Mesh
 from pw_elements import Body, Material, as_function, assemble_matrix, prescribe, solve
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import Marker, macro_element
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import Discretisation, spaces
-from study.units import dimensionless
-from study.verification import c_eigenvalue_orders, c_manufactured
-from study.verification.c_manufactured import Field, Manufactured
-from study.verification.c_mesh_families import (
+from study.meshes.mesh_families import (
     INNER,
     cell_size,
     on_cube,
@@ -28,6 +22,13 @@ from study.verification.c_mesh_families import (
     on_square,
     order,
 )
+from study.model.discretisation import Discretisation, spaces
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions import manufactured as c_manufactured
+from study.solutions.manufactured import Field, Manufactured
+from study.verification import c_eigenvalue_orders
 from study.verification.recorded import longer, parted
 
 TITLE = "Orders of convergence"

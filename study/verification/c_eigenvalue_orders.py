@@ -13,11 +13,7 @@ from scipy.special import jn_zeros, jv, jvp, yv, yvp
 
 from pw_elements import Body, Material, assemble_matrix, prescribe, vibration_modes
 from pw_elements.elasticity import StressState
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import Discretisation, is_symmetrised, mass_left, spaces
-from study.units import dimensionless
-from study.verification.c_mesh_families import (
+from study.meshes.mesh_families import (
     INNER,
     OUTER,
     cell_size,
@@ -27,6 +23,10 @@ from study.verification.c_mesh_families import (
     on_square,
     order,
 )
+from study.model.discretisation import Discretisation, is_symmetrised, mass_left, spaces
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
 
 Array = npt.NDArray[np.float64]
 

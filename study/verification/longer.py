@@ -14,12 +14,12 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
-from study.core.cases import Case
-from study.core.compare_versions import COUNTS, KINDS, compare, table
-from study.core.provenance import versions
-from study.core.store import Results, save, write_json
 from study.engineering import w_engineering
 from study.rivals import q_compare, q_friction
+from study.run.cases import Case
+from study.run.compare_versions import COUNTS, KINDS, compare, table
+from study.run.provenance import versions
+from study.run.store import Results, save, write_json
 from study.verification import (
     c_convergence,
     v2_hertz,

@@ -60,7 +60,7 @@ class TwoBodies:
     """Two bodies, parts of one mesh, and where they may touch.
 
     Args:
-        way: see `study.vocabulary.WAYS`.
+        way: see `study.model.vocabulary.WAYS`.
         body: with the test functions of the way.
         K: free stiffness.
         slave: facets, local numbers.

@@ -6,8 +6,8 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from study.core.cases import Case
-from study.core.store import Result
+from study.run.cases import Case
+from study.run.store import Result
 
 RECORD = Path(__file__).with_name("longer.json")
 RECORD_NAME = RECORD.relative_to(Path(__file__).parents[2]).as_posix()

@@ -33,11 +33,11 @@ from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, Motion, Sphere, solve_contact
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import curved_mesh, move_nodes, triangles
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import spaces
-from study.elements import composite
-from study.units import dimensionless
+from study.model.discretisation import spaces
+from study.model.elements import composite
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
 
 TITLE = "What the element is: the identity K_PW = T K_Galerkin"
 

@@ -8,12 +8,12 @@ import numpy.typing as npt
 from pw_elements import Material, prescribe
 from pw_elements.contact import STICK, ContactPair, Motion, Parabola, solve_contact
 from pw_elements.contact.model import MatchingNodes
-from study.core.store import Result
-from study.verification.half_space import Elastic, HertzSphere
-from study.verification.half_space_shear import MindlinSphere, hertz_force
-from study.verification.mesh_lines import OUTER, graded
-from study.verification.solid_meshes import box, cell_of, with_mirror_image
-from study.verification.solids import INNER, Solid, errors_beside, face_result
+from study.meshes.mesh_lines import OUTER, graded
+from study.meshes.solid_meshes import box, cell_of, with_mirror_image
+from study.run.store import Result
+from study.solutions.half_space import Elastic, HertzSphere
+from study.solutions.half_space_shear import MindlinSphere, hertz_force
+from study.solutions.solids import INNER, Solid, errors_beside, face_result
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

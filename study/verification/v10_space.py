@@ -2,7 +2,7 @@
 
 Corner nodes of a standard 10-node tetrahedron have no weight on its faces and carry nothing under
 even pressure. Compared are the standard elements, those with piecewise-linear weights, and two
-ways to even out the forces of the standard one, see `study.verification.solids`.
+ways to even out the forces of the standard one, see `study.solutions.solids`.
 """
 
 from collections.abc import Callable
@@ -21,15 +21,15 @@ from pw_elements.contact import (
     Plane,
     solve_contact,
 )
-from study.core.cases import Case
-from study.core.store import Result
-from study.verification.c_mesh_families import on_cube
-from study.verification.half_space import Elastic, FlatRound, HertzSphere, KnownContact
-from study.verification.half_space_shear import hertz_force
-from study.verification.mesh_lines import GROWTH, OUTER, depths, graded, growing
+from study.meshes.mesh_families import on_cube
+from study.meshes.mesh_lines import GROWTH, OUTER, depths, graded, growing
+from study.meshes.solid_meshes import box, cell_of, quarter_disc
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.half_space import Elastic, FlatRound, HertzSphere, KnownContact
+from study.solutions.half_space_shear import hertz_force
+from study.solutions.solids import INNER, Solid, face_result
 from study.verification.recorded import longer, parted
-from study.verification.solid_meshes import box, cell_of, quarter_disc
-from study.verification.solids import INNER, Solid, face_result
 from study.verification.v10_partial_slip import mindlin
 
 TITLE = "Contact in space"

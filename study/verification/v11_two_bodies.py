@@ -20,22 +20,22 @@ from pw_elements.contact.interface import Trace, compute_cell_sizes, gather_trac
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes
 from pw_elements.spaces import locate_exterior_facets
-from study.core.cases import Case
-from study.core.store import Result
-from study.line_mesh import on_lines
-from study.peers.calculix import peer_of, tracked_digest
-from study.peers.two_bodies import PAIRS, Blocks
-from study.reading import compared
-from study.units import dimensionless
-from study.verification.c_mesh_families import meshed
-from study.verification.friction import Cattaneo
-from study.verification.graded_meshes import joined
-from study.verification.half_space import Elastic, HertzLine, HertzSphere
-from study.verification.mesh_lines import OUTER, graded, growing
+from study.meshes.graded_meshes import joined
+from study.meshes.line_mesh import on_lines
+from study.meshes.mesh_families import meshed
+from study.meshes.mesh_lines import OUTER, graded, growing
+from study.meshes.solid_meshes import box
+from study.model.reading import compared
+from study.model.units import dimensionless
+from study.model.vocabulary import WAYS
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.calculix.calculix import peer_of, tracked_digest
+from study.solutions.calculix.two_bodies import PAIRS, Blocks
+from study.solutions.half_space import Elastic, HertzLine, HertzSphere
+from study.solutions.stick_slip import Cattaneo
 from study.verification.mortar_ways import NEW, Solution, TwoBodies
 from study.verification.recorded import longer
-from study.verification.solid_meshes import box
-from study.vocabulary import WAYS
 
 TITLE = "Two deformable bodies"
 

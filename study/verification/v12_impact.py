@@ -37,11 +37,7 @@ from pw_elements import (
 )
 from pw_elements.contact import ContactPair, Plane, solve_impact
 from pw_elements.elasticity import StressState, order_by_position
-from study.core.cases import Case
-from study.core.store import Result
-from study.reading import compared, transferred
-from study.units import dimensionless
-from study.verification.c_mesh_families import (
+from study.meshes.mesh_families import (
     cell_size,
     on_bar,
     on_cube,
@@ -49,6 +45,10 @@ from study.verification.c_mesh_families import (
     on_strip,
     order,
 )
+from study.model.reading import compared, transferred
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
 from study.verification.recorded import longer, parted
 
 TITLE = "Impact and the symmetric sibling"

@@ -30,9 +30,9 @@ from pw_elements import (
     solve,
 )
 from pw_elements.meshes import triangles
-from study.core.cases import Case
-from study.core.store import Result
-from study.units import dimensionless
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
 from study.verification.recorded import longer, parted
 from study.verification.v13_graded import (
     Conduction,

@@ -31,10 +31,10 @@ import ufl
 from dolfinx import fem
 
 from pw_elements import PetrovGalerkinProblem, Sibling, assemble_vector, cell_measure, prescribe
-from study.core.store import Result
-from study.discretisation import spaces
-from study.units import dimensionless
-from study.verification.c_mesh_families import on_cube, on_square
+from study.meshes.mesh_families import on_cube, on_square
+from study.model.discretisation import spaces
+from study.model.units import dimensionless
+from study.run.store import Result
 
 Array = npt.NDArray[np.float64]
 Stress: TypeAlias = Callable[[ufl.core.expr.Expr], ufl.core.expr.Expr]

@@ -20,10 +20,10 @@ from scipy.spatial.transform import Rotation
 
 from pw_elements import PetrovGalerkinProblem, forces_along, prescribe
 from pw_elements.meshes import triangles
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import spaces
-from study.units import dimensionless
+from study.model.discretisation import spaces
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
 from study.verification.recorded import longer
 from study.verification.v14_moment import (
     Stress,

@@ -35,10 +35,10 @@ from pw_elements import (
 )
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes
-from study.core.store import Result
-from study.elements import taylor_hood
-from study.units import dimensionless
-from study.verification.v15_meshes import CELLS
+from study.meshes.distorted_meshes import CELLS
+from study.model.elements import taylor_hood
+from study.model.units import dimensionless
+from study.run.store import Result
 
 Array = npt.NDArray[np.float64]
 

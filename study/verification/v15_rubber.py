@@ -33,18 +33,18 @@ from pw_elements import (
 from pw_elements.contact import Parabola
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, triangles
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import displacement_space, held_nodes, spaces
-from study.units import NONE, dimensionless
-from study.verification.c_manufactured import plane, plane_pressure, solid, solid_pressure
-from study.verification.c_mesh_families import cell_size
-from study.verification.half_space import Elastic, HertzLine
-from study.verification.indentation import INNER, Indenter, indented
+from study.meshes.distorted_meshes import unit_mesh
+from study.meshes.mesh_families import cell_size
+from study.model.discretisation import displacement_space, held_nodes, spaces
+from study.model.units import NONE, dimensionless
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.half_space import Elastic, HertzLine
+from study.solutions.indentation import INNER, Indenter, indented
+from study.solutions.manufactured import plane, plane_pressure, solid, solid_pressure
 from study.verification.recorded import longer, parted
 from study.verification.v15_contact import PLACE, RADIUS, ZONE, presses, pushed, sphere
 from study.verification.v15_layers import layers
-from study.verification.v15_meshes import unit_mesh
 from study.verification.v15_seal import seal
 from study.verification.v15_stability import identity, infsup
 

@@ -18,10 +18,10 @@ from ufl.core.expr import Expr
 
 from pw_elements import PetrovGalerkinProblem, assemble_scalar, assemble_vector
 from pw_elements.spaces import SubSpace
-from study.core.store import Result
-from study.discretisation import mesh_curves, spaces
-from study.units import dimensionless
-from study.verification.c_mesh_families import meshed
+from study.meshes.mesh_families import meshed
+from study.model.discretisation import mesh_curves, spaces
+from study.model.units import dimensionless
+from study.run.store import Result
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

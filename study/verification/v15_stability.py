@@ -28,11 +28,11 @@ from pw_elements.algebra import factorise
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import SubSpace
-from study.core.store import Result
-from study.discretisation import spaces
-from study.units import dimensionless
+from study.meshes.distorted_meshes import moved_mesh
+from study.model.discretisation import spaces
+from study.model.units import dimensionless
+from study.run.store import Result
 from study.verification.t_identity import distorted
-from study.verification.v15_meshes import moved_mesh
 
 Array = npt.NDArray[np.float64]
 

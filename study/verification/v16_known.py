@@ -11,11 +11,11 @@ from scipy.optimize import brentq
 
 from pw_elements import prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Plane, Sphere
-from study.core.store import Result
-from study.line_mesh import on_lines
-from study.units import dimensionless
-from study.verification.mesh_lines import growing
-from study.verification.solid_meshes import box
+from study.meshes.line_mesh import on_lines
+from study.meshes.mesh_lines import growing
+from study.meshes.solid_meshes import box
+from study.model.units import dimensionless
+from study.run.store import Result
 from study.verification.v16_rubber import RATIO, Array, Rubber, Run, follow
 
 Mask = npt.NDArray[np.bool_]

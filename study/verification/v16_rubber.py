@@ -16,11 +16,11 @@ from pw_elements import Spaces, SurfaceNodes, assemble_scalar, assemble_vector
 from pw_elements.contact import ContactPair, ContactProblem, Motion
 from pw_elements.contact.model import ContactState
 from pw_elements.spaces import SubSpace, cell_measure
-from study.discretisation import spaces
-from study.line_mesh import on_lines
-from study.peers.cylinder import BULK, block_lines
-from study.verification.mesh_lines import growing
-from study.verification.solid_meshes import box
+from study.meshes.line_mesh import on_lines
+from study.meshes.mesh_lines import growing
+from study.meshes.solid_meshes import box
+from study.model.discretisation import spaces
+from study.solutions.calculix.cylinder import BULK, block_lines
 
 Array = npt.NDArray[np.float64]
 

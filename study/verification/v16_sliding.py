@@ -12,11 +12,11 @@ from dolfinx import fem
 from pw_elements import prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Sphere
 from pw_elements.contact.model import ContactState
-from study.core.cases import Case
-from study.core.store import Result
-from study.peers.calculix import peer_of, tracked_digest
-from study.peers.cylinder import CYLINDERS, HALF_WIDTH, HEIGHT
-from study.units import dimensionless
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.calculix.calculix import peer_of, tracked_digest
+from study.solutions.calculix.cylinder import CYLINDERS, HALF_WIDTH, HEIGHT
 from study.verification.recorded import longer
 from study.verification.v16_known import compressed, hertz, sheared
 from study.verification.v16_rubber import (

@@ -12,10 +12,10 @@ from scipy.integrate import solve_bvp
 from pw_elements import prescribe
 from pw_elements.contact import OPEN, SLIP, STICK, ContactPair, ContactProblem, Motion, Sphere
 from pw_elements.meshes import curved_mesh
-from study.core.store import Result
-from study.line_mesh import on_lines
-from study.units import dimensionless
-from study.verification.mesh_lines import growing
+from study.meshes.line_mesh import on_lines
+from study.meshes.mesh_lines import growing
+from study.model.units import dimensionless
+from study.run.store import Result
 from study.verification.v16_rubber import RATIO, Array, Rubber, follow
 
 Mask = npt.NDArray[np.bool_]

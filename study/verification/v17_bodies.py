@@ -24,12 +24,14 @@ from pw_elements.contact.interface import gather_trace
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import FORCE_TOLERANCE
 from pw_elements.meshes import curved_mesh
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import spaces
-from study.line_mesh import on_lines
-from study.peers.calculix import peer_of, tracked_digest
-from study.peers.die import (
+from study.meshes.graded_meshes import joined
+from study.meshes.line_mesh import on_lines
+from study.model.discretisation import spaces
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.calculix.calculix import peer_of, tracked_digest
+from study.solutions.calculix.die import (
     CURVATURE,
     DEPTH,
     DIES,
@@ -42,8 +44,6 @@ from study.peers.die import (
     lines,
     shaped,
 )
-from study.units import dimensionless
-from study.verification.graded_meshes import joined
 from study.verification.recorded import longer
 from study.verification.sliding_quadratic import DualQuadraticProblem
 from study.verification.v16_rubber import Rubber

@@ -12,11 +12,11 @@ from pw_elements import Material, SurfaceNodes, prescribe
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
-from study.contact_result import CONTACT_UNITS
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import discretise, mesh_curves
-from study.units import units_of
+from study.model.contact_result import CONTACT_UNITS
+from study.model.discretisation import discretise, mesh_curves
+from study.model.units import units_of
+from study.run.cases import Case
+from study.run.store import Result
 
 TITLE = "Contact patch test"
 

@@ -15,11 +15,11 @@ import numpy.typing as npt
 
 from pw_elements.contact import Parabola, Sphere
 from pw_elements.elasticity import StressState
-from study.core.cases import Case
-from study.core.store import Result
-from study.units import N_MM, units_of
-from study.verification.half_space import Elastic, HertzLine, HertzSphere
-from study.verification.indentation import ELEMENTS, OUTER, Indenter, series
+from study.model.units import N_MM, units_of
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.half_space import Elastic, HertzLine, HertzSphere
+from study.solutions.indentation import ELEMENTS, OUTER, Indenter, series
 from study.verification.recorded import longer, parted
 
 TITLE = "Hertz contact"

@@ -7,11 +7,11 @@ import numpy.typing as npt
 
 from pw_elements.contact import FlatPunch
 from pw_elements.elasticity import StressState
-from study.core.cases import Case
-from study.core.store import Result
-from study.units import units_of
-from study.verification.half_space import BondedLine, Elastic, FlatLine, FlatRound, KnownContact
-from study.verification.indentation import ELEMENTS, OUTER, Indenter, borders, series
+from study.model.units import units_of
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.half_space import BondedLine, Elastic, FlatLine, FlatRound, KnownContact
+from study.solutions.indentation import ELEMENTS, OUTER, Indenter, borders, series
 
 TITLE = "Flat punches"
 

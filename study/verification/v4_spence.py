@@ -14,15 +14,15 @@ from pw_elements import Material, prescribe
 from pw_elements.contact import STICK, ContactPair, FlatPunch, Motion, solve_contact
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
-from study.contact_result import contact_result
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import Discretisation, discretise
-from study.line_mesh import on_lines
-from study.units import NONE
-from study.verification.friction import SPENCE
-from study.verification.half_space import Elastic
-from study.verification.mesh_lines import growing
+from study.meshes.line_mesh import on_lines
+from study.meshes.mesh_lines import growing
+from study.model.contact_result import contact_result
+from study.model.discretisation import Discretisation, discretise
+from study.model.units import NONE
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.half_space import Elastic
+from study.solutions.stick_slip import SPENCE
 from study.verification.recorded import longer, parted
 
 TITLE = "Stick radius below a flat punch with friction"

@@ -15,15 +15,15 @@ from pw_elements import Material, SurfaceNodes, prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Parabola, solve_contact
 from pw_elements.contact.model import ContactState, MatchingNodes
 from pw_elements.elasticity import StressState
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import Discretisation, discretise, mesh_curves
-from study.line_mesh import on_lines
-from study.units import dimensionless
-from study.verification.friction import Cattaneo
-from study.verification.graded_meshes import with_counterpart
-from study.verification.half_space import Elastic
-from study.verification.mesh_lines import growing
+from study.meshes.graded_meshes import with_counterpart
+from study.meshes.line_mesh import on_lines
+from study.meshes.mesh_lines import growing
+from study.model.discretisation import Discretisation, discretise, mesh_curves
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.half_space import Elastic
+from study.solutions.stick_slip import Cattaneo
 from study.verification.recorded import longer, parted
 
 TITLE = "Partial slip: Cattaneo and Mindlin"

@@ -14,12 +14,12 @@ from pw_elements import Material, prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Plane, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import quadrilaterals, triangles
-from study.contact_result import contact_result
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import discretise
-from study.units import SI
-from study.verification.friction import GRECO_PLACES
+from study.model.contact_result import contact_result
+from study.model.discretisation import discretise
+from study.model.units import SI
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.stick_slip import GRECO_PLACES
 from study.verification.recorded import longer, parted
 
 TITLE = "GRECO plate with open, slipping and sticking zones"

@@ -23,12 +23,12 @@ from pw_elements.contact import OPEN, SLIP, ContactPair, FreeBody, Plane, solve_
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
-from study.contact_result import CONTACT_UNITS
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import Discretisation, discretise, mesh_curves
-from study.units import SI, dimensionless, units_of
-from study.verification.friction import (
+from study.model.contact_result import CONTACT_UNITS
+from study.model.discretisation import Discretisation, discretise, mesh_curves
+from study.model.units import SI, dimensionless, units_of
+from study.run.cases import Case
+from study.run.store import Result
+from study.solutions.stick_slip import (
     WEDGE_PUSH,
     WEDGE_SLOPE,
     WEDGE_SPRINGS,

@@ -26,9 +26,7 @@ from pw_elements.algebra import VibrationModes
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from pw_elements.spaces import Marker
-from study.core.cases import Case
-from study.core.store import Result
-from study.discretisation import (
+from study.model.discretisation import (
     Discretisation,
     discretise,
     is_quadrilateral,
@@ -37,8 +35,10 @@ from study.discretisation import (
     mesh_curves,
     spaces,
 )
+from study.model.units import dimensionless
 from study.paper.s7_6_exact import Strip
-from study.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
 from study.verification.recorded import longer, parted
 from study.verification.v8_exact import Rod, rectangle_eigenvalues
 

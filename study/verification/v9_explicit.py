@@ -30,10 +30,10 @@ from pw_elements import (
 from pw_elements.algebra import symmetric_part
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, triangles
-from study.core.cases import Case
-from study.core.store import Result
-from study.matrices import dense
-from study.units import dimensionless
+from study.model.matrices import dense
+from study.model.units import dimensionless
+from study.run.cases import Case
+from study.run.store import Result
 from study.verification.t_identity import distorted
 
 TITLE = "Explicit dynamics with lumped mass"

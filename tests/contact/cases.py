@@ -23,7 +23,7 @@ from pw_elements import (
 from pw_elements.contact import ContactPair, ContactProblem, Parabola, Plane, solve_contact
 from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import SubSpace
-from study.elements import serendipity
+from study.model.elements import serendipity
 
 PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendipity
 

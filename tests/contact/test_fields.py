@@ -36,9 +36,9 @@ from pw_elements.contact import (
 )
 from pw_elements.files import MARK_NAME
 from pw_elements.meshes import move_nodes, triangles
-from study.elements import composite
-from study.verification.half_space import Elastic as HalfPlane
-from study.verification.half_space import HertzLine, HertzSphere
+from study.model.elements import composite
+from study.solutions.half_space import Elastic as HalfPlane
+from study.solutions.half_space import HertzLine, HertzSphere
 from tests.contact.cases import GALERKIN, PW, BlockOnFloor, ElasticBody, on_plane, skew_columns
 from tests.library import vtx
 

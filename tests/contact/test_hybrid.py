@@ -23,7 +23,7 @@ from pw_elements.contact.interface import COORDINATE_ROUND_OFF
 from pw_elements.contact.iteration import IncrementTarget
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
-from study.elements import taylor_hood
+from study.model.elements import taylor_hood
 from tests.contact.cases import PW, ElasticBody, finite_strain_residual, on_plane
 
 COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood

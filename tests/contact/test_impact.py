@@ -22,9 +22,9 @@ from pw_elements.contact import (
 from pw_elements.contact.model import FrictionCone, MatchingNodes
 from pw_elements.contact.steps.impact import solve_nodal_contact
 from pw_elements.meshes import move_nodes, triangles
-from study.matrices import dense
+from study.meshes.mesh_families import on_strip
+from study.model.matrices import dense
 from study.verification import v12_impact
-from study.verification.c_mesh_families import on_strip
 from tests.contact.cases import GALERKIN, ElasticBody, on_plane, skew_columns
 from tests.contact.test_friction import SaturatingFriction
 

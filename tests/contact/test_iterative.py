@@ -20,7 +20,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.solvers import SolverReport
-from study.elements import taylor_hood
+from study.model.elements import taylor_hood
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 from tests.contact.iterative import (
     SOLID_CASES,

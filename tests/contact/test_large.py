@@ -51,7 +51,7 @@ from pw_elements.contact.system.krylov import KrylovTangent
 from pw_elements.meshes import triangles
 from pw_elements.solvers import Multigrid
 from study.cost.measure import Row, alone
-from study.matrices import dense
+from study.model.matrices import dense
 from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
 from tests.library import vtx
 from tests.library.near_incompressible import distorted_mesh

@@ -14,7 +14,7 @@ from dolfinx.mesh import CellType, create_box, create_rectangle
 from pw_elements import Reduction, assemble_vector, boundary_measure, prescribe
 from pw_elements.contact import SLIP, ContactFields, ContactPair, DeformableSurface, NotFound, Plane
 from pw_elements.meshes import curved_mesh, quadrilaterals, triangles
-from study.verification.c_mesh_families import meshed
+from study.meshes.mesh_families import meshed
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 from tests.contact.residuals import (
     ProblemData,

@@ -25,7 +25,7 @@ from pw_elements.contact import (
 from pw_elements.contact.model import Smallness
 from pw_elements.contact.steps.smallness import gradient_at_vertices, measure_largest_gradient
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
-from study.elements import composite, serendipity
+from study.model.elements import composite, serendipity
 from tests.contact.cases import BlockOnFloor, ElasticBody, PunchedBlock, on_plane
 from tests.contact.polyline import Polyline
 from tests.contact.test_matching import MatchingBlocks

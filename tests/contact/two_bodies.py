@@ -18,7 +18,7 @@ from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
 from pw_elements.elasticity import facet_nodes
 from pw_elements.spaces import locate_exterior_facets
-from study.elements import composite, taylor_hood
+from study.model.elements import composite, taylor_hood
 from tests.contact.cases import ElasticBody, on_plane
 
 PRESSURE = 1e-3  # divided by Young's modulus of the lower block

@@ -28,7 +28,7 @@ from dolfinx.mesh import CellType, Mesh, create_box, create_rectangle
 
 from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
 from pw_elements.meshes import curved_mesh
-from study.matrices import dense
+from study.model.matrices import dense
 
 RATIOS = (0.45, 0.48, 0.49, 0.495, 0.499, 0.4995, 0.4999, 0.49999)
 DIVISIONS = {"triangle": 4, "quadrilateral": 4, "tetrahedron": 2, "hexahedron": 2}

@@ -22,7 +22,7 @@ from pw_elements import (
     solve,
 )
 from pw_elements.meshes import move_nodes
-from study.matrices import dense
+from study.model.matrices import dense
 from study.verification.t_identity import distorted
 from tests.library.random_meshes import Grid, Placement
 

@@ -12,8 +12,8 @@ from dolfinx import fem
 from pw_elements import Body, Material, Spaces, assemble_matrix
 from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import macro_element
-from study.elements import composite
-from study.matrices import dense
+from study.model.elements import composite
+from study.model.matrices import dense
 from study.verification.t_identity import distorted
 from tests.contact.cases import ElasticBody
 

@@ -8,9 +8,9 @@ from dolfinx.mesh import create_mesh
 from pw_elements import Material, Reduction, Spaces, assemble_vector, prescribe, reactions, solve
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
-from study.discretisation import discretise
-from study.inner_nodes import centre_nodes, mid_diagonal_nodes
-from study.matrices import dense
+from study.meshes.inner_nodes import centre_nodes, mid_diagonal_nodes
+from study.model.discretisation import discretise
+from study.model.matrices import dense
 from study.verification.t_identity import distorted
 from tests.contact.cases import GALERKIN, Q8, ElasticBody, on_plane
 from tests.library.properties import dense_solution

@@ -28,9 +28,9 @@ from pw_elements import (
 from pw_elements.algebra import symmetric_part
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
-from study.discretisation import discretise, mass_left
-from study.elements import serendipity
-from study.matrices import dense
+from study.model.discretisation import discretise, mass_left
+from study.model.elements import serendipity
+from study.model.matrices import dense
 from study.paper.s7_6_exact import Strip
 from study.verification.t_identity import distorted
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane

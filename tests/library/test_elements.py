@@ -33,8 +33,8 @@ from pw_elements import (
 from pw_elements.meshes import curved_mesh
 from pw_elements.spaces import add_sub_cell_rules, macro_element, quadratic_element
 from pw_elements.spaces.elements import CELLS, twelve_cell_rule
-from study.elements import one_cut, one_cut_element, serendipity_element
-from study.matrices import dense
+from study.model.elements import one_cut, one_cut_element, serendipity_element
+from study.model.matrices import dense
 from tests.contact.cases import PW
 from tests.library.random_meshes import Grid, random_cell_points, structured_grid
 from tests.oracle.elements import ELEMENTS, gauss_rule, shape_functions

@@ -39,7 +39,7 @@ from pw_elements import (
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
 from pw_elements.spaces.hybrid import mixed_element
-from study.elements import taylor_hood
+from study.model.elements import taylor_hood
 from study.verification.v15_layers import error, layered
 from tests.contact.cases import PW, ElasticBody, on_plane
 from tests.library.properties import boundary_dofs

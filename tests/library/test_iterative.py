@@ -36,8 +36,8 @@ from pw_elements.contact import ContactPair, NoEquilibrium, Plane, solve_contact
 from pw_elements.contact.system import preconditioners
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from pw_elements.solvers import Multigrid, automatic, choose_solver, iterative, matrices
-from study.elements import composite
-from study.inner_nodes import centre_nodes
+from study.meshes.inner_nodes import centre_nodes
+from study.model.elements import composite
 from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
 from tests.contact.iterative import SolidBlock, nearly_sliding_arguments
 from tests.library.properties import boundary_dofs

@@ -35,7 +35,7 @@ from pw_elements.contact.system import preconditioners
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from pw_elements.solvers import automatic
-from study.discretisation import discretise, mass_left
+from study.model.discretisation import discretise, mass_left
 from study.verification.t_identity import distorted
 from study.verification.v15_layers import error, layered
 from tests.contact.cases import GALERKIN, PW, ElasticBody, finite_strain_residual, on_plane

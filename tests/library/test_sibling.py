@@ -9,7 +9,7 @@ from dolfinx.mesh import CellType, create_box, create_rectangle
 
 from pw_elements import Sibling, assemble_matrix, force_transfer, lumped_mass, prescribe, solve
 from pw_elements.contact import OPEN, ContactPair, Motion, Parabola, Plane, solve_contact
-from study.matrices import dense
+from study.model.matrices import dense
 from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
 
 COMM, CELLS = MPI.COMM_SELF, ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]

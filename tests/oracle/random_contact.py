@@ -40,7 +40,7 @@ from pw_elements.contact import (
 from pw_elements.contact.model import ContactState, Surface
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import DIAGONAL_PATTERNS, move_nodes, quadrilaterals, triangles
-from study.elements import composite, serendipity
+from study.model.elements import composite, serendipity
 from tests.contact.polyline import Polyline
 
 Array = npt.NDArray[np.float64]

@@ -2,9 +2,9 @@ import re
 from pathlib import Path
 
 from pw_elements.contact import OPEN, SLIP, STICK
-from study import discretisation, vocabulary
-from study.core.cases import SECTIONS
+from study.model import discretisation, vocabulary
 from study.paper.items import ITEMS, TABLE_1, TABLE_2, map_table
+from study.run.cases import SECTIONS
 
 PROJECT = Path(__file__).parents[2]
 MAP = PROJECT / "docs" / "study.md"

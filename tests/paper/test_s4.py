@@ -8,7 +8,7 @@ import pytest
 from dolfinx.mesh import create_mesh
 
 from pw_elements import Body, Material, Spaces, assemble_matrix
-from study.matrices import dense
+from study.model.matrices import dense
 from tests.oracle.assembly import Body as OracleBody
 from tests.oracle.elements import tabulate_at_gauss_points
 

@@ -7,7 +7,7 @@ import pytest
 
 from pw_elements import Body, Material, Spaces, as_function, assemble_matrix
 from pw_elements.meshes import triangles
-from study.matrices import dense
+from study.model.matrices import dense
 from tests.oracle.assembly import Body as OracleBody
 
 

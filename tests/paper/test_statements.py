@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.core.store import Results, write_json
 from study.judge.claims import GRADES, PAPER, judge, load_claims
 from study.judge.facts import (
     COMPUTED,
@@ -29,6 +28,7 @@ from study.judge.facts import (
     turned_by,
 )
 from study.paper.s7_5_profiles import PROFILES
+from study.run.store import Results, write_json
 from tests.study.computed_results import ComputedResults
 
 ROOT = Path(__file__).parents[2]

@@ -11,17 +11,17 @@ from types import ModuleType
 
 import pytest
 
-import study.command
-import study.report
-from study.command import main
-from study.core.store import Result, Results, StudyError, save
-from study.core.supervisor import KEPT
+import study.publish.report
+import study.run.command
+from study.run.command import main
+from study.run.store import Result, Results, StudyError, save
+from study.run.supervisor import KEPT
 from tests.run.processes import SpawnedCommand
 from tests.study.toystudy import claim, install, started
 
 ROOT = Path(__file__).parents[2]
 
-BUILD_REPORT = study.report.build
+BUILD_REPORT = study.publish.report.build
 
 # Debian combines WeasyPrint with a newer pydyf, in which some methods have other names
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
 def toy_study(tmp_path, monkeypatch):
     """Install a toy study without a report in a temporary folder, and return this folder."""
     install(tmp_path, monkeypatch)
-    monkeypatch.setattr(study.report, "build", lambda *_: [])
+    monkeypatch.setattr(study.publish.report, "build", lambda *_: [])
     return tmp_path
 
 
@@ -39,9 +39,9 @@ def toy_study(tmp_path, monkeypatch):
 def real_report(toy_study, monkeypatch):
     """Enable the report, which is slow and not needed by most tests of this module."""
     assert toy_study
-    monkeypatch.setattr(study.report, "build", BUILD_REPORT)
+    monkeypatch.setattr(study.publish.report, "build", BUILD_REPORT)
     # the texts of the report describe the real sections
-    monkeypatch.setattr(study.report._Paper, "_body", lambda *_: "text")
+    monkeypatch.setattr(study.publish.report._Paper, "_body", lambda *_: "text")
 
 
 @pytest.fixture
@@ -121,7 +121,7 @@ def test_recorded_results_are_counted_separately_and_computed_on_demand(
     longer_series = ModuleType("study.verification.longer")
     monkeypatch.setitem(sys.modules, "study.verification.longer", longer_series)
     longer_series.CASES = {}
-    (section,) = study.command._load(["1"])
+    (section,) = study.run.command._load(["1"])
     longer_series.CASES["1/b"] = replace(
         section.cases[0], name="b", parameters={"value": 2.5, "log": ""}
     )
@@ -175,7 +175,7 @@ def test_results_of_deleted_cases_are_removed(run_study, results_folder):
 def test_an_incomplete_report_gives_status_1_only_after_the_whole_study(
     run_study, monkeypatch, capsys
 ):
-    monkeypatch.setattr("study.report.build", lambda *_: ["section 1: no such result"])
+    monkeypatch.setattr("study.publish.report.build", lambda *_: ["section 1: no such result"])
     assert run_study("1") == 0
     assert "incomplete" not in capsys.readouterr().err
     assert run_study() == 1
@@ -417,9 +417,9 @@ def test_an_error_in_the_claims_is_found_before_any_computation(run_study, toy_s
 def test_failing_figures_give_status_1_but_do_not_prevent_the_report(
     run_study, results_folder, monkeypatch
 ):
-    draw_figures = study.command.draw_figures
+    draw_figures = study.run.command.draw_figures
     monkeypatch.setattr(
-        study.command, "draw_figures", lambda *arguments: not draw_figures(*arguments)
+        study.run.command, "draw_figures", lambda *arguments: not draw_figures(*arguments)
     )
     assert run_study("1") == 1
     assert (results_folder / "report.html").exists()
@@ -427,7 +427,7 @@ def test_failing_figures_give_status_1_but_do_not_prevent_the_report(
 
 def test_figures_are_drawn_in_the_results_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert study.command.draw_figures(Path("some/results"), complete=False)
+    assert study.run.command.draw_figures(Path("some/results"), complete=False)
     assert json.loads((tmp_path / "some/results/figures/index.json").read_text()) == []
 
 
@@ -533,8 +533,8 @@ def test_an_interrupt_during_imports_gives_one_line(tmp_path):
     slow = "import os, signal\ntry:\n    os.killpg(0, signal.SIGINT)\n    signal.pause()\n"
     slow += "except KeyboardInterrupt:\n    raise ImportError('take a package') from None\n"
     (tmp_path / "toy" / "__init__.py").write_text(slow)
-    code = "import sys; from study.core.cases import SECTIONS; SECTIONS['1'] = 'toy'\n"
-    code += "from study.core.supervisor import supervise; from study.command import main\n"
+    code = "import sys; from study.run.cases import SECTIONS; SECTIONS['1'] = 'toy'\n"
+    code += "from study.run.supervisor import supervise; from study.run.command import main\n"
     code += "sys.exit(supervise(lambda: main(['1', '--out', 'OUT']), 'study'))"
     code = code.replace("OUT", str(tmp_path / "results"))
     command, path = [sys.executable, "-c", code], f"{ROOT}:{tmp_path}"

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from study.core.store import Results
+from study.run.store import Results
 
 ROOT = Path(__file__).parents[2]
 RUN = ROOT / "run"

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from study.command import main
-from study.core.jit import unblocked
-from study.core.pool import _work
-from study.core.store import Results, sweep
+from study.run.command import main
+from study.run.jit import unblocked
+from study.run.pool import _work
+from study.run.store import Results, sweep
 from tests.run.processes import TERMINATION_SIGNALS, SpawnedCommand, read_command_line
 from tests.study.toystudy import install
 
@@ -30,7 +30,7 @@ BLOCK_SIGNALS = [
     "env",
     *(f"--block-signal={number.name.removeprefix('SIG')}" for number in TERMINATION_SIGNALS),
 ]
-SUPERVISED_PYTHON = [*BLOCK_SIGNALS, sys.executable, "-m", "study.core.supervisor"]
+SUPERVISED_PYTHON = [*BLOCK_SIGNALS, sys.executable, "-m", "study.run.supervisor"]
 INTERRUPTION_MESSAGE = re.compile(
     r"\w+: interrupted by (SIG\w+)( before the command began)?(; .*|$)"
 )
@@ -56,7 +56,7 @@ class StudyCommand(SpawnedCommand):
         supervised = [
             process
             for process in self.list_descendants()
-            if "-m study.core.supervisor" in read_command_line(process)
+            if "-m study.run.supervisor" in read_command_line(process)
         ]
         return [self.pid, *supervised, *self.list_workers()]
 
@@ -79,7 +79,7 @@ def make_commands(folder):
         "figure": [RUN, "figure", "fig05", "--results", results, "--out", str(folder / "drawn")],
         "site": [
             *SUPERVISED_PYTHON,
-            "study.site",
+            "study.publish.site",
             "--results",
             results,
             "--out",
@@ -279,6 +279,6 @@ def test_a_killed_compilation_loses_no_case(tmp_path, monkeypatch, stale_source)
     section = tmp_path / "toy" / "one.py"
     text = section.read_text().replace('def run(value, log, do=""):', RUN_WITH_TIMEOUT.strip())
     section.write_text(text.replace('case("a")', f'case("a", do="{stale_source}")'))
-    monkeypatch.setattr("study.report.build", lambda *_: [])
+    monkeypatch.setattr("study.publish.report.build", lambda *_: [])
     assert main(["1", "--jobs", "1", "--out", str(tmp_path / "results")]) == 0
     assert Results(tmp_path / "results").cases("1") == ["a", "b"]

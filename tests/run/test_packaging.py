@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 
 import pw_elements
-from study.core.sources import imported
+from study.run.sources import imported
 
 ROOT = Path(__file__).parents[2]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from study.core.store import Results
-from study.core.supervisor import KEPT
+from study.run.store import Results
+from study.run.supervisor import KEPT
 from tests.run.processes import TERMINATION_SIGNALS, SpawnedCommand, read_command_line
 
 ROOT = Path(__file__).parents[2]
@@ -50,7 +50,7 @@ def start_supervised(
     """
     script = folder / "program.py"
     script.write_text(
-        f"{body}\nfrom study.core.supervisor import supervise\nsys.exit({exit_expression})\n"
+        f"{body}\nfrom study.run.supervisor import supervise\nsys.exit({exit_expression})\n"
     )
     temporary = folder / "temporary"
     temporary.mkdir(exist_ok=True)
@@ -172,7 +172,7 @@ import subprocess, sys
 def command():
     return subprocess.run([sys.executable, "family.py"], cwd=sys.path[0]).returncode
 """
-    text = f"{FAMILY_SOURCE}\nfrom study.core.supervisor import supervise\n"
+    text = f"{FAMILY_SOURCE}\nfrom study.run.supervisor import supervise\n"
     (tmp_path / "family.py").write_text(f"{text}sys.exit(supervise(command, 'study'))\n")
     with start_supervised(tmp_path, nested, "supervise(command, 'figures')") as outer:
         outer.read_output_until("begun")
@@ -197,7 +197,7 @@ def test_a_module_runs_under_the_supervisor_as_without_it(tmp_path):
     It receives its arguments. If no module is given, the message asks for one.
     """
     (tmp_path / "shown.py").write_text("import sys\nprint(__name__, sys.argv)\nsys.exit(4)\n")
-    command = [sys.executable, "-m", "study.core.supervisor"]
+    command = [sys.executable, "-m", "study.run.supervisor"]
     environment = os.environ | {"PYTHONPATH": f"{ROOT}:{tmp_path}"}
     process = subprocess.run(
         [*command, "shown", "a b"], env=environment, capture_output=True, text=True
@@ -213,10 +213,10 @@ def test_a_module_runs_under_the_supervisor_as_without_it(tmp_path):
     "command",
     [
         ["-m", "study", "--help"],
-        ["-m", "study.site", "--help"],
+        ["-m", "study.publish.site", "--help"],
         ["-m", "figures", "--help"],
         ["figures/fig05.py", "--help"],
-        ["-m", "study.core.supervisor", "platform"],
+        ["-m", "study.run.supervisor", "platform"],
     ],
     ids=["study", "site", "figures", "one figure", "supervisor"],
 )

@@ -4,8 +4,8 @@ import fcntl
 from dataclasses import replace
 from functools import cache
 
-from study.core.cases import SECTIONS, load_section
-from study.core.store import Results, Stored, save
+from study.run.cases import SECTIONS, load_section
+from study.run.store import Results, Stored, save
 
 
 @cache

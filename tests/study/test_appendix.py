@@ -5,8 +5,8 @@ from importlib import import_module
 
 import pytest
 
-from study.core.store import Result, Results, save
-from study.texts import appendix
+from study.publish.texts import appendix
+from study.run.store import Result, Results, save
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def test_mesh_sizes_come_from_parameters_and_series(one, parameters, curves, mes
 @pytest.mark.parametrize(
     ("section", "module"),
     [
-        ("C", "study.verification.c_manufactured"),
+        ("C", "study.solutions.manufactured"),
         ("V13", "study.verification.v13_fluxes"),
         ("V14", "study.verification.v14_rubber"),
         ("V2", None),

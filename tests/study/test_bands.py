@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from study.core.cases import load_section
 from study.judge.measures.paper_statements import _test_functions
 from study.paper.bands import DATA, DIAGONALS, envelope, members
+from study.run.cases import load_section
 
 
 @pytest.mark.parametrize("section", DATA)

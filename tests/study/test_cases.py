@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from study.core import cases, provenance
-from study.core.cases import Case, fingerprints, load_section, title
-from study.core.store import StudyError
+from study.run import cases, provenance
+from study.run.cases import Case, fingerprints, load_section, title
+from study.run.store import StudyError
 from tests.study.toystudy import install
 
 
@@ -59,7 +59,7 @@ def test_name_that_is_no_file_name_is_refused(name):
 def test_fingerprint_is_the_same_in_another_process(toy):
     case = load_section("2").cases[0]
     code = (
-        "import sys; sys.path.insert(0, sys.argv[1]); from study.core import cases;"
+        "import sys; sys.path.insert(0, sys.argv[1]); from study.run import cases;"
         "cases.SECTIONS.update({'2': 'toy.two'});"
         "print(*cases.fingerprints(cases.load_section('2').cases).values())"
     )

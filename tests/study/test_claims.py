@@ -5,8 +5,8 @@ import json
 import jsonschema
 import pytest
 
-from study.core.store import Result, Results, StudyError, save
 from study.judge.claims import SCHEMA, judge, load_claims, summary, table, write
+from study.run.store import Result, Results, StudyError, save
 from tests.study.toystudy import MEASURED, claim, finding
 
 CONTRADICTED = '"contradicted"'

@@ -1,8 +1,8 @@
 import pytest
 
-from study.core import compare_versions
-from study.core.compare_versions import KINDS, compare, kind_of, main, table
-from study.core.store import Result, Results, save
+from study.run import compare_versions
+from study.run.compare_versions import KINDS, compare, kind_of, main, table
+from study.run.store import Result, Results, save
 
 BASE = {"x": 2.0, "force_normal": 1000.0, "force_tangential": 1e-9, "residual": 1e-12}
 

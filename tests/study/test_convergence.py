@@ -12,9 +12,9 @@ from dolfinx import fem
 from scipy.special import j1
 
 from pw_elements._compat import cell_nodes
+from study.meshes.mesh_families import cell_size, on_cube, on_hollow_ball, on_ring, order
 from study.verification import c_eigenvalue_orders
 from study.verification.c_convergence import SETTINGS, errors
-from study.verification.c_mesh_families import cell_size, on_cube, on_hollow_ball, on_ring, order
 
 
 def series(element, setting, *sides):

@@ -12,10 +12,10 @@ from scipy.integrate import dblquad, quad
 from pw_elements import SurfaceNodes, assemble_vector, boundary_measure, solve
 from pw_elements.contact import ContactPair, Plane
 from pw_elements.meshes import triangles
-from study.discretisation import spaces
 from study.engineering import conductance, friction, impact, submodel, wear
 from study.engineering.readings import reading
-from study.verification.solid_meshes import box
+from study.meshes.solid_meshes import box
+from study.model.discretisation import spaces
 from tests.contact.cases import ElasticBody, on_plane
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-T10", "pw-T10")

@@ -17,7 +17,7 @@ import figures
 from figures.__main__ import draw_all, main, named
 from figures.drawing import scripts
 from figures.style import COLUMN, LOOK, mesh_plot, style
-from study.core.store import Result, save
+from study.run.store import Result, save
 
 ROOT = Path(__file__).parents[2]
 
@@ -130,7 +130,7 @@ def test_results_that_arrive_while_a_figure_is_drawn_are_not_passed_over(
     store_late = (
         "def caption(results):\n"
         "    import numpy as np\n"
-        "    from study.core.store import Result, save\n"
+        "    from study.run.store import Result, save\n"
         f"    said = f'It is {{{before}:.1f}}.'\n"
         "    def store(case, y):\n"
         "        if f'{y}' not in said:\n"

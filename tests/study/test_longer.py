@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-import study.command
-from study.core.cases import load_section
+import study.run.command
 from study.cost import measure
+from study.run.cases import load_section
 from study.verification import longer, recorded
 
 QUICK, TIMED = "V13/square-own-64", "Q/seconds-penalty-16"
@@ -65,7 +65,7 @@ def test_the_documents_say_how_long_the_recorded_results_take():
     repeats = [1 if seconds > measure.ONCE else measure.REPEATS for seconds in whole]
     cost_minutes = round(sum(map(operator.mul, whole, repeats)) / 60)
     page = (Path(__file__).parents[2] / "docs" / "study.md").read_text()
-    for text in (page, study.command.USAGE):
+    for text in (page, study.run.command.USAGE):
         assert f"{longer_minutes} CPU minutes more" in text
         assert re.search(rf"\b{cost_minutes} minutes (more|for the times of section K)", text)
 
@@ -83,7 +83,7 @@ def test_costs_are_measured_anew_on_demand(tmp_path, monkeypatch):
     monkeypatch.setattr(measure, "_median", median)
     monkeypatch.setattr(measure, "rows", lambda: [row for row in known if row.method != "CalculiX"])
     tracked = load_section("K").cases
-    again = study.command._recomputed(tracked, tmp_path)
+    again = study.run.command._recomputed(tracked, tmp_path)
     assert [case.name for case in again] == [case.name for case in tracked]
     assert len(measured) == len({*measured}) > 100
     for case, before in zip(again, tracked, strict=True):

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.benchmarks import calculix_block
-from study.peers import calculix
-from study.peers.printed import fields, tables
-from study.peers.problems import PROBLEMS
-from study.peers.standard_decks import SPECIMENS, RoughBlock
+from study.solutions.calculix import calculix
+from study.solutions.calculix.printed import fields, tables
+from study.solutions.calculix.problems import PROBLEMS
+from study.solutions.calculix.standard_decks import SPECIMENS, RoughBlock
+from tests.speed import calculix_block
 
 ROOT = Path(__file__).parents[2]
 
@@ -110,7 +110,7 @@ def test_no_number_of_a_deck_is_longer_than_calculix_reads():
 
 def test_blocks_of_the_benchmark_are_as_large_as_they_are_said_to_be(tmp_path):
     assert [3 * len(calculix_block.block(n).grid.nodes) for n in (8, 11)] == [28_611, 71_415]
-    command = [sys.executable, "-m", "study.benchmarks.calculix_block", "--cells", "2"]
+    command = [sys.executable, "-m", "tests.speed.calculix_block", "--cells", "2"]
     subprocess.run([*command, "--deck", str(tmp_path)], cwd=ROOT, check=True)
     assert (tmp_path / "block-2.inp").read_text() == calculix_block.block(2).deck()
 
@@ -127,7 +127,8 @@ def test_benchmark_tells_the_cost_of_a_run_and_refuses_a_failed_one(monkeypatch)
 
 
 def test_script_starts_without_dolfinx():
-    code = "import sys, study.peers.calculix; print({'dolfinx', 'mpi4py'} & set(sys.modules))"
+    module = "study.solutions.calculix.calculix"
+    code = f"import sys, {module}; print({{'dolfinx', 'mpi4py'}} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout == "set()\n"
 

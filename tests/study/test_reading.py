@@ -20,7 +20,7 @@ from pw_elements import (
 )
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
-from study.reading import compared, transferred
+from study.model.reading import compared, transferred
 
 
 def below(x):

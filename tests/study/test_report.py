@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from pypdf import PdfReader
 
-from study import report, texts
-from study.core.store import MissingResult, Results, StudyError
-from study.report import build, render
-from study.texts import numbers, statements
-from study.texts.statements import names_section
+from study.publish import report, texts
+from study.publish.report import build, render
+from study.publish.texts import numbers, statements
+from study.publish.texts.statements import names_section
+from study.run.store import MissingResult, Results, StudyError
 from tests.study.pages import Page
 from tests.study.toystudy import reported
 

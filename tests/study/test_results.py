@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from figures.__main__ import scripts
-from study import texts
-from study.core.cases import SECTIONS, load_section
-from study.core.store import Stored
 from study.judge.claims import load_claims
 from study.judge.measures.general import largest
 from study.judge.measures.stored_cases import like, matching
-from study.units import KN_M, N_MM, NONE, SI, UNSTATED
-from study.vocabulary import ELEMENTS
+from study.model.units import KN_M, N_MM, NONE, SI, UNSTATED
+from study.model.vocabulary import ELEMENTS
+from study.publish import texts
+from study.run.cases import SECTIONS, load_section
+from study.run.store import Stored
 from tests.study.computed_results import listed
 
 CASES = {case.key: case for section in SECTIONS for case in load_section(section).cases}

@@ -12,11 +12,11 @@ from PIL import Image
 
 import pw_elements
 import pw_elements.contact
-from study.core.cases import SECTIONS
-from study.core.store import Results
-from study.site import evidence, gallery, reference
-from study.site.__main__ import main as site
-from study.texts import HEADS
+from study.publish.site import evidence, gallery, reference
+from study.publish.site.__main__ import main as site
+from study.publish.texts import HEADS
+from study.run.cases import SECTIONS
+from study.run.store import Results
 from tests.study import toystudy
 
 ROOT = Path(__file__).parents[2]
@@ -91,8 +91,10 @@ def test_examples_are_in_the_gallery_with_title_and_text():
 def toy(tmp_path, monkeypatch):
     """Results with claims and figures, and a site that has one page besides their data."""
     results = toystudy.reported(tmp_path, monkeypatch)
-    monkeypatch.setattr("study.site.write_sources", lambda *_: [])
-    monkeypatch.setattr("study.site._sphinx", lambda _, pages: _write(pages / "index.html") or [])
+    monkeypatch.setattr("study.publish.site.write_sources", lambda *_: [])
+    monkeypatch.setattr(
+        "study.publish.site._sphinx", lambda _, pages: _write(pages / "index.html") or []
+    )
     for name in evidence.REPORT:
         _write(results / name)
     return results
@@ -128,7 +130,7 @@ def test_a_site_takes_the_place_of_an_earlier_one_and_of_nothing_else(toy, tmp_p
 def test_a_site_that_fails_leaves_the_earlier_one(toy, tmp_path, monkeypatch):
     out = tmp_path / "pages"
     assert _site(toy, out) == 0
-    monkeypatch.setattr("study.site._sphinx", lambda *_: 1 / 0)
+    monkeypatch.setattr("study.publish.site._sphinx", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         _site(toy, out)
     assert (out / "index.html").read_text() == "made"

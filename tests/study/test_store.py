@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from study.core.store import (
+from study.run.store import (
     FORMAT,
     CorruptResult,
     MissingResult,
@@ -97,7 +97,7 @@ KILLED = """
 import os, sys
 from pathlib import Path
 import numpy as np
-from study.core.store import Result, save
+from study.run.store import Result, save
 real = os.replace
 os.replace = lambda a, b: os._exit(9) if str(b).endswith(".json") else real(a, b)
 result = Result({"y": 1.0}, {"y": "1"}, {"x": np.zeros(2)})

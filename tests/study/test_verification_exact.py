@@ -8,9 +8,10 @@ from scipy.integrate import quad
 
 from pw_elements import Material
 from pw_elements.elasticity import StressState
-from study.verification import friction, v4_spence
-from study.verification import v10_partial_slip as v10
-from study.verification.half_space import (
+from study.meshes.mesh_lines import graded
+from study.meshes.solid_meshes import box, quarter_disc, with_mirror_image
+from study.solutions import stick_slip as friction
+from study.solutions.half_space import (
     BondedLine,
     Elastic,
     FlatLine,
@@ -18,9 +19,9 @@ from study.verification.half_space import (
     HertzLine,
     HertzSphere,
 )
-from study.verification.half_space_shear import MindlinSphere, _cerruti, hertz_force
-from study.verification.mesh_lines import graded
-from study.verification.solid_meshes import box, quarter_disc, with_mirror_image
+from study.solutions.half_space_shear import MindlinSphere, _cerruti, hertz_force
+from study.verification import v4_spence
+from study.verification import v10_partial_slip as v10
 from study.verification.v8_exact import Rod, wave_speeds_squared
 
 BODY = Elastic(1000.0, 0.3)

@@ -10,10 +10,10 @@ from scipy.linalg import cholesky, solve_triangular, svdvals
 from pw_elements import assemble_matrix
 from pw_elements.contact import ContactPair, Motion, Plane
 from pw_elements.elasticity import StressState
-from study.discretisation import spaces
-from study.matrices import dense
+from study.meshes.distorted_meshes import moved_mesh
+from study.model.discretisation import spaces
+from study.model.matrices import dense
 from study.verification import v15_seal
-from study.verification.v15_meshes import moved_mesh
 from study.verification.v15_stability import infsup
 from tests.contact.cases import ElasticBody, on_plane
 

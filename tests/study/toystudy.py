@@ -8,11 +8,11 @@ from types import ModuleType
 
 import pytest
 
-import study.command
-from study.core.cases import SECTIONS
-from study.core.store import Result, Results, save, write_json
+import study.run.command
 from study.judge import claims, facts
-from study.report import build
+from study.publish.report import build
+from study.run.cases import SECTIONS
+from study.run.store import Result, Results, save, write_json
 
 ONE = """
 import os
@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from study.core.cases import Case
-from study.core.store import Result
+from study.run.cases import Case
+from study.run.store import Result
 from toy.common import FACTOR
 
 TITLE = "First toy"
@@ -49,8 +49,8 @@ CASES = [case("a"), case("b", 2.5)]
 """
 
 TWO = """
-from study.core.cases import Case
-from study.core.store import Result
+from study.run.cases import Case
+from study.run.store import Result
 
 TITLE = "Second toy"
 
@@ -135,7 +135,7 @@ def install(folder, monkeypatch):
     path = folder / "claims.toml"
     path.write_text(claim())
     monkeypatch.setattr(claims, "load_claims", partial(claims.load_claims, [path], MEASURED))
-    monkeypatch.setattr(study.command, "draw_figures", lambda out, *_: _draw_nothing(out))
+    monkeypatch.setattr(study.run.command, "draw_figures", lambda out, *_: _draw_nothing(out))
 
 
 def reported(folder, monkeypatch):

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from study.core.store import Results, Stored
 from study.judge.measures.stored_cases import T6, matching, of_section
 from study.paper.items import TABLE_2
+from study.run.store import Results, Stored
 
 
 def printed(results: Results, element: str, mode: int) -> float:

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from study.core.store import Results
 from study.judge.measures.stored_cases import T6, Selection, matching, of_section
 from study.paper.items import TABLE_1
+from study.run.store import Results
 
 _MODES = range(1, 7)
 

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from study.core.store import Results
 from study.judge.measures.stored_cases import T6
-from study.vocabulary import OPEN, SLIP, STICK
+from study.model.vocabulary import OPEN, SLIP, STICK
+from study.run.store import Results
 
 BLOCK_PRESSURE = 200.0
 

@@ -12,7 +12,7 @@ larger error, so that "by more than both errors" would hold for opposite signs o
 
 from collections.abc import Sequence
 
-from study.core.store import MissingResult, Results, Stored
+from study.run.store import MissingResult, Results, Stored
 
 WORTH = 0.01  # of the reference: less is nobody's reason to change elements
 HONEST = ("own", "skip", "projected", "none")  # the last of problems that read no pressure

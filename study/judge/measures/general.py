@@ -5,8 +5,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from study.core.store import Results, Stored
 from study.judge.measures.stored_cases import Selection, matching
+from study.run.store import Results, Stored
 
 # Keys of two cases
 Pair: TypeAlias = tuple[str, str]

@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 
-from study.core.store import Results, Stored
 from study.judge.measures.stored_cases import Selection, like, matching
-from study.verification.friction import GRECO_PLACES, GRECO_PROTOTYPE, GRECO_PUBLISHED
+from study.run.store import Results, Stored
+from study.solutions.stick_slip import GRECO_PLACES, GRECO_PROTOTYPE, GRECO_PUBLISHED
 
 # Of each new element, the standard one with the same nodes
 _STANDARD = {"pw-T6": "galerkin-T6", "pw-T10": "galerkin-T10"}

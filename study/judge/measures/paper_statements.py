@@ -5,9 +5,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from study.core.store import Results
+from study.model.vocabulary import STICK
 from study.paper.bands import DIAGONALS, members
-from study.vocabulary import STICK
+from study.run.store import Results
 
 Array = npt.NDArray[np.float64]
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from study.core.store import Results
 from study.judge.measures.stored_cases import of_section
+from study.run.store import Results
 
 CONTACT_PEERS = (
     "block-even",

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from study.core.store import MissingResult, Results, Stored
+from study.run.store import MissingResult, Results, Stored
 
 NEW = "pw-T6"
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from study.core.store import MissingResult, Results, Stored
+from study.run.store import MissingResult, Results, Stored
 
 T6 = ("galerkin-T6", "pw-T6")
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from study.core.store import Results
 from study.judge.measures.stored_cases import matching
+from study.run.store import Results
 
 
 def middle_over_side(results: Results, element: str) -> float:

@@ -1,0 +1,1 @@
+"""Meshes that several sections use."""

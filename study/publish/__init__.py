@@ -1,0 +1,1 @@
+"""What readers get: texts, the report and the site."""

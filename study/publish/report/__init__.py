@@ -1,0 +1,196 @@
+"""The report: a paper of some thirty pages, one self-contained HTML page and a PDF of it."""
+
+import gc
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import jinja2
+from markupsafe import Markup
+
+from study.publish.texts import HERE, Place, Texts, numbers, provenance
+from study.run.cases import SECTIONS
+from study.run.store import CorruptResult, MissingResult, NoScalar, Results, write_whole
+
+if TYPE_CHECKING:
+    import weasyprint
+
+# The parts in their order: text, of a section of the study or of several; chapter or section; title
+PARTS = (
+    ("answer", "", ""),
+    ("evidence", "chapter", "What was tested, and with which result"),
+    ("element", "chapter", "The element"),
+    ("reading", "chapter", "How to read contact forces"),
+    ("examples", "chapter", "The paper's examples"),
+    ("7.2", "section", "Elastic block on a rigid surface (the paper's section 7.2)"),
+    ("7.3", "section", "Parabolic rigid punch (7.3)"),
+    ("7.4", "section", "Rigid plate on an elastic body (7.4)"),
+    ("7.5", "section", "Stepped column (7.5)"),
+    ("7.6", "section", "Buckling of a beam (7.6)"),
+    ("beyond", "chapter", "Beyond the paper"),
+    ("V11", "section", "Two deformable bodies"),
+    ("V10", "section", "Contact and friction in three dimensions"),
+    ("friction", "section", "Friction: four benchmarks"),
+    ("impact", "section", "Dynamics and impact"),
+    ("V13", "section", "Fluxes"),
+    ("V14", "section", "Large strains"),
+    ("V15", "section", "Nearly incompressible bodies: the hybrid element"),
+    ("V16", "section", "Large sliding"),
+    ("V17", "section", "Two bodies at large sliding"),
+    ("W", "section", "Laws of nodal forces: does an engineer's answer change?"),
+    ("C", "chapter", "Accuracy, and where the new element is worse"),
+    ("K", "chapter", "What it costs"),
+    ("codes", "chapter", "Other codes, and verification in one table"),
+    ("Q", "chapter", "Other methods"),
+    ("unknown", "chapter", "What could not be known, and errata of the paper"),
+    ("appendix", "chapter", "Appendix: meshes, unknowns, quadrature and references' errors"),
+    ("references", "chapter", "References and nomenclature"),
+)
+BREAK = r"(?<=[\d>]) (?=(?:%|°|mm|MPa|kN|μm)(?![\w/]))"  # where no line may end
+
+
+class Rendered(NamedTuple):
+    """The page, and what it lacks for want of results or figures, a line for each."""
+
+    html: str
+    incomplete: list[str]
+
+
+class Part(NamedTuple):
+    """A part of the report: its anchor, whether chapter or section, number, title and text."""
+
+    id: str
+    kind: str
+    number: str
+    title: str
+    body: Markup
+
+
+def build(results: Results, out: Path) -> list[str]:
+    """Write `<out>/report.html` and `<out>/report.pdf` from results, claims and figures.
+
+    The PDF comes first: a page on disk says that the PDF of the same source is there, too, and
+    is not laid out again.
+
+    Returns:
+        What the report lacks for want of results or figures.
+    """
+    html, incomplete = render(results)
+    page, pdf = Path(out) / "report.html", Path(out) / "report.pdf"
+    if pdf.is_file() and page.is_file() and page.read_bytes() == html.encode():
+        return incomplete
+    write_whole(pdf, laid_out(html).write_pdf(pdf_variant="pdf/ua-1"))
+    write_whole(page, html.encode())
+    return incomplete
+
+
+def render(results: Results, templates: Path = HERE) -> Rendered:
+    """Return the page.
+
+    Args:
+        results: What to report; its folder has the claims and the figures, too.
+        templates: Folder of the texts.
+    """
+    try:
+        paper = _Paper(results, templates)
+        paper.parts()  # now it is known where figures, tables and sections are
+        paper.strict = not paper.incomplete
+        parts = paper.parts()
+        cases = [case for section in SECTIONS for case in results.readable(section)]
+        origin = provenance(cases)
+        html = paper.render(
+            "base.html",
+            parts=parts,
+            version=_version(),
+            commits=sorted({case["commit"][:10] for case in origin["cases"] if case.get("commit")}),
+            versions=list(origin["versions"].values()),
+            date=max(
+                (case["time"][:10] for case in origin["cases"] if case.get("time")), default=""
+            ),
+        )
+    except jinja2.UndefinedError as error:  # results or claims that another version wrote
+        raise CorruptResult(f"{results.folder}: {error}; run ./run study --force") from error
+    return Rendered(str(html), paper.incomplete)
+
+
+class _Paper(Texts):
+    """The parts' texts, with figures, tables and references numbered as they come.
+
+    Args:
+        results: What is reported.
+        templates: Folder of the texts.
+    """
+
+    def __init__(self, results: Results, templates: Path) -> None:
+        folders = [templates, Path(__file__).parent]
+        super().__init__(results, folders, "chapter.html", {}, strict=False)
+        self._sections: list[str] = []  # whose texts the part has that is being made
+        self.environment.globals["sheet"] = False
+
+    def parts(self) -> list[Part]:
+        """Return the parts; one that lacks results says so in the place of its text."""
+        self.numbers, self.incomplete = {}, []
+        made: list[Part] = []
+        chapter = section = 0
+        for name, kind, title in PARTS:
+            self._sections = []
+            body = self._body(name)
+            if not body.strip():  # there are no results yet of which it could tell
+                continue
+            chapter, section = (chapter, section + 1) if kind == "section" else (chapter + 1, 0)
+            number = f"{chapter - 1}.{section}" if kind == "section" else f"{chapter - 1}"
+            place = Place(f"#part-{name}", f"section\N{NO-BREAK SPACE}{number}")
+            self.known |= dict.fromkeys(self._sections, place)
+            made.append(Part(f"part-{name}", kind, number, title, body))
+        self.known |= self.places()
+        return made
+
+    def text(self, name: str) -> Markup:
+        """Return a text, and keep in which part it is."""
+        self._sections.append(name)
+        return super().text(name)
+
+    def _body(self, name: str) -> Markup:
+        before = dict(self.numbers)
+        try:
+            return Markup(re.sub(BREAK, numbers.THIN, self.text(name)))
+        except (MissingResult, CorruptResult, NoScalar) as missing:
+            self.numbers = before  # its figures and tables are not shown
+            self.incomplete.append(f"{name}: {missing}")
+            return Markup('<p class="note">This part is incomplete: {}.</p>').format(missing)
+
+
+def _version() -> str:
+    """Return the project's version, of which the report is a part."""
+    source = (HERE.parents[2] / "pw_elements" / "__init__.py").read_text(encoding="utf-8")
+    return re.findall(r'^__version__ = "(.*)"$', source, re.MULTILINE)[0]
+
+
+def _faces() -> str:
+    """Return the faces of STIX, which Matplotlib brings: narrower than DejaVu, with italics."""
+    import matplotlib
+
+    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    faces = (
+        ("", "normal", "normal"),
+        ("Italic", "normal", "italic"),
+        ("Bol", "bold", "normal"),
+        ("BolIta", "bold", "italic"),
+    )
+    return "".join(
+        f"@font-face {{ font-family: STIX; font-weight: {weight}; font-style: {slope}; "
+        f"src: url('{(folder / f'STIXGeneral{ending}.ttf').as_uri()}'); }}\n"
+        for ending, weight, slope in faces
+    )
+
+
+def laid_out(html: str) -> "weasyprint.Document":
+    """Return the pages of the PDF, set in STIX."""
+    import weasyprint  # half a second, and its libraries are not needed to read the page's code
+
+    printed = html.replace("</head>", f"<style>{_faces()}</style></head>", 1)
+    gc.disable()  # among millions of boxes that all stay, a fifth of the time for nothing
+    try:
+        return weasyprint.HTML(string=printed).render(pdf_variant="pdf/ua-1")
+    finally:
+        gc.enable()

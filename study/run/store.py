@@ -1,0 +1,442 @@
+"""Results on disk: `<out>/<section>/<case>.json` for the numbers, `<case>.npz` for the curves."""
+
+import hashlib
+import io
+import json
+import math
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from study.run import files
+
+EXIT_CORRUPT = 3  # status of commands that meet stored results which cannot be read
+
+_KIND = "pw_elements study result"
+FORMAT = f"{_KIND} 2"
+_NUMBERS = ("parameters", "scalars", "units", "provenance")
+_KEYS = {"format", "section", "case", *_NUMBERS, "digest"}
+_EARLIER_KEYS = {"case", *_NUMBERS}  # of the first format, which had no name
+
+
+class StudyError(Exception):
+    """Something that the user can mend; the command line prints it as one sentence."""
+
+
+class MissingResult(StudyError):
+    """A result has not been computed."""
+
+
+class OutdatedResult(MissingResult):
+    """A result has been stored by another version, in another format."""
+
+
+class CorruptResult(StudyError):
+    """A stored file cannot be read, or is not as it was written."""
+
+
+class NoScalar(StudyError):
+    """A stored result has no scalar of a name."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What the run function of a case returns.
+
+    Units are those in which a problem is stated: kN, kN/m² and m, or N, MPa and mm. A problem that
+    states none has "unit force", "unit length" and "unit stress", any consistent ones; one whose
+    quantities are made dimensionless has "1", as have ratios, counts and flags. Forces on a plane
+    body are those on a thickness of one unit length, forces on an axisymmetric one are those on
+    the whole circumference.
+
+    Attributes:
+        scalars: Finite numbers by name.
+        units: The unit of each of them.
+        curves: Arrays by name, of any shape; NaN marks a gap.
+        dofs: Degrees of freedom of the discrete problem.
+        processes: Number of MPI processes that took part.
+    """
+
+    scalars: Mapping[str, float]
+    units: Mapping[str, str]
+    curves: Mapping[str, np.ndarray] = field(default_factory=dict)
+    dofs: int = 0
+    processes: int = 1
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A result as read from disk; its curves are unpacked when they are first asked for."""
+
+    section: str
+    case: str
+    parameters: dict[str, Any]
+    scalars: dict[str, float]
+    units: dict[str, str]
+    unpack: Callable[[], dict[str, np.ndarray]]
+    provenance: dict[str, Any]
+
+    @cached_property
+    def curves(self) -> dict[str, np.ndarray]:
+        """Its arrays by name."""
+        return self.unpack()
+
+    @property
+    def key(self) -> str:
+        """Section and case, as in "7.1/pw-T6"."""
+        return f"{self.section}/{self.case}"
+
+    @property
+    def record(self) -> str:
+        """Tracked file from which the result was read; empty if it was computed."""
+        return str(self.provenance.get("record") or "")
+
+    def has(self, /, **parameters: object) -> bool:
+        """Tell whether its parameters have these values; a list means any value of it.
+
+        A parameter that is a list itself, like a mesh's divisions, has to be that list.
+        """
+        own = self.parameters
+        return all(name in own and _is(own[name], value) for name, value in parameters.items())
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file wholly or not at all, making its folder if need be."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    files.replace_file(path, data)
+
+
+def sweep(out: Path) -> None:
+    """Remove what killed processes have left unfinished, in the folder and in folders in it."""
+    for folder in (Path(out), *Path(out).glob("*/")):
+        files.remove_unfinished(folder)
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write strict JSON wholly or not at all."""
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+    write_whole(path, (text + "\n").encode())
+
+
+def save(
+    out: Path,
+    section: str,
+    case: str,
+    result: Result,
+    parameters: Mapping[str, Any],
+    provenance: Mapping[str, Any],
+) -> None:
+    """Store a result; a process killed at any point leaves no mixture of old and new behind.
+
+    The file has a digest of all that it says: section, case, parameters, numbers and provenance,
+    which has the fingerprint and the digest of the curves. So neither an edited number, a file of
+    another section nor a `.npz` of another run passes for the result.
+
+    Raises:
+        StudyError: If there are no parameters, a scalar is not finite or has no unit, or a unit
+            belongs to no scalar.
+    """
+    scalars = {name: float(value) for name, value in result.scalars.items()}
+    units = dict(result.units)
+    _refuse_incomplete(f"{section}/{case}", parameters, scalars, units)
+    folder = Path(out) / section
+    curves = folder / f"{case}.npz"
+    digest = None
+    if result.curves:
+        data = _packed(result.curves)
+        digest = hashlib.sha256(data).hexdigest()
+        write_whole(curves, data)
+    content: dict[str, Any] = {
+        "format": FORMAT,
+        "section": section,
+        "case": case,
+        "parameters": dict(parameters),
+        "scalars": scalars,
+        "units": units,
+        "provenance": {**provenance, "curves_sha256": digest},
+    }
+    content["digest"] = _digest(content)
+    write_json(folder / f"{case}.json", content)  # last: it declares the result complete
+    if digest is None:
+        files.remove_file(curves)
+
+
+def discard(out: Path, section: str, case: str) -> None:
+    """Remove a stored result, if there is one."""
+    for suffix in (".json", ".npz"):
+        files.remove_file(Path(out) / section / f"{case}{suffix}")
+
+
+def is_result(path: Path) -> bool:
+    """Tell whether a file is a stored result, by its keys; of this or an earlier format."""
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and ({*content} == _KEYS or _of_another_version(content))
+
+
+def _of_another_version(content: object) -> bool:
+    if not isinstance(content, dict):
+        return False
+    named = str(content.get("format")).startswith(f"{_KIND} ") and content["format"] != FORMAT
+    return named or {*content} == _EARLIER_KEYS
+
+
+def _refuse_incomplete(
+    key: str,
+    parameters: Mapping[str, Any],
+    scalars: Mapping[str, float],
+    units: Mapping[str, str],
+) -> None:
+    if not parameters:
+        raise StudyError(f"{key} has no parameters")
+    bad = [f"{name} = {value}" for name, value in scalars.items() if not math.isfinite(value)]
+    if bad:
+        raise StudyError(f"{key} has numbers that are not finite: {', '.join(bad)}")
+    bare = [name for name in scalars if not units.get(name)]
+    if bare:
+        raise StudyError(f"{key} has numbers without a unit: {', '.join(bare)}")
+    idle = [name for name in units if name not in scalars]
+    if idle:
+        raise StudyError(f"{key} has units of no number: {', '.join(idle)}")
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    """Digest of all else that a file says, whatever the order and the layout."""
+    said = {name: part for name, part in content.items() if name != "digest"}
+    text = json.dumps(said, sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _is(own: object, wanted: object) -> bool:
+    if isinstance(wanted, list | tuple):
+        return own == list(wanted) if isinstance(own, list) else own in wanted
+    return own == wanted
+
+
+def _packed(curves: Mapping[str, np.ndarray]) -> bytes:
+    arrays = {name: np.asarray(curve) for name, curve in curves.items()}
+    objects = [name for name, array in arrays.items() if array.dtype.hasobject]
+    if objects:
+        raise StudyError(f"curves that are not plain numbers: {', '.join(objects)}")
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # its stub allows only a flag
+    return stream.getvalue()
+
+
+class Results:
+    """Read access to a folder of results, by keys such as "7.1/pw-T6".
+
+    Results and their names are read once and remembered; make a new object to see later changes.
+    """
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+        self._read: dict[str, Stored] = {}
+        self._failed: dict[str, StudyError] = {}
+        self._names: dict[str, list[str]] = {}
+
+    def __contains__(self, key: str) -> bool:
+        return self._path(key).is_file()
+
+    def __getitem__(self, key: str) -> Stored:
+        if key in self._failed:
+            raise self._failed[key]
+        if key not in self._read:
+            try:
+                self._read[key] = self._load(key)
+            except StudyError as error:
+                self._failed[key] = error
+                raise
+        return self._read[key]
+
+    def scalar(self, key: str, name: str) -> float:
+        """Return one number of a result."""
+        scalars = self[key].scalars
+        if name not in scalars:
+            raise NoScalar(
+                f"{self._path(key)} has no scalar {name!r} (but {', '.join(sorted(scalars))}): "
+                f"{_remedy(key)} --force"
+            )
+        return scalars[name]
+
+    def curves(self, key: str) -> dict[str, np.ndarray]:
+        """Return the curves of a result.
+
+        Raises:
+            StudyError: If the result was read from a tracked record, which has scalars only.
+        """
+        stored = self[key]
+        if stored.record:
+            raise StudyError(
+                f"{key} has no curves: it is read from {stored.record}, which has scalars only; "
+                "show a scalar of the result, or a case that is computed"
+            )
+        return stored.curves
+
+    def section(self, section: str) -> list[Stored]:
+        """Return all results of a section, sorted by case."""
+        return [self[f"{section}/{case}"] for case in self.cases(section)]
+
+    def readable(self, section: str) -> list[Stored]:
+        """Return the results of a section that can be read, sorted by case."""
+        found = []
+        for case in self.cases(section):
+            with suppress(MissingResult, CorruptResult):
+                found.append(self[f"{section}/{case}"])
+        return found
+
+    def corrupt(self, section: str) -> dict[str, str]:
+        """Return what is wrong with the results of a section that cannot be read, by their keys."""
+        found = {}
+        for case in self.cases(section):
+            try:
+                self[f"{section}/{case}"]
+            except MissingResult:
+                pass
+            except CorruptResult as error:
+                found[f"{section}/{case}"] = str(error)
+        return found
+
+    def where(self, section: str, /, **parameters: object) -> list[Stored]:
+        """Return the results of a section with these parameters, see `Stored.has`."""
+        return [stored for stored in self.section(section) if stored.has(**parameters)]
+
+    def cases(self, section: str) -> list[str]:
+        """Return the names of a section's results, sorted, readable or not."""
+        if section not in self._names:
+            paths = (self.folder / section).glob("*.json")
+            self._names[section] = sorted(p.stem for p in paths if not p.name.startswith("."))
+        return self._names[section]
+
+    def claims(self) -> list[dict[str, Any]]:
+        """Return the judged claims, as `study.judge.claims.write` left them."""
+        path = self.folder / "claims.json"
+        remedy = "write it again with ./run study report"
+        try:
+            claims = json.loads(path.read_bytes())
+        except FileNotFoundError:
+            raise MissingResult(f"there is no {path}: {remedy}") from None
+        except (OSError, ValueError, RecursionError) as error:
+            raise CorruptResult(f"{path} cannot be read ({error}): {remedy}") from None
+        if not isinstance(claims, list) or not all(isinstance(claim, dict) for claim in claims):
+            raise CorruptResult(f"{path} is not a list of claims: {remedy}")
+        return claims
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{key}.json"
+
+    def _load(self, key: str) -> Stored:
+        path = self._path(key)
+        section, _, case = key.partition("/")
+        try:
+            content = json.loads(path.read_bytes(), parse_constant=_refuse)
+            if _of_another_version(content):
+                raise OutdatedResult(f"{path} is of another version: {_remedy(key)}")
+            _check(content, section, case)
+            digest = content["provenance"].get("curves_sha256")
+            data = _data(path.with_suffix(".npz"), digest) if digest else b""
+            scalars = _floats(content["scalars"])
+        except FileNotFoundError as error:
+            if error.filename == str(path):
+                raise MissingResult(f"there is no result {path}: {_remedy(key)}") from None
+            raise CorruptResult(f"{error.filename} is missing: {_remedy(key)}") from None
+        except (OSError, ValueError, OverflowError, RecursionError) as error:
+            raise CorruptResult(f"{path} cannot be used ({error}): {_remedy(key)}") from None
+        return Stored(
+            section,
+            case,
+            content["parameters"],
+            scalars,
+            content["units"],
+            partial(_unpacked, data),
+            content["provenance"],
+        )
+
+
+class TrackedResults(Results):
+    """Results that note what is read of them.
+
+    Args:
+        source: The results; they stay as they are.
+
+    Attributes:
+        keys: Keys of the results that were read, or whose presence was asked for.
+        listed: Sections whose cases were listed.
+    """
+
+    def __init__(self, source: Results) -> None:
+        super().__init__(source.folder)
+        self._source = source
+        self.keys: set[str] = set()
+        self.listed: set[str] = set()
+
+    def __contains__(self, key: str) -> bool:
+        self.keys.add(key)
+        return key in self._source
+
+    def __getitem__(self, key: str) -> Stored:
+        self.keys.add(key)
+        return self._source[key]
+
+    def cases(self, section: str) -> list[str]:
+        """Return the names of a section's results, sorted, readable or not."""
+        self.listed.add(section)
+        return self._source.cases(section)
+
+    @property
+    def sections(self) -> set[str]:
+        """Sections of all that was read."""
+        return self.listed | {key.partition("/")[0] for key in self.keys}
+
+
+def _remedy(key: str) -> str:
+    return f"run ./run study {key}"
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"it contains {constant}")
+
+
+def _check(content: object, section: str, case: str) -> None:
+    if not isinstance(content, dict) or {*content} != _KEYS:
+        raise ValueError(f"its keys are not {', '.join(sorted(_KEYS))}")
+    if content["format"] != FORMAT:
+        raise ValueError("its format has no name of the study's")
+    if (content["section"], content["case"]) != (section, case):
+        raise ValueError(f"it is of the case {content['section']}/{content['case']}")
+    for part in _NUMBERS:
+        if not isinstance(content[part], dict):
+            raise ValueError(f"its {part} are no table")
+    for name, value in content["scalars"].items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"{name} is not a number")
+    for name, unit in content["units"].items():
+        if not isinstance(unit, str):
+            raise ValueError(f"the unit of {name} is no text")
+    if content["digest"] != _digest(content):
+        raise ValueError("it has been edited since the run")
+
+
+def _floats(numbers: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(value) for name, value in numbers.items()}
+
+
+def _data(path: Path, digest: str) -> bytes:
+    data = path.read_bytes()
+    if hashlib.sha256(data).hexdigest() != digest:
+        raise ValueError(f"{path.name} is not of the same run")
+    return data
+
+
+def _unpacked(data: bytes) -> dict[str, np.ndarray]:
+    if not data:
+        return {}
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return dict(arrays)

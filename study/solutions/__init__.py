@@ -1,0 +1,1 @@
+"""Exact and independent solutions that several sections use."""

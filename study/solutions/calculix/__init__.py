@@ -1,0 +1,1 @@
+"""Problems computed by CalculiX: input decks, and stored results to compare with."""
