@@ -9,7 +9,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 
 from figures.drawing import (
@@ -18,6 +17,7 @@ from figures.drawing import (
     check_exports,
     draw,
     export,
+    load_script,
     natural,
     scripts,
     title,
@@ -153,7 +153,7 @@ def _results_folder(stated: Path | None, out: Path | None) -> Path | None:
 
 def _computed(names: list[str], results: Path, jobs: int) -> bool:
     """Let the study compute the results that scripts need, unless they are there and hold."""
-    keys = [key for name in names for key in import_module(f"figures.{name}").NEEDS]
+    keys = [key for name in names for key in load_script(name).needs]
     command = [sys.executable, "-m", "study", *dict.fromkeys(keys)]
     command += ["--out", str(results), "--jobs", str(jobs)]
     return subprocess.run(command, cwd=ROOT, check=False).returncode == 0

@@ -3,8 +3,8 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.style import FULL
 from study.judge import measures
+from study.publish.plots.style import FULL
 from study.run.store import Results
 
 SECTION = "C"

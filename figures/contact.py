@@ -10,9 +10,9 @@ from matplotlib.collections import PolyCollection
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.transforms import Affine2D, ScaledTranslation, blended_transform_factory
 
-from figures.style import LOOK, MANY
 from study.model.vocabulary import ELEMENTS, OPEN, SLIP
 from study.paper.bands import DATA_NAME, DIAGONALS_NAME, Family, envelope, members
+from study.publish.plots.style import LOOK, MANY
 from study.run.store import Results
 
 # Contact status as the library numbers it

@@ -6,11 +6,10 @@ import io
 import json
 import pkgutil
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
@@ -23,9 +22,11 @@ from PIL import Image
 
 import figures
 from figures.narrow import narrowed
-from figures.style import MANY, style
+from study.publish.plots.style import MANY, style
 from study.run import files
-from study.run.sources import closure
+from study.run.cases import SECTIONS, page_source
+from study.run.pages import list_figures
+from study.run.sources import closure, reached_sources
 from study.run.store import (
     CorruptResult,
     MissingResult,
@@ -37,8 +38,7 @@ from study.run.store import (
     write_whole,
 )
 
-FRAME = {"__main__", "drawing", "style", "symbols"}
-FRAME |= {"beam", "column", "contact", "convergence", "narrow", "rivals"}
+FRAME = {"__main__", "beam", "column", "contact", "drawing", "narrow", "symbols"}
 
 RASTER = 200  # dots per inch of what is an image within a drawing
 KINDS = ("svg", "narrow.svg")  # a telephone's screen takes the last
@@ -50,6 +50,17 @@ MADE_BY = "figure of pw_elements"  # what files that are exported say of themsel
 METADATA = {"png": {"Software": MADE_BY}, "pdf": {"Creator": MADE_BY}}
 
 Entry = dict[str, Any]
+
+
+class Script(NamedTuple):
+    """What draws a figure: a script of this folder, or a function on the page of a section."""
+
+    section: str
+    title: str
+    needs: list[str]
+    draw: Callable[[Results], Figure]
+    caption: Callable[[Results], str]
+    alt: Callable[[Results], str]
 
 
 class Drawn(NamedTuple):
@@ -67,19 +78,47 @@ class Drawn(NamedTuple):
 
 
 def scripts() -> list[str]:
-    """Return the names of all figure scripts, fig2 before fig10."""
+    """Return the names of all figures, of scripts and of pages, fig2 before fig10."""
     names = {module.name for module in pkgutil.iter_modules(figures.__path__)}
-    return sorted(names - FRAME, key=natural)
+    return sorted((names - FRAME) | page_figures().keys(), key=natural)
+
+
+def page_figures() -> dict[str, str]:
+    """Return the section of each figure that stands on the page of a section."""
+    return {name: one for one in SECTIONS for name in list_figures(page_source(one))}
+
+
+def load_script(name: str) -> Script:
+    """Import what draws a figure."""
+    section = page_figures().get(name)
+    if section is None:
+        script = import_module(f"figures.{name}")
+        title = _first_line(script.__doc__) or name
+        needs = list(script.NEEDS)
+        return Script(script.SECTION, title, needs, script.draw, script.caption, script.alt)
+    page = import_module(SECTIONS[section])
+    (figure,) = (one for one in page.FIGURES if one.name == name)
+    title = _first_line(figure.draw.__doc__) or name
+    texts = [_as_function(figure.caption), _as_function(figure.alt)]
+    return Script(section, title, list(figure.needs), figure.draw, *texts)
+
+
+def _as_function(text: str | Callable[[Results], str]) -> Callable[[Results], str]:
+    return (lambda _: text) if isinstance(text, str) else text
+
+
+def _first_line(text: str | None) -> str:
+    return (text or "").strip().partition("\n")[0].rstrip(".")
 
 
 def title(name: str) -> str:
-    """Return what a script says that it shows, in one line."""
-    return (import_module(f"figures.{name}").__doc__ or name).strip().splitlines()[0].rstrip(".")
+    """Return what a figure shows, in one line."""
+    return load_script(name).title
 
 
 def needs() -> dict[str, list[str]]:
     """Return the keys of the results that each figure needs."""
-    return {name: list(import_module(f"figures.{name}").NEEDS) for name in scripts()}
+    return {name: load_script(name).needs for name in scripts()}
 
 
 def draw(name: str, folder: Path) -> Drawn:
@@ -102,7 +141,7 @@ def export(name: str, results: Results, path: Path) -> list[Path]:
     written = exports(path)
     ours = None if path.parent == results.folder / "figures" else _is_export
     with style():
-        figure = import_module(f"figures.{name}").draw(results)
+        figure = load_script(name).draw(results)
         _lay_out(figure)
         try:
             for file in written:
@@ -197,15 +236,15 @@ class _Inputs(TrackedResults):
 
 def _attempt(name: str, results: _Inputs) -> Drawn:
     try:
-        script = import_module(f"figures.{name}")
-        missing = [key for key in script.NEEDS if not _is_readable(key, results)]
+        script = load_script(name)
+        missing = [key for key in script.needs if not _is_readable(key, results)]
         if missing:
             return Drawn(None, missing, "")
         size, narrow = _draw(script, name, results)
         entry = {
             "name": name,
-            "title": title(name),
-            "section": script.SECTION,
+            "title": script.title,
+            "section": script.section,
             "caption": script.caption(results),
             "alt": script.alt(results),
             "width": size[0],
@@ -230,7 +269,7 @@ def _is_readable(key: str, results: Results) -> bool:
         return False
 
 
-def _draw(script: ModuleType, name: str, results: Results) -> tuple[tuple[int, int], list[int]]:
+def _draw(script: Script, name: str, results: Results) -> tuple[tuple[int, int], list[int]]:
     """Draw the pictures; return width and height in CSS pixels, and those of the narrow one."""
     with style():
         figure = script.draw(results)
@@ -350,8 +389,11 @@ def _digest(name: str, digests: dict[str, str], names: dict[str, list[str]]) -> 
         names: Of all cases of the sections that it lists.
     """
     digest = hashlib.sha256(_sources())
-    for path in (Path(part, f"{name}.py") for part in figures.__path__):
-        digest.update(path.name.encode() + (path.read_bytes() if path.is_file() else b"missing"))
+    if (section := page_figures().get(name)) is not None:
+        digest.update(json.dumps(reached_sources(SECTIONS[section], "FIGURES")).encode())
+    else:
+        path = Path(__file__).with_name(f"{name}.py")
+        digest.update(path.read_bytes() if path.is_file() else b"missing")
     digest.update(json.dumps([sorted(digests.items()), sorted(names.items())]).encode())
     return digest.hexdigest()
 

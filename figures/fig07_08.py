@@ -13,10 +13,10 @@ from figures.contact import (
     zone_legend,
     zone_strip,
 )
-from figures.style import FULL, LOOK
 from study.judge.measures.contact import BLOCK_PRESSURE
 from study.model.vocabulary import ELEMENTS, OWN
 from study.paper.bands import DATA, DIAGONALS, members
+from study.publish.plots.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "7.2"

@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import FULL, mesh_plot
 from figures.symbols import INK, arrow
+from study.publish.plots.style import FULL, mesh_plot
 from study.run.store import Results
 
 SECTION = "7.3"

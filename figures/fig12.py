@@ -12,9 +12,9 @@ from figures.contact import (
     zone_legend,
     zone_strip,
 )
-from figures.style import FULL
 from study.model.vocabulary import OWN
 from study.paper.bands import DATA, DIAGONALS, members
+from study.publish.plots.style import FULL
 from study.run.store import Results
 
 SECTION = "7.4"

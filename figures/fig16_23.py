@@ -17,9 +17,9 @@ from figures.contact import (
     zone_legend,
     zone_strip,
 )
-from figures.style import FULL, LOOK
 from study.model.vocabulary import OWN
 from study.paper.bands import DATA, DIAGONALS, Family, members
+from study.publish.plots.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "7.5"

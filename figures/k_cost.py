@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from figures.style import FULL, LOOK, plain_ticks
+from study.publish.plots.style import FULL, LOOK, plain_ticks
 from study.run.store import Results
 
 SECTION = "K"

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.style import FULL, plain_ticks
+from study.publish.plots.style import FULL, plain_ticks
 from study.run.store import Results
 
 SECTION = "K"

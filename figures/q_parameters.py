@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.rivals import LOOK
-from figures.style import SIDE, plain_ticks
+from study.publish.plots.rivals import LOOK
+from study.publish.plots.style import SIDE, plain_ticks
 from study.run.store import Results
 
 SECTION = "Q"

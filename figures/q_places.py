@@ -3,8 +3,8 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.rivals import LOOK
-from figures.style import BESIDE, plain_ticks
+from study.publish.plots.rivals import LOOK
+from study.publish.plots.style import BESIDE, plain_ticks
 from study.run.store import Results
 
 SECTION = "Q"

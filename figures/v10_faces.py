@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
-from figures.style import FULL
 from study.model.vocabulary import ELEMENTS, NO_WEIGHT, OWN
+from study.publish.plots.style import FULL
 from study.run.store import Results
 
 SECTION = "V10"

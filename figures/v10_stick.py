@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import FULL
 from study.model.vocabulary import ELEMENTS, NO_WEIGHT, OPEN, OWN, SLIP, STATUS, STICK
+from study.publish.plots.style import FULL
 from study.run.store import Results
 
 SECTION = "V10"

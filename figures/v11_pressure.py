@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import FULL, WAY_LOOK
 from study.model.vocabulary import OWN, WAYS
+from study.publish.plots.style import FULL, WAY_LOOK
 from study.run.store import Results
 
 SECTION = "V11"

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from study.publish.plots.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "V13"

@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from figures.style import FULL, LOOK
+from study.publish.plots.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "V15"

@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from figures.style import FULL, LOOK
+from study.publish.plots.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "V16"

@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from figures import convergence
-from figures.style import FULL
+from study.publish.plots import convergence
+from study.publish.plots.style import FULL
 from study.run.store import Results
 
 SECTION = "V3"

@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.contact import zone_legend, zone_strip
-from figures.style import BESIDE, LOOK
 from study.model.vocabulary import OWN
+from study.publish.plots.style import BESIDE, LOOK
 from study.run.store import Results
 
 SECTION = "V5"

@@ -4,9 +4,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import BESIDE, CLEAR, LOOK
 from study.judge import measures
 from study.model.vocabulary import OWN
+from study.publish.plots.style import BESIDE, CLEAR, LOOK
 from study.run.store import Results
 
 SECTION = "V5"

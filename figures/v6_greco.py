@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.contact import zone_legend, zone_strip
-from figures.style import FULL, LOOK
 from study.judge import measures
 from study.model.vocabulary import OWN
+from study.publish.plots.style import FULL, LOOK
 from study.run.store import Results
 from study.solutions.stick_slip import GRECO_PLACES, GRECO_PUBLISHED
 

@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import CLEAR, FULL, LOOK
+from study.publish.plots.style import CLEAR, FULL, LOOK
 from study.run.store import Results
 
 SECTION = "V8"

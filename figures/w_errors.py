@@ -5,9 +5,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from figures.style import FULL
 from study.engineering.problems import MESHES, names
 from study.judge.measures.engineering import WORTH, answers
+from study.publish.plots.style import FULL
 from study.run.store import Results
 
 SECTION = "W"

@@ -12,6 +12,7 @@ from study.model.units import units_of
 from study.run.cases import Case
 from study.run.store import Result
 
+SECTION = "K"
 TITLE = "Cost"
 RECORD_NAME = RECORD.relative_to(Path(__file__).parents[2]).as_posix()
 

@@ -18,10 +18,11 @@ from study.engineering.problems import FINE, elements, names
 from study.engineering.submodel import below
 from study.engineering.wear import PATH, worn
 from study.model.units import dimensionless
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
+from study.run.records import read_rows
 from study.run.store import Result
-from study.verification.recorded import longer, rows
 
+SECTION = "W"
 TITLE = "What an engineer's answer gains"
 
 Known = dict[str, float] | None
@@ -162,17 +163,18 @@ def _recorded() -> dict[str, Known]:
             for name, value in row["scalars"].items()
             if name.endswith("reference")
         }
-        for row in rows()
+        for row in read_rows().values()
         if row["section"] == "W" and row["parameters"]["element"].endswith("T6")
     }
 
 
-LONGER = _cases("T10", {}) + [
-    _case(problem, element, FINE[problem][cell], reading)
-    for problem in FINE
-    for cell in ("T6", "T10")
-    for element, reading in _best(problem, cell)
-]
-"""Computed by `study.verification.longer`: space, and what is much finer."""
 CASES = _cases("T6", _recorded())
-CASES += longer("W")
+CASES += mark_costly(
+    _cases("T10", {})
+    + [
+        _case(problem, element, FINE[problem][cell], reading)
+        for problem in FINE
+        for cell in ("T6", "T10")
+        for element, reading in _best(problem, cell)
+    ]
+)

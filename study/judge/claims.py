@@ -14,6 +14,8 @@ from typing import Any, Literal
 
 import jsonschema
 
+from study.judge.checks import RELATIONS, Check, load_checks, sections_with_checks
+from study.judge.pins import Pin, load_pins
 from study.run.store import (
     CorruptResult,
     MissingResult,
@@ -25,16 +27,9 @@ from study.run.store import (
 
 NO_REFERENCE: Literal["not judged: no reference"] = "not judged: no reference"
 HERE = Path(__file__).parent
-FILES = tuple(HERE / name for name in ("paper_claims.toml", "findings.toml", "pins.toml"))
+FILES = tuple(HERE / name for name in ("paper_claims.toml", "findings.toml"))
 SCHEMA = HERE / "claims.schema.json"
 
-RELATIONS: dict[str, Callable[[float, float, float], bool]] = {
-    "=": lambda measured, value, tol: abs(measured - value) <= tol,
-    "<": lambda measured, value, tol: measured < value + tol,
-    "<=": lambda measured, value, tol: measured <= value + tol,
-    ">": lambda measured, value, tol: measured > value - tol,
-    ">=": lambda measured, value, tol: measured >= value - tol,
-}
 EXPECTED: dict[str, "Outcome"] = {
     "reproduced": "holds",
     "consistent by construction": "by construction",
@@ -169,28 +164,109 @@ class Verdict:
         return abs(self.measured - how.found) > how.found_tol
 
 
-def load_claims(paths: Sequence[Path] = FILES, measures: ModuleType | None = None) -> list[Claim]:
-    """Read and check the claims.
+def load_claims() -> list[Claim]:
+    """Return the paper's statements, the checks of all pages, and the pins.
+
+    The pages are imported, and with them the solver.
+    """
+    checks = [
+        claim
+        for section in sections_with_checks()
+        for claim in claims_of_checks(load_checks(section), f"This study, section {section}")
+    ]
+    on_pages = {claim.id for claim in checks}
+    claims = [claim for claim in read_claims(FILES) if claim.id not in on_pages]
+    claims += checks + claims_of_pins(load_pins())
+    _refuse_repeated(claims)
+    return claims
+
+
+def load_paper_claims() -> list[Claim]:
+    """Return the paper's statements; no page is imported."""
+    return [claim for claim in read_claims(FILES) if claim.kind in PAPER]
+
+
+def read_claims(paths: Sequence[Path], measures: ModuleType | None = None) -> list[Claim]:
+    """Read and check the claims of files.
 
     Args:
-        paths: Files with tables [[claim]], [[finding]] and [[pin]].
-        measures: Module of the measures; `study.judge.measures` if not given.
+        paths: files with tables [[claim]] and [[finding]].
+        measures: module of the measures; `study.judge.measures` if not given.
     """
-    if measures is None:
-        measures = import_module("study.judge.measures")
+    measures = measures or import_module("study.judge.measures")
     claims = [
         _claim(kind, table, place, measures)
         for path in paths
         for kind, tables in _tables(path).items()
         for place, table in enumerate(tables, start=1)
     ]
-    ids = [claim.id for claim in claims]
-    for twice in (name for name in ids if ids.count(name) > 1):
-        raise StudyError(f"claim {twice}: its id occurs more than once")
+    _refuse_repeated(claims)
     for claim in claims:
-        if claim.reading_of is not None and claim.reading_of not in {*ids} - {claim.id}:
+        if claim.reading_of is not None and claim.reading_of not in (
+            {one.id for one in claims} - {claim.id}
+        ):
             raise StudyError(f"claim {claim.id}: reading_of names no other claim")
     return claims
+
+
+def claims_of_checks(checks: Sequence[Check], source: str) -> list[Claim]:
+    """Return the checks of a page as findings of this study."""
+    return [
+        Claim(
+            id=check.id,
+            kind="finding",
+            source=source,
+            statement=check.statement,
+            judgement=Judgement(
+                measure="its value",
+                function=check.value,
+                args={},
+                relation=check.relation,
+                value=check.bound,
+                tol=check.tolerance,
+                tol_why=check.tolerance_why,
+                pinned="holds",
+                why=check.why,
+                tol_set=check.tolerance_set,
+                unit=check.unit,
+            ),
+        )
+        for check in checks
+    ]
+
+
+def claims_of_pins(pins: Sequence[Pin]) -> list[Claim]:
+    """Return pins as claims; one that names what is found instead of its bound has to fail."""
+    measures = import_module("study.judge.measures")
+    return [
+        Claim(
+            id=pin["id"],
+            kind="pin",
+            source=pin["source"],
+            statement=pin["statement"],
+            judgement=Judgement(
+                measure=pin["measure"],
+                function=getattr(measures, pin["measure"]),
+                args=pin["args"],
+                relation=pin["relation"],
+                value=float(pin["bound"]),
+                tol=float(pin["tolerance"]),
+                tol_why="",
+                pinned="fails" if "found" in pin else "holds",
+                why="",
+                unit=pin.get("unit", ""),
+                found=pin.get("found"),
+                found_tol=pin.get("found_tolerance", 0.0),
+            ),
+        )
+        for pin in pins
+    ]
+
+
+def _refuse_repeated(claims: Sequence[Claim]) -> None:
+    ids = [claim.id for claim in claims]
+    for repeated in (name for name in ids if ids.count(name) > 1):
+        raise StudyError(f"claim {repeated}: its id occurs more than once")
 
 
 def judge(claims: list[Claim], results: Results) -> list[Verdict]:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from study.judge.claims import PAPER, Claim, load_claims
+from study.judge.claims import Claim, load_paper_claims
 
 FILE = Path(__file__).parent / "sentences.toml"
 END = "## REFERENCES"  # what follows are references, and pieces of another paper
@@ -113,7 +113,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="study.judge.sentences", description=__doc__)
     parser.add_argument("text", type=Path, metavar="PATH")
     text = split(parser.parse_args(arguments).text.read_text(encoding="utf-8"))
-    known, claims = load(), [claim for claim in load_claims() if claim.kind in PAPER]
+    known, claims = load(), load_paper_claims()
     found = incomplete(known, claims) + disagreements(known, text, claims)
     print("\n".join(found) or f"{len(known)} sentences agree")
     return int(bool(found))

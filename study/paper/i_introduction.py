@@ -31,6 +31,7 @@ from study.model.units import dimensionless
 from study.run.cases import Case
 from study.run.store import Result
 
+SECTION = "I"
 TITLE = "The paper's introduction: cost and tensile nodal forces"
 
 # Nothing of this is printed: a block like that of section 7.2, its upper side moved

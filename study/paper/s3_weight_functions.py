@@ -18,6 +18,7 @@ from study.model.units import dimensionless
 from study.run.cases import Case
 from study.run.store import Result
 
+SECTION = "3"
 TITLE = "The element: weight functions and matrices"
 
 Points = npt.NDArray[np.float64]

@@ -28,6 +28,7 @@ from study.run.cases import Case
 from study.run.store import Result
 from study.verification.t_identity import distorted
 
+SECTION = "5"
 TITLE = "The 8-node quadrilateral"
 
 Array = npt.NDArray[np.float64]

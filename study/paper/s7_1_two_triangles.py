@@ -13,6 +13,7 @@ from study.model.units import UNSTATED
 from study.run.cases import Case
 from study.run.store import Result
 
+SECTION = "7.1"
 TITLE = "Simple structure with two elements"
 
 # Printed: unit square, unit thickness, unit load. Not printed: E and nu, on which the reactions

@@ -20,6 +20,7 @@ from study.paper.bands import DATA, DIAGONALS
 from study.run.cases import Case
 from study.run.store import Result
 
+SECTION = "7.2"
 TITLE = "Elastic block on a rigid surface"
 
 # Printed: E, nu, mu, 400 triangles or 200 quadrilaterals, the first and last contact element

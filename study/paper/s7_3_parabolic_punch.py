@@ -19,6 +19,7 @@ from study.paper.bands import DATA, DIAGONALS
 from study.run.cases import Case
 from study.run.store import Result
 
+SECTION = "7.3"
 TITLE = "Contact of an elastic body and a parabolic rigid punch"
 
 # Printed: E, nu, mu, 76 quadrilaterals, depth 0.25, normal force about 215, tangential force a

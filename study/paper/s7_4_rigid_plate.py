@@ -19,6 +19,7 @@ from study.paper.bands import DATA, DIAGONALS
 from study.run.cases import Case
 from study.run.store import Result
 
+SECTION = "7.4"
 TITLE = "Rigid plate acting on an elastic body"
 
 # In kN and m. Printed: E, nu, friction angle, force, sides and base held, smallest elements under

@@ -38,6 +38,7 @@ from study.paper.s7_5_profiles import PROFILES, Profile
 from study.run.cases import Case
 from study.run.store import Result
 
+SECTION = "7.5"
 TITLE = "Column of changing cross-section on rigid surfaces"
 
 # Printed: E in kN/m2, nu, mu, the density in kg/m3, the displacement of surface 4, u_r = 0 on the

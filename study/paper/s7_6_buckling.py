@@ -34,6 +34,7 @@ from study.paper.s7_6_exact import Strip
 from study.run.cases import Case
 from study.run.store import Result
 
+SECTION = "7.6"
 TITLE = "Buckling load of a simply supported beam"
 
 # Printed: E, nu, the thickness, and Euler's stresses, from which L / h = 8 follows. The scale and

@@ -30,6 +30,7 @@ from study.solutions.calculix.decks import (
 )
 from study.solutions.calculix.problems import PROBLEMS
 
+SECTION = "P"
 TITLE = "An independent code: CalculiX"
 
 Array = npt.NDArray[np.float64]

@@ -20,15 +20,12 @@ from dolfinx.mesh import Mesh
 from pw_elements import assemble_vector, test_space
 from study.model.units import dimensionless, units_of
 from study.rivals.problem import Answer, Form, NoSolution, Problem, line, sphere
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.sources import closure
 from study.run.store import Result
 from study.solutions.calculix.calculix import peer_of, tracked_digest
 from study.solutions.calculix.hertz_line import PENALTIES
 from study.solutions.indentation import INNER
-from study.verification.recorded import longer
-
-TITLE = "What a user would pick instead"
 
 Array = npt.NDArray[Any]
 
@@ -307,20 +304,20 @@ CASES += [
     for n in EDGES
     for q in OFFSETS
 ]
-LONGER = [
-    Case(
-        "Q",
-        f"{run.__name__}-{method}-{n}",
-        run,
-        {"method": method, "edges": n, "offset": OFFSETS[0]},
-        {"words": METHODS[method].words},
-    )
-    for run, meshes, methods in (
-        (seconds, EDGES[-1:], METHODS),
-        (space, IN_SPACE, [m for m in METHODS if not m.endswith("p2")]),
-    )
-    for n in meshes
-    for method in methods
-]
-"""Computed by `longer`."""
-CASES += longer("Q")
+CASES += mark_costly(
+    [
+        Case(
+            "Q",
+            f"{run.__name__}-{method}-{n}",
+            run,
+            {"method": method, "edges": n, "offset": OFFSETS[0]},
+            {"words": METHODS[method].words},
+        )
+        for run, meshes, methods in (
+            (seconds, EDGES[-1:], METHODS),
+            (space, IN_SPACE, [m for m in METHODS if not m.endswith("p2")]),
+        )
+        for n in meshes
+        for method in methods
+    ]
+)

@@ -1,4 +1,4 @@
-"""Section Q with friction: pressed in one increment, shear against that of a fine mesh."""
+"""Section Q: the methods without friction, and with it: shear against that of a fine mesh."""
 
 from functools import cache
 from importlib import import_module
@@ -9,13 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from study.model.units import dimensionless
+from study.rivals import q_compare
 from study.rivals.friction import new
 from study.rivals.problem import Form, NoSolution, Problem, line
 from study.rivals.q_compare import EDGES, FAILED, OFFSETS, sampled
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
 
 Array = npt.NDArray[Any]
+
+SECTION = "Q"
+TITLE = "What a user would pick instead"
 
 METHODS = {
     "new": "new element",
@@ -66,15 +70,17 @@ def _curve(problem: Problem, traction: Form) -> tuple[Array, Array]:
     return x, values / problem.known.peak
 
 
-LONGER = [
-    Case(
-        "Q",
-        f"friction-{name}-{n}",
-        friction,
-        {"name": name, "edges": n, "offset": OFFSETS[0]},
-        {"method": f"{name}, friction", "words": words},
-    )
-    for name, words in METHODS.items()
-    for n in EDGES
-]
-"""Computed by `study.verification.longer`."""
+CASES = [*q_compare.CASES]
+CASES += mark_costly(
+    [
+        Case(
+            "Q",
+            f"friction-{name}-{n}",
+            friction,
+            {"name": name, "edges": n, "offset": OFFSETS[0]},
+            {"method": f"{name}, friction", "words": words},
+        )
+        for name, words in METHODS.items()
+        for n in EDGES
+    ]
+)

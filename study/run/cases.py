@@ -1,55 +1,26 @@
 """Sections of the study, their cases, and when a stored result of a case still holds."""
 
-import ast
 import hashlib
 import inspect
 import json
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from study.run.pages import find_pages, read_constants
 from study.run.provenance import versions
-from study.run.sources import closure, code_digest, package_sources, source
+from study.run.records import RECORD_NAME, read_rows, recorded
+from study.run.sources import code_digest, package_sources, reached_sources, source
 from study.run.store import Result, StudyError
 
-SECTIONS = {
-    "I": "study.paper.i_introduction",
-    "3": "study.paper.s3_weight_functions",
-    "5": "study.paper.s5_condensation",
-    "7.1": "study.paper.s7_1_two_triangles",
-    "7.2": "study.paper.s7_2_block",
-    "7.3": "study.paper.s7_3_parabolic_punch",
-    "7.4": "study.paper.s7_4_rigid_plate",
-    "7.5": "study.paper.s7_5_column",
-    "7.6": "study.paper.s7_6_buckling",
-    "T": "study.verification.t_identity",
-    "C": "study.verification.c_convergence",
-    "V1": "study.verification.v1_contact_patch",
-    "V2": "study.verification.v2_hertz",
-    "V3": "study.verification.v3_flat_punch",
-    "V4": "study.verification.v4_spence",
-    "V5": "study.verification.v5_cattaneo",
-    "V6": "study.verification.v6_greco",
-    "V7": "study.verification.v7_wedge",
-    "V8": "study.verification.v8_vibration",
-    "V9": "study.verification.v9_explicit",
-    "V10": "study.verification.v10_space",
-    "V11": "study.verification.v11_two_bodies",
-    "V12": "study.verification.v12_impact",
-    "V13": "study.verification.v13_fluxes",
-    "V14": "study.verification.v14_rubber",
-    "V15": "study.verification.v15_rubber",
-    "V16": "study.verification.v16_sliding",
-    "V17": "study.verification.v17_bodies",
-    "Q": "study.rivals.q_compare",
-    "W": "study.engineering.w_engineering",
-    "P": "study.peers.p_compare",
-    "K": "study.cost.k_cost",
-}
+SECTIONS = find_pages(
+    ("paper", "benchmarks", "verification", "rivals", "engineering", "peers", "cost")
+)
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""
 
 
@@ -64,6 +35,8 @@ class Case:
         parameters: Keyword arguments, of types that JSON has.
         implied: What else is stored as a parameter, because the name or an argument implies it:
             the element of a named quantity, the material of a named setting.
+        costly: Whether the result is read from the record of `study.run.records`, if it is there,
+            because it takes more than about three CPU seconds.
         record: Tracked file from which the result is read, relative to the project's folder; empty
             if the result is computed.
         recomputed: Case of the same key that computes a recorded result; None if there is none.
@@ -74,6 +47,7 @@ class Case:
     run: Callable[..., Result]
     parameters: dict[str, Any] = field(default_factory=dict)
     implied: dict[str, Any] = field(default_factory=dict)
+    costly: bool = False
     record: str = ""
     recomputed: "Case | None" = field(default=None, repr=False)
 
@@ -108,8 +82,26 @@ class Section:
     cases: list[Case]
 
 
+def mark_costly(cases: Iterable[Case], *patterns: str) -> list[Case]:
+    """Return the cases, marked as costly where the name is like one of the patterns.
+
+    Args:
+        cases: all cases of a page, or some of them.
+        patterns: as in a shell, such as "*-pw-Q8"; without any, all cases are marked.
+    """
+    return [
+        replace(case, costly=True)
+        if not patterns or any(fnmatchcase(case.name, pattern) for pattern in patterns)
+        else case
+        for case in cases
+    ]
+
+
 def load_section(section: str) -> Section:
-    """Import a section's module, and with it what it computes with."""
+    """Import a section's page, and with it what it computes with.
+
+    A costly case is read from its record, if this was made with the same parameters.
+    """
     name = _module(section)
     try:
         module = import_module(name)
@@ -121,47 +113,64 @@ def load_section(section: str) -> Section:
     strange = [case.key for case in cases if case.section != section]
     if twice or strange:
         raise StudyError(f"{name} has unsuitable cases: {', '.join(twice + strange)}")
-    return Section(section, module.TITLE, cases)
+    return Section(section, module.TITLE, [_from_record(case) for case in cases])
+
+
+def _from_record(case: Case) -> Case:
+    row = read_rows().get(case.key) if case.costly else None
+    if row is None or row["parameters"] != case.stored_parameters:
+        return case
+    return Case(
+        case.section,
+        case.name,
+        recorded,
+        {"measured": row["scalars"], "units": row["units"], "dofs": row["dofs"]},
+        row["parameters"],
+        record=RECORD_NAME,
+        recomputed=case,
+    )
 
 
 def title(section: str) -> str:
-    """Return a section's title without importing its module, which the report must not do."""
+    """Return a section's title without importing its page."""
+    constants = read_constants(page_source(section))
+    if "TITLE" not in constants:
+        raise StudyError(f"{page_source(section)} has no TITLE")
+    return str(constants["TITLE"])
+
+
+def page_source(section: str) -> Path:
+    """Return the source file of a section's page."""
     name = _module(section)
     path = source(name)
     if path is None:
         raise StudyError(f"section {section} has no module {name}")
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        targets = node.targets if isinstance(node, ast.Assign) else []
-        if any(isinstance(target, ast.Name) and target.id == "TITLE" for target in targets):
-            assert isinstance(node, ast.Assign)
-            return str(ast.literal_eval(node.value))
-    raise StudyError(f"{path} has no TITLE")
+    return path
 
 
 def fingerprints(cases: Iterable[Case]) -> dict[str, str]:
     """Return, by keys, digests of all that the cases' results depend on.
 
-    That is their parameters, the library, the modules of the study that their own imports lead to,
-    and the packages' versions. Of sources it is the code that counts, neither comments nor layout.
-    This module is left out: a section added to its table changes no other.
+    That is their parameters, the library, the code that the function of the case reaches, and the
+    packages' versions. Of the function's own module only definitions count that it leads to, by
+    their names; so texts, checks and figures on the same page change no result. Of other modules
+    all code counts, but neither comments nor layout.
     """
     code = cache(_code)  # sources are read once, now
-    found = {}
+    digests = {}
     for case in cases:
         stated = [case.key, case.stored_parameters, versions()]
         digest = hashlib.sha256(json.dumps(stated, sort_keys=True).encode())
-        digest.update(code(_module(case.section), case.run.__module__))
-        found[case.key] = digest.hexdigest()
-    return found
+        digest.update(code(case.run.__module__, case.run.__qualname__.partition(".")[0]))
+        digests[case.key] = digest.hexdigest()
+    return digests
 
 
-def _code(*modules: str) -> bytes:
-    """Return names and digests of the library's sources and those that modules lead to."""
-    own: dict[str, Path] = {}
-    for module in modules:
-        own |= closure(module, frozenset({__name__}))
-    paths = [*package_sources("pw_elements"), *own.values()]
-    return "".join(f"\n{path.name} {code_digest(path)}" for path in paths).encode()
+def _code(module: str, function: str) -> bytes:
+    """Return names and digests of the library's sources and of what a function leads to."""
+    library = {path.name: code_digest(path) for path in package_sources("pw_elements")}
+    reached = reached_sources(module, function, frozenset({__name__}))
+    return "".join(f"\n{name} {digest}" for name, digest in (library | reached).items()).encode()
 
 
 def _module(section: str) -> str:

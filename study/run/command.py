@@ -6,7 +6,6 @@ import os
 import resource
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
@@ -289,19 +288,9 @@ def draw_figures(out: Path, complete: bool, jobs: int = 1) -> bool:
 
 
 def _load(sections: list[str]) -> list[Section]:
-    loaded = [_with_recomputed(load_section(section)) for section in sections]
+    loaded = [load_section(section) for section in sections]
     ignore_broken_pipes()  # which PETSc, imported just now, takes for a crash
     return loaded
-
-
-def _with_recomputed(section: Section) -> Section:
-    """Give recorded cases of the longer series the cases that compute them."""
-    if not any(case.record for case in section.cases):
-        return section
-    from study.verification.longer import CASES  # which imports many sections
-
-    cases = [replace(case, recomputed=CASES.get(case.key)) for case in section.cases]
-    return replace(section, cases=cases)
 
 
 def _ensure_open_files() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 
 def source(module: str) -> Path | None:
@@ -43,19 +44,19 @@ def imported(module: str) -> frozenset[str]:
     return _names(path.read_text(encoding="utf-8"), package)
 
 
-def closure(module: str, without: frozenset[str] = frozenset()) -> dict[str, Path]:
-    """Return the sources of a module and, transitively, of what it imports of its own package.
+def closure(*modules: str, without: frozenset[str] = frozenset()) -> dict[str, Path]:
+    """Return the sources of modules and, transitively, of what they import of their packages.
 
     Args:
-        module: Full name of the module.
-        without: Modules not to enter.
+        modules: full names of the modules.
+        without: modules not to enter.
     """
-    top = module.split(".")[0]
+    tops = {module.split(".")[0] for module in modules}
     found: dict[str, Path] = {}
-    waiting, seen = [module], set(without)
+    waiting, seen = [*modules], set(without)
     while waiting:
         name = waiting.pop()
-        if name in seen or name.split(".")[0] != top:
+        if name in seen or name.split(".")[0] not in tops:
             continue
         seen.add(name)
         path = source(name)
@@ -64,6 +65,99 @@ def closure(module: str, without: frozenset[str] = frozenset()) -> dict[str, Pat
             waiting += sorted(imported(name))
             waiting.append(name.rpartition(".")[0] or name)  # the package around it runs first
     return dict(sorted(found.items()))
+
+
+def reached_sources(
+    module: str, name: str, without: frozenset[str] = frozenset()
+) -> dict[str, str]:
+    """Return digests of the code that a definition of a module leads to.
+
+    Of the module itself, only statements count that bind a name which the definition, or what it
+    leads to, uses; of modules that these import from the same package, all code.
+
+    Args:
+        module: full name of the module.
+        name: name of the definition.
+        without: modules not to enter.
+
+    Returns:
+        digests by the names of modules.
+    """
+    path = source(module)
+    if path is None:
+        return {}
+    statements = _reached_statements(path.read_bytes(), name)
+    digest = hashlib.sha256("".join(one.code for one in statements).encode()).hexdigest()
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    top = f"{module.partition('.')[0]}."
+    imports = [one.node for one in statements if isinstance(one.node, ast.Import | ast.ImportFrom)]
+    names = sorted(set(_named(ast.Module([*imports], []), package)))
+    starts = [name for name in names if f"{name}.".startswith(top)]
+    found = closure(*starts, without=without | {module})
+    return {module: digest} | {other: code_digest(file) for other, file in found.items()}
+
+
+class _Statement(NamedTuple):
+    """A statement of a module: its code, and the names that it binds or changes, and uses."""
+
+    node: ast.stmt
+    code: str
+    bound: set[str]
+    used: set[str]
+
+
+def _reached_statements(source: bytes, name: str) -> list[_Statement]:
+    """Return the statements of a module that a name leads to, in their order."""
+    waiting = _statements(source)
+    names, reached = {name}, []
+    while more := [one for one in waiting if not one.bound.isdisjoint(names)]:
+        reached += more
+        names.update(*(one.used for one in more))
+        waiting = [one for one in waiting if one not in more]
+    return [one for one in _statements(source) if one in reached]
+
+
+@cache
+def _statements(source: bytes) -> list[_Statement]:
+    return [
+        _Statement(
+            node,
+            repr(_said(node)),
+            _bound_or_changed(node),
+            {
+                part.id
+                for part in ast.walk(node)
+                if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Load)
+            },
+        )
+        for node in ast.parse(source).body
+        if not _is_text(node)
+    ]
+
+
+def _bound_or_changed(statement: ast.stmt) -> set[str]:
+    """Return the names that a statement binds, or whose objects it changes by item or attribute."""
+    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return {statement.name}
+    names: set[str] = set()
+    for node in ast.walk(statement):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            names |= {(alias.asname or alias.name).partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
+            names.add(node.id)
+        elif isinstance(node, ast.Attribute | ast.Subscript) and not isinstance(node.ctx, ast.Load):
+            names.add(_base_name(node))
+    if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call):
+        names.add(_base_name(statement.value.func))
+    return names
+
+
+def _base_name(node: ast.expr) -> str:
+    while isinstance(node, ast.Attribute | ast.Subscript | ast.Call):
+        node = node.func if isinstance(node, ast.Call) else node.value
+    return node.id if isinstance(node, ast.Name) else ""
 
 
 def code_digest(path: Path) -> str:

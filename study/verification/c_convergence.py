@@ -24,13 +24,13 @@ from study.meshes.mesh_families import (
 )
 from study.model.discretisation import Discretisation, spaces
 from study.model.units import dimensionless
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
 from study.solutions import manufactured as c_manufactured
 from study.solutions.manufactured import Field, Manufactured
 from study.verification import c_eigenvalue_orders
-from study.verification.recorded import longer, parted
 
+SECTION = "C"
 TITLE = "Orders of convergence"
 
 Array = npt.NDArray[np.float64]
@@ -240,12 +240,10 @@ CASES += [
     for element in setting.elements
 ]
 CASES += c_eigenvalue_orders.CASES
-CASES, LONGER = parted(
+CASES = mark_costly(
     CASES,
     *("*-ball", "*-modes-cube", "onecut-*", "*-Q[89]-*ring", "*-Q[89]-incompressible*"),
     *("composite-T6-*ring", "composite-T6-incompressible*", "*-T6-plane-strain"),
     *("*-Q[89]-plane-strain", "*-T6-axisymmetric", "*-Q[89]-axisymmetric"),
     *("composite-T6-modes-cylinder", "*-Q[89]-modes-cylinder", "*-modes-square-same"),
 )
-"""Computed by `longer`."""
-CASES += longer("C")

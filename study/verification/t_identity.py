@@ -39,6 +39,7 @@ from study.model.units import dimensionless
 from study.run.cases import Case
 from study.run.store import Result
 
+SECTION = "T"
 TITLE = "What the element is: the identity K_PW = T K_Galerkin"
 
 Array = npt.NDArray[np.float64]

@@ -24,14 +24,14 @@ from pw_elements.contact import (
 from study.meshes.mesh_families import on_cube
 from study.meshes.mesh_lines import GROWTH, OUTER, depths, graded, growing
 from study.meshes.solid_meshes import box, cell_of, quarter_disc
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
 from study.solutions.half_space import Elastic, FlatRound, HertzSphere, KnownContact
 from study.solutions.half_space_shear import hertz_force
 from study.solutions.solids import INNER, Solid, face_result
-from study.verification.recorded import longer, parted
 from study.verification.v10_partial_slip import mindlin
 
+SECTION = "V10"
 TITLE = "Contact in space"
 
 Array = npt.NDArray[np.float64]
@@ -227,12 +227,12 @@ def _slipping(element: str, n: int) -> Case:
     return Case("V10", f"mindlin-{element}-{n}", mindlin, {"element": element, "elements": n})
 
 
-CASES, LONGER = parted(
+CASES = mark_costly(
     CASES,
     *("mindlin-*-H27-3", "punch-*-H27-4", "sphere-*-H27-3", "*-H27-2", "*-H27"),
     *("*-transferred-*[234]", "*-transferred", "*-nu0.3"),
 )
-LONGER += [_slipping(element, n) for element in COMPARED for n in (4, 5, 6, 8)]
-LONGER += [_slipping(element, n) for element in ("galerkin-H27", "pw-H27") for n in (4, 5)]
-"""Computed by `longer`."""
-CASES += longer("V10")
+CASES += mark_costly([_slipping(element, n) for element in COMPARED for n in (4, 5, 6, 8)])
+CASES += mark_costly(
+    [_slipping(element, n) for element in ("galerkin-H27", "pw-H27") for n in (4, 5)]
+)

@@ -28,15 +28,15 @@ from study.meshes.solid_meshes import box
 from study.model.reading import compared
 from study.model.units import dimensionless
 from study.model.vocabulary import WAYS
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
 from study.solutions.calculix.calculix import peer_of, tracked_digest
 from study.solutions.calculix.two_bodies import PAIRS, Blocks
 from study.solutions.half_space import Elastic, HertzLine, HertzSphere
 from study.solutions.stick_slip import Cattaneo
 from study.verification.mortar_ways import NEW, Solution, TwoBodies
-from study.verification.recorded import longer
 
+SECTION = "V11"
 TITLE = "Two deformable bodies"
 
 Array = npt.NDArray[np.floating[Any]]
@@ -623,14 +623,16 @@ CASES += [_case("r0094-{}", r0094, way) for way in WAYS]
 CASES += [_case("spheres-{}-3", spheres, way, edges=3) for way in WAYS]
 # the finer and the coarser mesh of others exchanged
 CASES += [_case("hertz-2d-{}-8-ratio2.0", hertz, way, edges=8, ratio=2.0) for way in DUAL]
-LONGER = [_case("spheres-{}-5", spheres, way, edges=5) for way in WAYS]
-LONGER += [_case("spheres-{}-3.55-ratio1.41", spheres, way, edges=3.55, ratio=1.41) for way in DUAL]
-LONGER += [
-    _case("spheres-{}-5-ratio1.37", spheres, way, edges=5, ratio=1.37)
-    for way in ("node-to-segment", *DUAL)
-]
-"""Computed by `longer`."""
-CASES += longer("V11")
+CASES += mark_costly([_case("spheres-{}-5", spheres, way, edges=5) for way in WAYS])
+CASES += mark_costly(
+    [_case("spheres-{}-3.55-ratio1.41", spheres, way, edges=3.55, ratio=1.41) for way in DUAL]
+)
+CASES += mark_costly(
+    [
+        _case("spheres-{}-5-ratio1.37", spheres, way, edges=5, ratio=1.37)
+        for way in ("node-to-segment", *DUAL)
+    ]
+)
 CASES += [
     Case(
         "V11",

@@ -47,10 +47,10 @@ from study.meshes.mesh_families import (
 )
 from study.model.reading import compared, transferred
 from study.model.units import dimensionless
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
-from study.verification.recorded import longer, parted
 
+SECTION = "V12"
 TITLE = "Impact and the symmetric sibling"
 
 Array = npt.NDArray[np.float64]
@@ -372,16 +372,16 @@ CASES += [
     )
     for scheme in ("hrz", "sibling", "sibling-pwmass")
 ]
-CASES, LONGER = parted(CASES, "*-3d-*-7", "*-3d-sibling-pwmass-*", "frequency-cube-sibling-pwmass")
-LONGER += [
-    *(_bar(scheme, 2, n) for scheme in ("hrz", "sibling") for n in (32, 64)),
-    *(_bar(scheme, 3, n) for scheme in ("hrz", "sibling") for n in (10, 14, 20)),
-    *(_bar(scheme, d, n, LATE) for scheme in ("hrz", "sibling") for d, n in ((2, 16), (3, 5))),
-    *(
-        _frequency(scheme, d, cells, "-fine")
-        for scheme in ("hrz", "sibling")
-        for d, cells in ((2, (32, 64, 128)), (3, (9, 12, 16)))
-    ),
-]
-"""Computed by `longer`."""
-CASES += longer("V12")
+CASES = mark_costly(CASES, "*-3d-*-7", "*-3d-sibling-pwmass-*", "frequency-cube-sibling-pwmass")
+CASES += mark_costly(
+    [
+        *(_bar(scheme, 2, n) for scheme in ("hrz", "sibling") for n in (32, 64)),
+        *(_bar(scheme, 3, n) for scheme in ("hrz", "sibling") for n in (10, 14, 20)),
+        *(_bar(scheme, d, n, LATE) for scheme in ("hrz", "sibling") for d, n in ((2, 16), (3, 5))),
+        *(
+            _frequency(scheme, d, cells, "-fine")
+            for scheme in ("hrz", "sibling")
+            for d, cells in ((2, (32, 64, 128)), (3, (9, 12, 16)))
+        ),
+    ]
+)

@@ -31,9 +31,8 @@ from pw_elements import (
 )
 from pw_elements.meshes import triangles
 from study.model.units import dimensionless
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
-from study.verification.recorded import longer, parted
 from study.verification.v13_graded import (
     Conduction,
     Graded,
@@ -42,6 +41,7 @@ from study.verification.v13_graded import (
     polynomial_error,
 )
 
+SECTION = "V13"
 TITLE = "Fluxes at prescribed nodes, and graded conduction"
 
 Array = npt.NDArray[np.float64]
@@ -251,13 +251,13 @@ CASES = [
     ),
     *(_trefftz("graded", 10, f"-ratio{ratio:.0f}", ratio=ratio) for ratio in (10.0, 400.0)),
 ]
-CASES, LONGER = parted(CASES, "graded-[ost]*-64", "sourced-[ost]*-64")
-LONGER += [
-    *_cases(square, "T6", (64, 128)),
-    *_cases(cube, "T10", (8, 16, 24)),
-    *_cases(graded, "T6", (128, 256, 512), ("own", "pw")),
-    *_cases(sourced, "T6", (128,), ("own", "pw")),
-    *(_quadrilaterals(n) for n in (32, 64, 128, 256)),
-]
-"""Computed by `longer`."""
-CASES += longer("V13")
+CASES = mark_costly(CASES, "graded-[ost]*-64", "sourced-[ost]*-64")
+CASES += mark_costly(
+    [
+        *_cases(square, "T6", (64, 128)),
+        *_cases(cube, "T10", (8, 16, 24)),
+        *_cases(graded, "T6", (128, 256, 512), ("own", "pw")),
+        *_cases(sourced, "T6", (128,), ("own", "pw")),
+        *(_quadrilaterals(n) for n in (32, 64, 128, 256)),
+    ]
+)

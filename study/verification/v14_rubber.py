@@ -22,9 +22,8 @@ from pw_elements import PetrovGalerkinProblem, forces_along, prescribe
 from pw_elements.meshes import triangles
 from study.model.discretisation import spaces
 from study.model.units import dimensionless
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
-from study.verification.recorded import longer
 from study.verification.v14_moment import (
     Stress,
     internal_work,
@@ -35,6 +34,7 @@ from study.verification.v14_moment import (
     smooth,
 )
 
+SECTION = "V14"
 TITLE = "Large strains: a rubber block below a punch"
 
 Array = npt.NDArray[np.float64]
@@ -229,8 +229,6 @@ def _smooth(cell: str, sizes: tuple[int, ...]) -> list[Case]:
 
 CASES = [*_cases("T6", (4, 8, 16)), *_smooth("T6", (4, 8, 16))]
 CASES += [Case("V14", "linear-pw-T6-8", linear, {"element": "pw-T6", "elements": 8})]
-LONGER = [*_cases("T6", (32, 64)), *_cases("T10", (2, 4, 8))]
-LONGER += [Case("V14", "punch-pw-T6-96", punch, {"element": "pw-T6", "elements": 96})]
-LONGER += [*_smooth("T6", (32, 64)), *_smooth("T10", (2, 4, 8))]
-"""Computed by `longer`."""
-CASES += longer("V14")
+CASES += mark_costly([*_cases("T6", (32, 64)), *_cases("T10", (2, 4, 8))])
+CASES += mark_costly([Case("V14", "punch-pw-T6-96", punch, {"element": "pw-T6", "elements": 96})])
+CASES += mark_costly([*_smooth("T6", (32, 64)), *_smooth("T10", (2, 4, 8))])

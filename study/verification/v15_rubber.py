@@ -37,17 +37,17 @@ from study.meshes.distorted_meshes import unit_mesh
 from study.meshes.mesh_families import cell_size
 from study.model.discretisation import displacement_space, held_nodes, spaces
 from study.model.units import NONE, dimensionless
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
 from study.solutions.half_space import Elastic, HertzLine
 from study.solutions.indentation import INNER, Indenter, indented
 from study.solutions.manufactured import plane, plane_pressure, solid, solid_pressure
-from study.verification.recorded import longer, parted
 from study.verification.v15_contact import PLACE, RADIUS, ZONE, presses, pushed, sphere
 from study.verification.v15_layers import layers
 from study.verification.v15_seal import seal
 from study.verification.v15_stability import identity, infsup
 
+SECTION = "V15"
 TITLE = "Nearly incompressible bodies"
 
 Array = npt.NDArray[np.float64]
@@ -282,16 +282,16 @@ CASES = [
     *_on_levels(seal, HYBRID, (8,)),
     *_on_levels(seal, HYBRID[1:], (12,)),
 ]
-CASES, LONGER = parted(
+CASES = mark_costly(
     CASES,
     *("square-*-Q9-*", "cube-*", "enclosed-*", "infsup-*-Q9-*", "infsup-*-T10-*", "layers-*-T10"),
     *("layers-*-H27", "presses-*-64", "pushed-*", "seal-*-12", "sphere-*-H27-3"),
     "sphere-*-hybrid-T10-6",
 )
-LONGER += [
-    *_known(cube, HYBRID_H27, (2, 4)),
-    *_known(cube, HYBRID_H27, (8, 12, 16), (0.4999,)),
-    *_on_levels(infsup, HYBRID_H27, (2, 4, 6)),
-]
-"""Computed by `longer`."""
-CASES += longer("V15")
+CASES += mark_costly(
+    [
+        *_known(cube, HYBRID_H27, (2, 4)),
+        *_known(cube, HYBRID_H27, (8, 12, 16), (0.4999,)),
+        *_on_levels(infsup, HYBRID_H27, (2, 4, 6)),
+    ]
+)

@@ -13,11 +13,10 @@ from pw_elements import prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Sphere
 from pw_elements.contact.model import ContactState
 from study.model.units import dimensionless
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
 from study.solutions.calculix.calculix import peer_of, tracked_digest
 from study.solutions.calculix.cylinder import CYLINDERS, HALF_WIDTH, HEIGHT
-from study.verification.recorded import longer
 from study.verification.v16_known import compressed, hertz, sheared
 from study.verification.v16_rubber import (
     SPACE_HEIGHT,
@@ -31,6 +30,7 @@ from study.verification.v16_rubber import (
 )
 from study.verification.v16_turning import bush, wheel
 
+SECTION = "V16"
 TITLE = "Large strains and large sliding: rubber below a cylinder"
 
 FRICTION, DOWN, ASIDE = 0.3, 0.5, 0.6
@@ -244,9 +244,7 @@ CASES = [
     *(_steps("pw-T6", n, n) for n in (1, 2, 4, 8)),
     *(_steps("pw-hybrid-T6", n, n) for n in (2, 4, 8)),
 ]
-LONGER = [_cylinder("pw-T6", 16, 20, 48, "-68")]
-"""Computed by `longer`."""
-CASES += longer("V16")
+CASES += mark_costly([_cylinder("pw-T6", 16, 20, 48, "-68")])
 CASES += [
     Case("V16", f"energy-{element}-{n}", energy, {"element": element, "elements": n, "pressed": 20})
     for element in ("pw-T6", "galerkin-T6")

@@ -28,7 +28,7 @@ from study.meshes.graded_meshes import joined
 from study.meshes.line_mesh import on_lines
 from study.model.discretisation import spaces
 from study.model.units import dimensionless
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
 from study.solutions.calculix.calculix import peer_of, tracked_digest
 from study.solutions.calculix.die import (
@@ -44,10 +44,10 @@ from study.solutions.calculix.die import (
     lines,
     shaped,
 )
-from study.verification.recorded import longer
 from study.verification.sliding_quadratic import DualQuadraticProblem
 from study.verification.v16_rubber import Rubber
 
+SECTION = "V17"
 TITLE = "Two deformable bodies at large sliding"
 
 # Lengths over the die's width, which is one, stresses over the shear modulus
@@ -505,9 +505,7 @@ def _die_case(element: str, name: str, opposite: int) -> Case:
 
 CASES = [_die_case("pw-T6", *of) for of in (("equal", 12), ("finer", 18), ("coarser", 6))]
 CASES.append(_die_case("galerkin-T6", "equal", 12))
-LONGER = [_die_case("galerkin-T6", *of) for of in (("finer", 18), ("coarser", 6))]
-"""Computed by `longer`."""
-CASES += longer("V17")
+CASES += mark_costly([_die_case("galerkin-T6", *of) for of in (("finer", 18), ("coarser", 6))])
 CASES += [
     Case("V17", f"turned-pw-T6-{degrees}", turned, {"element": "pw-T6", "degrees": degrees})
     for degrees in (90, 170)

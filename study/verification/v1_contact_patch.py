@@ -18,6 +18,7 @@ from study.model.units import units_of
 from study.run.cases import Case
 from study.run.store import Result
 
+SECTION = "V1"
 TITLE = "Contact patch test"
 
 Array = npt.NDArray[np.float64]

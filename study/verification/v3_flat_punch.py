@@ -13,6 +13,7 @@ from study.run.store import Result
 from study.solutions.half_space import BondedLine, Elastic, FlatLine, FlatRound, KnownContact
 from study.solutions.indentation import ELEMENTS, OUTER, Indenter, borders, series
 
+SECTION = "V3"
 TITLE = "Flat punches"
 
 BODY, HALF_WIDTH, FORCE = Elastic(1000.0, 0.3), 1.0, 3.0

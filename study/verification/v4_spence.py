@@ -19,12 +19,12 @@ from study.meshes.mesh_lines import growing
 from study.model.contact_result import contact_result
 from study.model.discretisation import Discretisation, discretise
 from study.model.units import NONE
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
 from study.solutions.half_space import Elastic
 from study.solutions.stick_slip import SPENCE
-from study.verification.recorded import longer, parted
 
+SECTION = "V4"
 TITLE = "Stick radius below a flat punch with friction"
 
 Array = npt.NDArray[np.float64]
@@ -179,6 +179,4 @@ CASES += [
     _case("pw-T6", FIRST, 64, "-held", far_field=False),
     _case("pw-T6", (0.25, FIRST[1]), 64, "-stress", state="plane stress"),
 ]
-CASES, LONGER = parted(CASES, "*-128", "composite-*-64", "*-Q[89]-*-64")
-"""Computed by `longer`."""
-CASES += longer("V4")
+CASES = mark_costly(CASES, "*-128", "composite-*-64", "*-Q[89]-*-64")

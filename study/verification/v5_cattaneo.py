@@ -20,12 +20,12 @@ from study.meshes.line_mesh import on_lines
 from study.meshes.mesh_lines import growing
 from study.model.discretisation import Discretisation, discretise, mesh_curves
 from study.model.units import dimensionless
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
 from study.solutions.half_space import Elastic
 from study.solutions.stick_slip import Cattaneo
-from study.verification.recorded import longer, parted
 
+SECTION = "V5"
 TITLE = "Partial slip: Cattaneo and Mindlin"
 
 Array = npt.NDArray[np.float64]
@@ -221,6 +221,4 @@ CASES += [
     Case("V5", f"pw-T6-20-{name}", partial_slip, {"element": "pw-T6", "zone_elements": 20} | other)
     for name, other in VARIANTS.items()
 ]
-CASES, LONGER = parted(CASES, "composite-*-[24]0", "*-Q[89]-[24]0")
-"""Computed by `longer`."""
-CASES += longer("V5")
+CASES = mark_costly(CASES, "composite-*-[24]0", "*-Q[89]-[24]0")

@@ -17,11 +17,11 @@ from pw_elements.meshes import quadrilaterals, triangles
 from study.model.contact_result import contact_result
 from study.model.discretisation import discretise
 from study.model.units import SI
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
 from study.solutions.stick_slip import GRECO_PLACES
-from study.verification.recorded import longer, parted
 
+SECTION = "V6"
 TITLE = "GRECO plate with open, slipping and sticking zones"
 
 Array = npt.NDArray[np.float64]
@@ -114,6 +114,4 @@ CASES += [
     Case("V6", f"{element}-{n}", plate, {"element": element, "squares": n})
     for element, n in FINEST.items()
 ]
-CASES, LONGER = parted(CASES, "galerkin-Q8-128", "composite-*-64", "*-Q[89]-64")
-"""Computed by `longer`."""
-CASES += longer("V6")
+CASES = mark_costly(CASES, "galerkin-Q8-128", "composite-*-64", "*-Q[89]-64")

@@ -36,6 +36,7 @@ from study.solutions.stick_slip import (
     wedge_ratio,
 )
 
+SECTION = "V7"
 TITLE = "Wedge sliding up a rough incline"
 
 Array = npt.NDArray[np.float64]

@@ -37,11 +37,11 @@ from study.model.discretisation import (
 )
 from study.model.units import dimensionless
 from study.paper.s7_6_exact import Strip
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
-from study.verification.recorded import longer, parted
 from study.verification.v8_exact import Rod, rectangle_eigenvalues
 
+SECTION = "V8"
 TITLE = "Vibration with known answers"
 
 Array = npt.NDArray[np.float64]
@@ -378,8 +378,6 @@ def _cases() -> list[Case]:
     return cases
 
 
-CASES, LONGER = parted(
+CASES = mark_costly(
     _cases(), "quadrature-*", "*-pw-Q8-lumped", "[rst]*-pw-Q9", "[rst]*-composite-T6"
 )
-"""Computed by `longer`."""
-CASES += longer("V8")

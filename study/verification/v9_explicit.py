@@ -36,6 +36,7 @@ from study.run.cases import Case
 from study.run.store import Result
 from study.verification.t_identity import distorted
 
+SECTION = "V9"
 TITLE = "Explicit dynamics with lumped mass"
 
 Array = npt.NDArray[np.float64]

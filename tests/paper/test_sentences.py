@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from study.judge.claims import PAPER, load_claims
+from study.judge.claims import load_paper_claims
 from study.judge.sentences import begins, digest, disagreements, incomplete, load, main, split
 
 KNOWN = load()
-CLAIMS = [claim for claim in load_claims() if claim.kind in PAPER]
+CLAIMS = load_paper_claims()
 TEXT = Path(os.environ.get("PW_ELEMENTS_PAPER", ""))  # a file with the paper's text
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from study.judge.claims import GRADES, PAPER, load_claims
+from study.judge.claims import GRADES, load_paper_claims
 from study.judge.facts import load_facts
 from study.judge.measures.beam import computed_ratio, exact_ratio
 from study.paper.items import TABLE_2
@@ -40,7 +40,7 @@ def test_the_readme_is_short_and_contains_the_required_words():
 
 
 def test_the_readme_gives_the_numbers_of_statements_by_grade():
-    grades = [claim.grade for claim in load_claims() if claim.kind in PAPER]
+    grades = [claim.grade for claim in load_paper_claims()]
     counts = ", ".join(f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades)
     n_reproduced, _, other_counts = counts.partition(" ")
     readme = " ".join((PROJECT / "README.md").read_text().split())

@@ -5,7 +5,7 @@ import json
 import jsonschema
 import pytest
 
-from study.judge.claims import SCHEMA, judge, load_claims, summary, table, write
+from study.judge.claims import SCHEMA, judge, load_claims, read_claims, summary, table, write
 from study.run.store import Result, Results, StudyError, save
 from tests.study.toystudy import MEASURED, claim, finding
 
@@ -32,7 +32,7 @@ def load(tmp_path):
     def read(*texts):
         path = tmp_path / "claims.toml"
         path.write_text("\n".join(texts))
-        return load_claims([path], MEASURED)
+        return read_claims([path], MEASURED)
 
     return read
 

@@ -5,7 +5,6 @@ import os
 import re
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -15,8 +14,9 @@ from matplotlib.colors import to_rgb
 
 import figures
 from figures.__main__ import draw_all, main, named
-from figures.drawing import scripts
-from figures.style import COLUMN, LOOK, mesh_plot, style
+from figures.drawing import load_script, scripts
+from study.publish.plots.style import COLUMN, LOOK, mesh_plot, style
+from study.run.cases import SECTIONS
 from study.run.store import Result, save
 
 ROOT = Path(__file__).parents[2]
@@ -28,7 +28,7 @@ More about it.
 
 import matplotlib.pyplot as plt
 
-from figures.style import COLUMN, LOOK
+from study.publish.plots.style import COLUMN, LOOK
 
 NEEDS = ["1/a"]
 SECTION = "1"
@@ -319,11 +319,11 @@ def test_a_figure_whose_result_is_corrupt_is_as_one_whose_result_is_missing(out,
 
 def test_every_script_has_what_the_frame_asks_for():
     for name in scripts():
-        module = import_module(f"figures.{name}")
-        assert module.__doc__, name
-        assert module.NEEDS, name
-        assert isinstance(module.SECTION, str), name
-        assert all(callable(getattr(module, part)) for part in ("draw", "caption", "alt")), name
+        script = load_script(name)
+        assert script.title != name
+        assert script.needs, name
+        assert script.section in SECTIONS
+        assert all(callable(getattr(script, part)) for part in ("draw", "caption", "alt")), name
 
 
 def test_looks_are_distinct_and_visible_on_white():

@@ -2,12 +2,11 @@
 
 import re
 from fnmatch import fnmatchcase
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from figures.__main__ import scripts
+from figures.drawing import load_script, scripts
 from study.judge.claims import load_claims
 from study.judge.measures.general import largest
 from study.judge.measures.stored_cases import like, matching
@@ -186,7 +185,7 @@ LITERAL = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"]*)"( *~)?
 
 @pytest.mark.parametrize("name", scripts())
 def test_figures_need_cases(name):
-    assert set(import_module(f"figures.{name}").NEEDS) <= set(CASES)
+    assert set(load_script(name).needs) <= set(CASES)
 
 
 @pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.stem)

@@ -134,7 +134,7 @@ def install(folder, monkeypatch):
     monkeypatch.setitem(SECTIONS, "2", "toy.two")
     path = folder / "claims.toml"
     path.write_text(claim())
-    monkeypatch.setattr(claims, "load_claims", partial(claims.load_claims, [path], MEASURED))
+    monkeypatch.setattr(claims, "load_claims", partial(claims.read_claims, [path], MEASURED))
     monkeypatch.setattr(study.run.command, "draw_figures", lambda out, *_: _draw_nothing(out))
 
 

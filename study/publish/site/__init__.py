@@ -10,7 +10,7 @@ import shutil
 from pathlib import Path
 
 from study.publish.site import evidence, gallery, reference
-from study.publish.texts import load_figures
+from study.publish.texts import HERE, load_figures
 from study.run.files import replacing_folder
 from study.run.store import Results, StudyError
 
@@ -49,6 +49,7 @@ def write_sources(results: Results, source: Path, jobs: int = 1) -> list[str]:
     """Write what Sphinx makes pages of; return what is missing."""
     shutil.copytree(GUIDE, source)
     shutil.copytree(STATIC, source / "_static", dirs_exist_ok=True)
+    shutil.copy(HERE / "formula.css", source / "_static")
     shutil.copy(Path(__file__).with_name("conf.py"), source)
     _about(source)
     used = gallery.write(results.folder / "gallery", source / "gallery", jobs)

@@ -17,7 +17,7 @@ version = release = pw_elements.__version__
 html_title = f"pw-elements {version}"
 html_theme = "furo"
 html_static_path = ["_static"]
-html_css_files = ["site.css"]
+html_css_files = ["site.css", "formula.css"]
 html_show_copyright = html_show_sphinx = html_copy_source = html_show_sourcelink = False
 html_theme_options = {
     "light_css_variables": {"color-brand-primary": "#0072B2", "color-brand-content": "#0b57a4"},

@@ -20,11 +20,10 @@ from study.judge.facts import COMPUTED, ROWS
 from study.model.vocabulary import ELEMENTS
 from study.paper.items import ITEMS, TITLES, Item
 from study.publish.site import mathematics
-from study.publish.texts import HEADS, PAPERS, Place, Texts, provenance
+from study.publish.texts import PAPERS, Place, Texts, provenance, section_facts
 from study.publish.texts.numbers import short
 from study.publish.texts.statements import by_fact, names_section
-from study.run.cases import SECTIONS, title
-from study.run.sources import source
+from study.run.cases import SECTIONS, page_source, title
 from study.run.store import CorruptResult, MissingResult, NoScalar, Results, StudyError
 
 HERE = Path(__file__).parent
@@ -231,11 +230,10 @@ class _Sheets(Texts):
         return _raw(str(self.text("decision")).replace('href="', 'href="evidence/'))
 
     def _facts(self, section: str) -> str:
-        sheet = HEADS.get(section, {})
+        sheet = section_facts(section)
         if strange := sheet.keys() - {*PARTS}:
-            raise StudyError(f"heads.toml: {section} has {', '.join(sorted(strange))}")
-        path = source(SECTIONS[section])
-        assert path is not None
+            raise StudyError(f"the facts of {section} have {', '.join(sorted(strange))}")
+        path = page_source(section)
         cases = len(self.results.readable(section))
         rows = [(part.capitalize(), typeset(sheet[part])) for part in PARTS if part in sheet]
         rows += [

@@ -1,4 +1,6 @@
-"""One text a section, with numbers out of stored results; layouts make pages of its blocks.
+"""Texts with numbers out of stored results; layouts make pages of their blocks.
+
+The text of a section stands on its page, in Markdown (see `BLOCKS`), or here in HTML.
 
 The report's layout takes of a section's text the blocks `problem`, `result` and `findings`; the
 site's sheet adds `setting`, `method`, `details`, `further` and `limits`.
@@ -19,6 +21,7 @@ from markupsafe import Markup
 
 from study.judge.claims import GRADES, PAPER
 from study.model.vocabulary import ELEMENTS, NO_WEIGHT, OWN, PLANE_ELEMENTS, TRIBUTARY, WAYS
+from study.publish.markdown import render_markdown, render_rows
 from study.publish.texts import numbers
 from study.publish.texts.appendix import computed, computed_and_recorded, rational_degree
 from study.publish.texts.statements import (
@@ -33,7 +36,8 @@ from study.publish.texts.statements import (
     wanted,
     with_readings,
 )
-from study.run.cases import SECTIONS
+from study.run.cases import SECTIONS, page_source
+from study.run.pages import read_constants
 from study.run.store import CorruptResult, MissingResult, Results, Stored, StudyError
 
 HERE = Path(__file__).parent
@@ -46,6 +50,18 @@ SHORT_HEADS: dict[str, dict[str, str]] = {
 }
 REFERENCES: dict[str, dict[str, str]] = tomllib.loads((HERE / "references.toml").read_text("utf-8"))
 PLAIN = "/;:=,+()!*'"  # what an address may have as it is, and be shorter than by base64
+
+BLOCKS = {
+    "PROBLEM": "problem",
+    "THEORY": "setting",
+    "METHOD": "method",
+    "RESULT": "result",
+    "DETAILS": "details",
+    "FINDINGS": "findings",
+    "FURTHER_FINDINGS": "further",
+    "LIMITS": "limits",
+}
+"""Texts of a page, in Markdown, and the blocks of the layouts that they fill."""
 
 # Single letters in captions that are symbols: not units, "(a)" of a panel or, mostly, the word "a"
 _ALONE = r"(?<![A-Za-z0-9.;<])(?!(?<=\()[a-z]\)){}(?![A-Za-z0-9'>])"
@@ -98,7 +114,9 @@ class Texts:
         self.numbers: dict[tuple[str, str], int] = {}
         self.incomplete: list[str] = []
         self.environment = jinja2.Environment(
-            loader=jinja2.FileSystemLoader([*folders, HERE]),
+            loader=jinja2.ChoiceLoader(
+                [jinja2.FileSystemLoader([*folders, HERE]), jinja2.FunctionLoader(_markdown_template)]
+            ),
             undefined=jinja2.StrictUndefined,
             autoescape=True,
             trim_blocks=True,
@@ -137,14 +155,19 @@ class Texts:
             "counts": counts(self.claims),
             "fact_counts": fact_counts(self.claims),
             "graded": self.graded,
-            "heads": HEADS | SHORT_HEADS,
+            "heads": {section: short_section_facts(section) for section in SECTIONS},
             "computed": lambda section: computed(results, section),
             "computed_and_recorded": lambda: computed_and_recorded(results),
             "verification_range": _verification_range(),
             "has_section": lambda section: bool(results.cases(section)),
             "rational_degree": rational_degree(),
         }
-        self.environment.filters |= {"found": found, "wanted": wanted, "in_words": in_words}
+        self.environment.filters |= {
+            "found": found,
+            "wanted": wanted,
+            "in_words": in_words,
+            "markdown": render_markdown,
+        }
 
     def render(self, template: str, **values: object) -> Markup:
         """Return a template's text."""
@@ -178,7 +201,8 @@ class Texts:
         label = f"Fig. {self.number('figure', name)}{of_the_paper(name)}"
         if name not in self.figures:
             self.incomplete.append(f"figure {name} has not been drawn")
-        return self.render("figure.html", name=name, figure=self.drawing(name), label=label)
+        figure = self.render("figure.html", name=name, figure=self.drawing(name), label=label)
+        return _without_blank_lines(figure)
 
     def drawing(self, name: str) -> dict[str, Any] | None:
         """Return a figure's entry with the addresses of its drawings; None if there is none."""
@@ -192,14 +216,17 @@ class Texts:
         One `of` a table of the paper says so; a long one may be broken by a page's end.
         """
         paper = f" (the paper's Table {of})" if of else ""
-        return self.render(
+        label = f"Table {self.number('table', name)}{paper}"
+        rows = caller()
+        table = self.render(
             "table.html",
             name=name,
-            label=f"Table {self.number('table', name)}{paper}",
+            label=label,
             caption=italics(caption),
-            rows=caller(),
+            rows=render_rows(rows) if rows.lstrip().startswith("|") else rows,
             long=long,
         )
+        return _without_blank_lines(table)
 
     def ref(self, name: str) -> Markup:
         """Return a link to a figure, a table or a section, by the number that it has."""
@@ -260,6 +287,47 @@ class Texts:
             for (kind, name), number in self.numbers.items()
             if kind in words
         }
+
+
+def _markdown_template(name: str) -> str | None:
+    """Return the template of a chapter, or of a section by its page; None if there is no text.
+
+    Chapters are files in Markdown beside this module. Texts of a section are constants of its page.
+    """
+    section = name.removesuffix(".html")
+    chapter = HERE / f"{section}.md"
+    if chapter.is_file():
+        return f"{{% filter markdown %}}{chapter.read_text('utf-8')}{{% endfilter %}}"
+    if section not in SECTIONS:
+        return None
+    texts = read_constants(page_source(section))
+    blocks = [
+        f"{{% block {block} %}}{{% filter markdown %}}{texts[constant]}{{% endfilter %}}"
+        "{% endblock %}"
+        for constant, block in BLOCKS.items()
+        if constant in texts
+    ]
+    if not blocks:
+        return None
+    return "\n".join(["{% extends layout %}", texts.get("MACROS", ""), *blocks])
+
+
+def _without_blank_lines(html: Markup) -> Markup:
+    """Return HTML in one piece: a blank line would end it within Markdown."""
+    return Markup("\n").join(line for line in html.splitlines() if line.strip()) + "\n"
+
+
+def section_facts(section: str) -> dict[str, str]:
+    """Return geometry, mesh, material and so on of a section, as its page says."""
+    facts: dict[str, str] = read_constants(page_source(section)).get("FACTS", {})
+    return facts or HEADS.get(section, {})
+
+
+def short_section_facts(section: str) -> dict[str, str]:
+    """Return the same in words for which the report's appendix has room."""
+    constants = read_constants(page_source(section))
+    short: dict[str, str] = constants.get("SHORT_FACTS", {}) or SHORT_HEADS.get(section, {})
+    return section_facts(section) | short
 
 
 def load_figures(results: Results) -> dict[str, dict[str, Any]]:

@@ -5,7 +5,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures.style import CLEAR, LOOK
+from study.publish.plots.style import CLEAR, LOOK
 from study.run.store import Results
 
 # pw-Q8 is left out: it has the nodal forces of its pairs of pw-T6

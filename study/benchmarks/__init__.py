@@ -1,0 +1,1 @@
+"""Benchmarks of the study: each page has text, exact solution, cases, checks and figures."""

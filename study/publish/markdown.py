@@ -1,0 +1,80 @@
+"""Markdown with formulas as HTML, for report and site.
+
+Texts are CommonMark with tables, by markdown-it, and with formulas between dollar signs in LaTeX,
+by Docutils' converter to HTML: the PDF needs no script, and no picture of a formula.
+"""
+
+import re
+from functools import cache
+
+from docutils.utils.math.math2html import math2html
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
+from markupsafe import Markup
+from mdit_py_plugins.dollarmath import dollarmath_plugin
+
+_ALIGNED_RIGHT = "text-align:right"
+
+
+def render_markdown(text: str) -> Markup:
+    """Return a text as HTML.
+
+    The first column of a table has the heads of its rows; numbers are in columns aligned right.
+    """
+    converter = _converter()
+    tokens = converter.parse(str(text))
+    _mark_table_heads(tokens)
+    return Markup(converter.renderer.render(tokens, converter.options, {}))
+
+
+def render_rows(text: str) -> Markup:
+    """Return head and body of the one table that a text has, without the table around them.
+
+    Raises:
+        ValueError: if the text is no table.
+    """
+    html = render_markdown(text).strip()
+    match = re.fullmatch(r"<table>\n(.*)\n</table>", html, re.DOTALL)
+    if match is None:
+        raise ValueError(f"this is no Markdown table: {text[:200]}")
+    return Markup(match[1])
+
+
+@cache
+def _converter() -> MarkdownIt:
+    converter = MarkdownIt("commonmark", {"html": True}).enable("table")
+    converter.use(dollarmath_plugin, allow_digits=False, double_inline=False, renderer=_formula)
+    converter.add_render_rule("math_inline", lambda _, tokens, i, *__: _formula(tokens[i].content))
+    converter.add_render_rule("math_block", _render_display)
+    return converter
+
+
+def _render_display(_: object, tokens: list[Token], i: int, *__: object) -> str:
+    return f'<p class="formula">{_formula(tokens[i].content)}</p>\n'
+
+
+@cache
+def _formula(latex: str, *_: object) -> str:
+    html = str(math2html(latex.strip())).strip()
+    html = html.replace(" \N{FRACTION SLASH} ", "/")
+    return re.sub(r"(<su[pb][^>]*>) \N{MINUS SIGN} ", "\\1\N{MINUS SIGN}", html)
+
+
+def _mark_table_heads(tokens: list[Token]) -> None:
+    """Give cells scope and class: heads of columns and rows, and numbers."""
+    in_head, first = False, False
+    for token in tokens:
+        if token.type in ("thead_open", "thead_close"):
+            in_head = token.type == "thead_open"
+        elif token.type == "tr_open":
+            first = True
+        elif token.type in ("th_open", "td_open"):
+            is_number = token.attrs.pop("style", "") == _ALIGNED_RIGHT
+            if in_head or first:
+                token.tag = "th"
+                token.attrSet("scope", "col" if in_head else "row")
+            if is_number:
+                token.attrSet("class", "n")
+        elif token.type == "td_close":
+            token.tag = "th" if first else "td"
+            first = False

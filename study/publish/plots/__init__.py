@@ -1,0 +1,1 @@
+"""What figures share: their look, and kinds of plots."""

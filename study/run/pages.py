@@ -1,0 +1,97 @@
+"""The pages of the study: one for each section, found by their sources and read without import.
+
+A page is a module, or the module `page` of a folder, that assigns the name of its section to
+`SECTION`. Texts and facts on a page are constants, so that the report can be written where the
+solver is not installed. Importing a page, for its cases, checks and figures, imports the solver.
+"""
+
+import ast
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from study.run.store import Results
+
+STUDY = Path(__file__).parents[1]
+_SECTION = re.compile(r'^SECTION = "(.+)"$', re.MULTILINE)
+_GROUPS = ("I", "", "T", "C", "V", "Q", "W", "P", "K")
+"""Letters of sections in the order of the report; the paper's own sections have none."""
+
+
+@dataclass(frozen=True)
+class PageFigure:
+    """A figure that stands on the page of its section.
+
+    Attributes:
+        name: Name of its files.
+        draw: Draws it from stored results; the first line of its docstring is the title.
+        needs: Keys of the results that it needs.
+        caption: What it shows, or a function of the results that returns this.
+        alt: The figure in words, for readers who do not see it, or a function that returns this.
+    """
+
+    name: str
+    draw: "Callable[[Results], Figure]"
+    needs: Sequence[str]
+    caption: "str | Callable[[Results], str]"
+    alt: "str | Callable[[Results], str]"
+
+
+def find_pages(folders: Sequence[str] = ("paper", "benchmarks")) -> dict[str, str]:
+    """Return the module of each section, in the order of the report.
+
+    Args:
+        folders: folders of `study` in which pages are looked for.
+    """
+    modules = {}
+    for folder in folders:
+        for path in sorted((STUDY / folder).rglob("*.py")):
+            if match := _SECTION.search(path.read_text(encoding="utf-8")):
+                parts = path.relative_to(STUDY.parent).with_suffix("").parts
+                modules[match[1]] = ".".join(parts)
+    return {section: modules[section] for section in sorted(modules, key=section_order)}
+
+
+def section_order(section: str) -> tuple[int, float, str]:
+    """Return the sorting key of a section: V9 comes before V10, and unknown letters last."""
+    letter = section.rstrip("0123456789.")
+    group = _GROUPS.index(letter) if letter in _GROUPS else len(_GROUPS)
+    return group, float(section.removeprefix(letter) or 0), section
+
+
+def read_constants(path: Path) -> Mapping[str, Any]:
+    """Return the constants that a module assigns as literals, by their names."""
+    return _read_constants(path.read_bytes())
+
+
+@cache
+def _read_constants(source: bytes) -> dict[str, Any]:
+    constants = {}
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            try:
+                constants[node.targets[0].id] = ast.literal_eval(node.value)
+            except ValueError:
+                continue  # computed, not a literal
+    return constants
+
+
+def list_figures(path: Path) -> list[str]:
+    """Return the names of the figures in a page's list `FIGURES`."""
+    return list(_list_figures(path.read_bytes()))
+
+
+@cache
+def _list_figures(source: bytes) -> tuple[str, ...]:
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "FIGURES":
+            assert isinstance(node.value, ast.List)
+            calls = [item for item in node.value.elts if isinstance(item, ast.Call)]
+            return tuple(str(ast.literal_eval(call.args[0])) for call in calls)
+    return ()
