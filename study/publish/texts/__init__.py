@@ -113,10 +113,9 @@ class Texts:
         self.figures = load_figures(results)
         self.numbers: dict[tuple[str, str], int] = {}
         self.incomplete: list[str] = []
+        files = jinja2.FileSystemLoader([*folders, HERE])
         self.environment = jinja2.Environment(
-            loader=jinja2.ChoiceLoader(
-                [jinja2.FileSystemLoader([*folders, HERE]), jinja2.FunctionLoader(_markdown_template)]
-            ),
+            loader=jinja2.ChoiceLoader([files, jinja2.FunctionLoader(_markdown_template)]),
             undefined=jinja2.StrictUndefined,
             autoescape=True,
             trim_blocks=True,
