@@ -4,13 +4,12 @@ M. Klisiński, Ch. Luo, E. Postek, "Discussion on application of piece-wise line
 functions in 2D contact problems", received August 16, 2001.
 """
 
-import ast
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from study.run.cases import SECTIONS, title
-from study.run.sources import source
+from study.run.cases import SECTIONS, page_source, title
+from study.run.pages import read_constants, section_order
 
 # Critical stresses of modes 1 and 2 in Pa, as printed in Table 2 and below Eq. (27)
 TABLE_2: dict[str, tuple[float, ...]] = {
@@ -147,46 +146,12 @@ TITLES = {"2": "Weak formulation", "4": "Stiffness matrix", "6": "Initial stress
 _ROOT = Path(__file__).parents[2]
 
 
-# What tests the study's own sections, and those of the paper that have no file of their own
-_TESTED = {
-    "2": ("paper/test_s4", "library/test_mechanics", "library/test_eigen"),
-    "I": ("paper/test_s1",),
-    "T": ("library/test_t_proof", "library/test_recovery", "library/test_properties_elements"),
-    "C": ("study/test_convergence",),
-    **dict.fromkeys(("7.1", "7.2", "7.3", "7.4"), ("paper/test_examples",)),
-    **dict.fromkeys(("V2", "V3", "V6", "V7"), ("study/test_verification_exact",)),
-    **dict.fromkeys(
-        ("V1", "V4", "V5", "V8"), ("study/test_verification_exact", "oracle/test_sections")
-    ),
-    "V9": ("study/test_findings",),
-    "V10": ("study/test_verification_exact", "oracle/test_random_small"),
-    "V11": ("study/test_verification_mortar", "contact/test_mortar"),
-    "V12": ("contact/test_impact",),
-    "V13": ("library/test_recovery",),
-    "V14": ("study/test_verification_residual",),
-    "V15": ("study/test_verification_rubber", "library/test_hybrid"),
-    "V16": ("contact/test_large", "contact/test_turning"),
-    "V17": ("contact/test_sliding", "oracle/test_sliding"),
-    "Q": ("study/test_rivals",),
-    "W": ("study/test_engineering",),
-    "P": ("study/test_peers",),
-    "K": ("library/test_iterative", "contact/test_iterative"),
-}
-
-
 def map_table() -> str:
     """Return the table of what is where: the paper's sections, then the study's own."""
-    sections = sorted({*TITLES, *SECTIONS}, key=_place)
-    head = ["section", "of the paper", "computed in", "drawn by", "tested by"]
+    sections = sorted({*TITLES, *SECTIONS}, key=section_order)
+    head = ["section", "of the paper", "page and code", "scripts of figures"]
     rows = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     return "\n".join([*rows, *map(_row, sections)])
-
-
-def _place(section: str) -> tuple[int, float]:
-    """Return what sections are sorted by: the paper's first, V9 before V10."""
-    kinds = ("", "I", "T", "C", "V", "Q", "W", "P", "K")
-    letter = section.rstrip("0123456789.")
-    return kinds.index(letter), float(section.removeprefix(letter) or 0)
 
 
 def _row(section: str) -> str:
@@ -194,17 +159,17 @@ def _row(section: str) -> str:
     name = TITLES.get(section) or title(section)
     computed = {item.module for item in mine}
     if section in SECTIONS:
-        path = source(SECTIONS[section])
-        assert path is not None
-        computed.add(path.relative_to(_ROOT).as_posix())
-    drawn = [path for path in sorted(_ROOT.glob("figures/*.py")) if _section(path) == section]
-    tests = _TESTED.get(section) or (f"paper/test_s{section.replace('.', '_')}",)
+        computed.add(page_source(section).relative_to(_ROOT).as_posix())
+    drawn = [
+        path
+        for path in sorted(_ROOT.glob("figures/*.py"))
+        if read_constants(path).get("SECTION") == section
+    ]
     cells = [
         f"{section}: {name}",
         "; ".join(filter(None, (_numbers(mine, kind) for kind in _PLURAL))),
         ", ".join(f"`{path}`" for path in sorted(computed)),
         ", ".join(f"`{path.relative_to(_ROOT).as_posix()}`" for path in drawn),
-        ", ".join(f"`tests/{test}.py`" for test in tests),
     ]
     return f"| {' | '.join(cells)} |".replace("|  |", "| |").replace("|  |", "| |")
 
@@ -222,14 +187,6 @@ def _numbers(items: list[Item], kind: str) -> str:
     joint = "-" if numbers[-1] - numbers[0] == len(numbers) - 1 else ", "
     ends = (shown[0], shown[-1]) if joint == "-" else shown
     return f"{_PLURAL[kind]} {joint.join(ends)}"
-
-
-def _section(path: Path) -> str:
-    """Return the section of a figure script without importing it; empty for a helper."""
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "SECTION":
-            return str(ast.literal_eval(node.value))
-    return ""
 
 
 if __name__ == "__main__":

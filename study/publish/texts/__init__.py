@@ -49,6 +49,8 @@ SHORT_HEADS: dict[str, dict[str, str]] = {
     for section, words in tomllib.loads((HERE / "appendix_heads.toml").read_text("utf-8")).items()
 }
 REFERENCES: dict[str, dict[str, str]] = tomllib.loads((HERE / "references.toml").read_text("utf-8"))
+for _section in SECTIONS:  # a page may bring its own
+    REFERENCES |= read_constants(page_source(_section)).get("REFERENCES", {})
 PLAIN = "/;:=,+()!*'"  # what an address may have as it is, and be shorter than by base64
 
 BLOCKS = {

@@ -1,0 +1,330 @@
+"""Indenters of the fourth order: contact pressures with their peak away from the middle."""
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+
+from pw_elements.elasticity import StressState
+from study.judge.checks import check
+from study.judge.measures.general import largest, smallest
+from study.model.units import UNSTATED, units_of
+from study.publish.plots import convergence
+from study.publish.plots.style import FULL, LOOK
+from study.run.cases import Case
+from study.run.pages import PageFigure
+from study.run.store import Result, Results
+from study.solutions.half_space import Elastic
+from study.solutions.indentation import Indenter, series
+
+Array = npt.NDArray[np.floating[Any]]
+
+SECTION = "V18"
+TITLE = "Indenters of the fourth order"
+FACTS = {
+    "geometry": "rigid profiles y = A x⁴ on a half plane and y = A r⁴ on a half space; one half, "
+    "5 a wide and deep",
+    "mesh": "4, 8, 16 and 32 elements over the contact's half width a, growing by 1.3 outside",
+    "material": "linear elastic, plane strain and axisymmetric; E = 1000, ν = 0.3",
+    "supports": "exact displacements of the half space on the outer sides; smooth contact",
+    "load": "the force at which a = 1",
+    "reference": "I. Y. Shtaerman; I. N. Sneddon (1965)",
+    "uncertainty": "none of the body's size; root mean squares over four places of the contact's "
+    "edge",
+}
+REFERENCES = {
+    "sneddon": {
+        "text": "I. N. Sneddon. The relation between load and penetration in the axisymmetric "
+        "Boussinesq problem for a punch of arbitrary profile. International Journal of Engineering "
+        "Science 3, 47-57, 1965.",
+        "url": "https://doi.org/10.1016/0020-7225(65)90019-4",
+    }
+}
+
+# Problem and exact solution
+
+PROBLEM = r"""
+In Hertz' problem (section V2) the pressure is largest in the middle of the contact, where all elements are most accurate.
+Below an indenter that is flatter in the middle, $y = A x^4$, it is largest near the edge: the peak of the pressure and its
+steep fall lie next to each other.
+"""
+
+THEORY = r"""
+In the plane the equation of a smooth indenter on a half plane {{ cite("johnson") }} has the solution
+
+$$
+p(x) = E^* A\,(a^2 + 2 x^2)\sqrt{a^2 - x^2}, \qquad P = \frac{3\pi}{4} E^* A a^4 .
+$$
+
+In axisymmetry Sneddon's solution {{ cite("sneddon") }} for a profile $A r^4$ is
+
+$$
+p(r) = \frac{32}{9\pi} E^* A\,(a^2 + 2 r^2)\sqrt{a^2 - r^2}, \qquad P = \frac{64}{15} E^* A a^5, \qquad
+\delta = \frac{8}{3} A a^4 .
+$$
+
+Both pressures are largest at $a/\sqrt{2}$, where they are $\sqrt{2}$ times the pressure in the middle.
+"""
+
+BODY = Elastic(youngs_modulus=1000.0, poissons_ratio=0.3)
+HALF_WIDTH = 1.0
+COEFFICIENT = 1e-3
+"""A of the profile, per cubed length."""
+PEAK_OVER_MIDDLE = np.sqrt(2.0)
+_SOURCES = 64
+"""Point forces that replace the pressure at a distance of a half width or more."""
+
+
+@dataclass(frozen=True)
+class QuarticPunch:
+    """Rigid punch above y = A s⁴, with s the distance from the axis; gaps along the axis."""
+
+    coefficient: float
+
+    def gap(self, x: Array) -> Array:
+        """Return gaps (n,) of points x (n, 2)."""
+        gap: Array = self.coefficient * x[:, 0] ** 4 - x[:, 1]
+        return gap
+
+    def normal(self, x: Array) -> Array:
+        """Return the direction (n, 2) in which the punch pushes: downwards."""
+        return np.tile([0.0, -1.0], (len(x), 1))
+
+
+@dataclass(frozen=True)
+class QuarticLine:
+    """Exact solution in the plane; the force is one per unit thickness."""
+
+    body: Elastic
+    coefficient: float
+    half_width: float
+    bounded: ClassVar[bool] = True
+
+    @property
+    def force(self) -> float:
+        """P = 3 pi/4 E* A a⁴."""
+        stiffness = self.body.plane_modulus * self.coefficient
+        return float(0.75 * np.pi * stiffness * self.half_width**4)
+
+    def pressure(self, x: Array) -> Array:
+        """Return the pressure (m,) at distances x from the middle."""
+        square = np.maximum(0.0, self.half_width**2 - x**2)
+        stiffness = self.body.plane_modulus * self.coefficient
+        pressure: Array = stiffness * (self.half_width**2 + 2 * x**2) * np.sqrt(square)
+        return pressure
+
+    def force_within(self, x: Array) -> Array:
+        """Return the integral of the pressure from 0 to x."""
+        s = np.clip(x / self.half_width, 0.0, 1.0)
+        angle, root = np.arcsin(s), np.sqrt(1 - s**2)
+        first = (s * root + angle) / 2
+        second = (s * (2 * s**2 - 1) * root + angle) / 8
+        force: Array = self.force / (0.75 * np.pi) * (first + 2 * second)
+        return force
+
+    def displacement(self, x: Array) -> Array:
+        """Return the displacements (n, 2) of points x by Gauss-Chebyshev quadrature."""
+        angle = np.arange(1, _SOURCES + 1) * np.pi / (_SOURCES + 1)
+        position = self.half_width * np.cos(angle)
+        lengths = self.half_width * np.sin(angle) * np.pi / (_SOURCES + 1)
+        forces = self.pressure(position) * lengths
+        return self.body.line_displacement(x, position, forces, np.zeros_like(forces))
+
+    @property
+    def approach(self) -> float:
+        """Depth of the middle, by the mean of log over the pressure, log(a/2) - 1/4."""
+        mean = np.log(self.half_width / 2) - 0.25
+        return float(-2 * self.force * mean / (np.pi * self.body.plane_modulus))
+
+
+@dataclass(frozen=True)
+class QuarticRound:
+    """Exact solution in axisymmetry."""
+
+    body: Elastic
+    coefficient: float
+    half_width: float
+    bounded: ClassVar[bool] = True
+
+    @property
+    def force(self) -> float:
+        """P = 64/15 E* A a⁵."""
+        return float(64 / 15 * self.body.plane_modulus * self.coefficient * self.half_width**5)
+
+    def pressure(self, x: Array) -> Array:
+        """Return the pressure (m,) at distances x from the axis."""
+        square = np.maximum(0.0, self.half_width**2 - x**2)
+        factor = 32 / (9 * np.pi) * self.body.plane_modulus * self.coefficient
+        pressure: Array = factor * (self.half_width**2 + 2 * x**2) * np.sqrt(square)
+        return pressure
+
+    def force_within(self, x: Array) -> Array:
+        """Return the force on the disc of radius x."""
+        cosine = np.sqrt(1 - np.clip(x / self.half_width, 0.0, 1.0) ** 2)
+        force: Array = self.force * (1 - 5 / 3 * cosine**3 + 2 / 3 * cosine**5)
+        return force
+
+    def displacement(self, x: Array) -> Array:
+        """Return the displacements (n, 2) of points x: sources of strength as a⁴ - t⁴."""
+        t, weights = np.polynomial.legendre.leggauss(_SOURCES)
+        strength = self.force * (1 - t**4) * weights / 1.6
+        return self.body.round_displacement(x, self.half_width * t, strength)
+
+    @property
+    def approach(self) -> float:
+        """Depth 8/3 A a⁴ of the middle."""
+        return 8 / 3 * self.coefficient * self.half_width**4
+
+
+EXACT = {
+    "line": (QuarticLine(BODY, COEFFICIENT, HALF_WIDTH), StressState.PLANE_STRAIN),
+    "round": (QuarticRound(BODY, COEFFICIENT, HALF_WIDTH), StressState.AXISYMMETRIC),
+}
+
+# Method and cases
+
+METHOD = r"""
+Meshes, prescribed displacements of the outer sides and measures of the error are those of section V2. The indenter is a
+surface that the page defines itself by its gap and its normal. As there, each error is the root mean square over four
+positions of the edge of contact within an element.
+"""
+
+LEVELS = (4, 8, 16, 32)
+EDGE_POSITIONS = (0.125, 0.375, 0.625, 0.875)
+ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q9")
+
+
+def quartic(element: str, kind: str) -> Result:
+    """Press the indenter with the exact force.
+
+    Args:
+        element: its name.
+        kind: "line" in the plane, "round" in axisymmetry.
+    """
+    exact, state = EXACT[kind]
+    meshes = {
+        n: [np.arange(np.ceil(1.3 * (n + q)) + 1) / (n + q) for q in EDGE_POSITIONS] for n in LEVELS
+    }
+    result = series(element, Indenter(exact, QuarticPunch(COEFFICIENT), state), meshes)
+    exact_peak = float(exact.pressure(np.array([exact.half_width / np.sqrt(2.0)]))[0])
+    # the shared measure compares the peak with the pressure in the middle, where it is not
+    scalars = {name: value for name, value in result.scalars.items() if "_peak" not in name[5:]}
+    scalars["error_peak"] = abs(scalars["peak_pressure"] / exact_peak - 1)
+    scalars["exact_peak"] = exact_peak
+    kinds = {"exact_peak": "stress", "error_peak": "1"}
+    return replace(
+        result,
+        scalars=scalars,
+        units={name: result.units[name] for name in scalars if name in result.units}
+        | units_of({name: scalars[name] for name in kinds}, kinds, UNSTATED),
+    )
+
+
+CASES = [
+    Case("V18", f"{kind}-{element}", quartic, {"element": element, "kind": kind})
+    for kind in EXACT
+    for element in ELEMENTS
+]
+
+# Results
+
+RESULT = r"""
+{{ figure("v18_quartic") }}
+"""
+
+DETAILS = r"""
+{% call table("v18-quartic", "Indenters of the fourth order, 32 elements over the half width: relative errors, in per cent. In brackets: observed order over the last two doublings of the mesh.") %}
+| Element | Plane: nodal forces | own-function pressure, all nodes | inner 80 % | Round: nodal forces | own-function pressure, all nodes | inner 80 % |
+|---|---:|---:|---:|---:|---:|---:|
+{% for element in ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q9") %}
+| {{ names[element] }} |{% for kind in ("line", "round") %}{% set key = "V18/" ~ kind ~ "-" ~ element %}{% for error in ("force", "pressure_own", "pressure_own_inner") %} {{ num(100 * s(key, "error_" ~ error), 2) }} ({{ fixed(s(key, "order_" ~ error), 1) }}) |{% endfor %}{% endfor %}
+
+{% endfor %}
+{% endcall %}
+"""
+
+
+def draw_quartic(results: Results) -> Figure:
+    """Pressure below indenters of the fourth order, and its error."""
+    fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.4))
+    for (kind, (exact, _)), pressure_axis, error_axis in zip(
+        EXACT.items(), axes[::2], axes[1::2], strict=True
+    ):
+        for element in ("galerkin-T6", "pw-T6"):
+            curves = results.curves(f"V18/{kind}-{element}")
+            middle = exact.pressure(np.zeros(1))
+            pressure_axis.plot(curves["x"], curves["pressure_tributary"] / middle, **LOOK[element])
+        x = np.linspace(0, 1, 401)
+        pressure_axis.plot(
+            x, exact.pressure(x) / exact.pressure(np.zeros(1)), **LOOK["exact"], linestyle="--"
+        )
+        pressure_axis.set(xlim=(-0.02, 1.2), xlabel="$x/a$" if kind == "line" else "$r/a$")
+        pressure_axis.set_title(f"{kind}: tributary pressure", fontsize=8)
+        keys = {element: f"V18/{kind}-{element}" for element in ELEMENTS}
+        convergence.prepare(error_axis, results, keys["pw-T6"])
+        convergence.errors(error_axis, results, keys, "error_pressure_own")
+        error_axis.set(xlabel="elements over $a$")
+        error_axis.set_title(f"{kind}: error, own function", fontsize=8)
+    axes[0].set_ylabel("pressure / middle")
+    convergence.legend(fig, axes[1])
+    return fig
+
+
+FIGURES = [
+    PageFigure(
+        "v18_quartic",
+        draw_quartic,
+        needs=[f"V18/{kind}-{element}" for kind in ("line", "round") for element in ELEMENTS],
+        caption="Indenters y = A x⁴ on a half plane (left) and on a half space (right): pressure "
+        "over tributary areas with 8 elements over the half width a, and the error of the "
+        "own-function pressure over the number of elements.",
+        alt="Four plots. Tributary pressures of the new triangle lie on the exact curve, which "
+        "rises from the middle to its peak near the edge and falls to zero; those of the standard "
+        "triangle alternate about it. Errors fall with slope one for all elements.",
+    ),
+]
+
+# Findings
+
+CHECKS = [
+    check(
+        "V18-order",
+        "Below an indenter of the fourth order the own-function pressure away from the edge "
+        "converges with an order above 1.5, for all elements.",
+        lambda results: smallest(results, "V18", ".*", "order_pressure_own_inner"),
+        ">",
+        1.5,
+        tolerance_set="after",
+        tolerance_why="a bound, set before on meshes of up to 16 elements, on which it fails: 1.4",
+        why="A weighted mean taken as a nodal value is of order 2 where the pressure is smooth; "
+        "the inner 80 % include the peak.",
+    ),
+    check(
+        "V18-peak",
+        "With 32 elements over the half width the peak of the new elements' pressure is within "
+        "2 % of the exact one, although it lies near the edge.",
+        lambda results: largest(results, "V18", {"element": ["pw-T6", "pw-Q9"]}, "error_peak"),
+        "<",
+        0.02,
+        tolerance_set="before",
+        tolerance_why="none: a bound",
+        why="The peak is flat: at one element's distance the pressure is still within 1 % of it.",
+    ),
+]
+
+FINDINGS = r"""
+Below indenters of the fourth order, whose pressure has its peak at 0.71 of the half width, the new triangle's error over all
+nodes is {{ fixed(s("V18/line-pw-T6", "error_pressure_own") / s("V18/line-galerkin-T6", "error_pressure_own"), 2) }} (plane)
+and {{ fixed(s("V18/round-pw-T6", "error_pressure_own") / s("V18/round-galerkin-T6", "error_pressure_own"), 2) }} times (round)
+that of the standard one with 32 elements over the half width, and inside 80 % of it
+{{ fixed(s("V18/line-pw-T6", "error_pressure_own_inner") / s("V18/line-galerkin-T6", "error_pressure_own_inner"), 2) }} and
+{{ fixed(s("V18/round-pw-T6", "error_pressure_own_inner") / s("V18/round-galerkin-T6", "error_pressure_own_inner"), 2) }} times.
+"""
+
+LIMITS = r"""
+As in section V2, gaps are measured along the axis and the far field is the exact one. Friction and bodies of finite size are
+not treated.
+"""
