@@ -6,6 +6,8 @@ or fails if PW_ELEMENTS_RESULTS_REQUIRED is set, as in the gate.
 """
 
 import os
+import random
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -21,6 +23,10 @@ from tests.study.computed_results import ComputedResults, cases
 
 STORED = Path(__file__).parents[2] / "results"
 RECORDED_VERDICTS = [claim for claim in load_claims() if claim.kind not in PAPER]
+
+
+def _name(claim):
+    return claim.id
 
 
 @cache
@@ -51,7 +57,7 @@ def quick_or_stored(results):
     return QuickOrStoredResults(results.folder)
 
 
-@pytest.mark.parametrize("claim", RECORDED_VERDICTS, ids=lambda claim: claim.id)
+@pytest.mark.parametrize("claim", RECORDED_VERDICTS, ids=_name)
 def test_check(claim, quick_or_stored):
     (verdict,) = judge([claim], quick_or_stored)
     assert not verdict.differs, (
@@ -71,3 +77,14 @@ def test_pins_with_unknown_keys_are_refused(tmp_path):
     path.write_text('[{"id": "X-1", "colour": "red"}]')
     with pytest.raises(StudyError, match=r"pin X-1 lacks or should not have .*colour"):
         pins.load_pins(path)
+
+
+@pytest.mark.parametrize("claim", random.Random(20).sample(RECORDED_VERDICTS, 20), ids=_name)
+def test_a_wrong_number_is_noticed(claim):
+    """Judged with a number on the wrong side of its bound, a check drawn at random differs."""
+    how = claim.judgement
+    wrong = {"<": 1, "<=": 1, "=": 1, ">": -1, ">=": -1}[how.relation]
+    number = how.value + wrong * (2 * how.tol + 1e-6 * (abs(how.value) + 1))
+    planted = replace(claim, judgement=replace(how, function=lambda *_, **__: number))
+    (verdict,) = judge([planted], Results(STORED))
+    assert verdict.differs

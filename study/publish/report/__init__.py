@@ -176,9 +176,9 @@ class _Paper(Texts):
 
 
 def _version() -> str:
-    """Return the project's version, of which the report is a part."""
-    source = (HERE.parents[2] / "pw_elements" / "__init__.py").read_text(encoding="utf-8")
-    return re.findall(r'^__version__ = "(.*)"$', source, re.MULTILINE)[0]
+    """Return the project's version, as the file that says how to cite it has it."""
+    source = (HERE.parents[2] / "CITATION.cff").read_text(encoding="utf-8")
+    return re.findall(r"^version: (.*)$", source, re.MULTILINE)[0]
 
 
 def _faces() -> str:

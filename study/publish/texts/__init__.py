@@ -23,7 +23,7 @@ from study.judge.claims import GRADES, PAPER
 from study.model.vocabulary import ELEMENTS, NO_WEIGHT, OWN, PLANE_ELEMENTS, TRIBUTARY, WAYS
 from study.publish.markdown import render_markdown, render_rows
 from study.publish.texts import numbers
-from study.publish.texts.appendix import computed, computed_and_recorded, rational_degree
+from study.publish.texts.appendix import RATIONAL_DEGREE, computed, computed_and_recorded
 from study.publish.texts.statements import (
     HOMES,
     by_fact,
@@ -161,7 +161,7 @@ class Texts:
             "computed_and_recorded": lambda: computed_and_recorded(results),
             "verification_range": _verification_range(),
             "has_section": lambda section: bool(results.cases(section)),
-            "rational_degree": rational_degree(),
+            "rational_degree": RATIONAL_DEGREE,
         }
         self.environment.filters |= {
             "found": found,

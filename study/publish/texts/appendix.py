@@ -1,13 +1,12 @@
 """What a section was computed with: unknowns, meshes and quadrature, from results and sources."""
 
 import ast
-import re
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from study.run.cases import SECTIONS
-from study.run.sources import closure, package_sources
+from study.run.sources import closure
 from study.run.store import Results, Stored
 
 # Parameters, and curves of series, that say how fine a mesh is
@@ -23,6 +22,10 @@ MESHES = (
     "n",
     "sides",
 )
+
+
+RATIONAL_DEGREE = 8
+"""The library's degree of quadrature for integrands that are no polynomials; a test compares it."""
 
 
 class Computed(NamedTuple):
@@ -63,14 +66,6 @@ def computed_and_recorded(results: Results) -> tuple[int, int]:
     cases = [case for section in SECTIONS for case in results.readable(section)]
     recorded = sum(bool(case.record) for case in cases)
     return len(cases) - recorded, recorded
-
-
-def rational_degree() -> int:
-    """Return the library's degree of quadrature for integrands that are no polynomials."""
-    for path in package_sources("pw_elements"):
-        if found := re.search(r"^_RATIONAL_DEGREE = (\d+)$", path.read_text("utf-8"), re.MULTILINE):
-            return int(found[1])
-    raise LookupError("the library sets no _RATIONAL_DEGREE")
 
 
 def _unknowns(case: Stored) -> int:

@@ -1,0 +1,61 @@
+"""The structure of the study: a page for each section, few entries, few modules in a folder."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from study.run.cases import SECTIONS, page_source
+from study.run.pages import find_pages, read_constants
+
+ROOT = Path(__file__).parents[2]
+STUDY = ROOT / "study"
+MAX_ENTRIES = 10
+MAX_MODULES = 14
+MAX_SHARED_MODULES = 8
+MAX_PAGE_CHARACTERS = 35_000
+MAX_FILES_OF_A_PAGE = 4
+
+
+def tracked(folder):
+    command = ["git", "ls-files", folder.relative_to(ROOT).as_posix()]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout
+    return [ROOT / name for name in listed.splitlines() if (ROOT / name).is_file()]
+
+
+def test_the_study_has_few_entries_at_its_top():
+    entries = {path.relative_to(STUDY).parts[0] for path in tracked(STUDY)}
+    assert len(entries) <= MAX_ENTRIES, sorted(entries)
+
+
+def test_folders_have_few_modules():
+    counts = {}
+    for path in tracked(STUDY):
+        if path.suffix == ".py" and path.name != "__init__.py":
+            counts[path.parent] = counts.get(path.parent, 0) + 1
+    allowed = dict.fromkeys(counts, MAX_MODULES)
+    allowed |= dict.fromkeys((STUDY / "solutions", STUDY / "meshes"), MAX_SHARED_MODULES)
+    allowed[STUDY / "benchmarks"] = len(SECTIONS)
+    assert not {folder: count for folder, count in counts.items() if count > allowed[folder]}
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_a_section_has_a_page_that_can_be_read_in_one_go(section):
+    page = page_source(section)
+    assert len(page.read_text(encoding="utf-8")) <= MAX_PAGE_CHARACTERS
+    if page.name == "page.py":
+        assert len(tracked(page.parent)) <= MAX_FILES_OF_A_PAGE
+    else:
+        assert page.parent in (STUDY / "benchmarks", STUDY / "paper")
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_a_page_says_what_it_is_about(section):
+    constants = read_constants(page_source(section))
+    assert constants["TITLE"]
+    assert {"geometry", "reference", "uncertainty"} <= constants["FACTS"].keys()
+    assert {"RESULT", "DETAILS", "FINDINGS"} & constants.keys()
+
+
+def test_each_section_has_one_page():
+    assert list(SECTIONS) == list(find_pages())
