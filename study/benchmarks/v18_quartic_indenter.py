@@ -179,7 +179,7 @@ class QuarticRound:
         return 8 / 3 * self.coefficient * self.half_width**4
 
 
-EXACT = {
+EXACT: dict[str, tuple[QuarticLine | QuarticRound, StressState]] = {
     "line": (QuarticLine(BODY, COEFFICIENT, HALF_WIDTH), StressState.PLANE_STRAIN),
     "round": (QuarticRound(BODY, COEFFICIENT, HALF_WIDTH), StressState.AXISYMMETRIC),
 }
