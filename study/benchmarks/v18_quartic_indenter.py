@@ -1,7 +1,7 @@
 """Indenters of the fourth order: contact pressures with their peak away from the middle."""
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -20,7 +20,7 @@ from study.run.store import Result, Results
 from study.solutions.half_space import Elastic
 from study.solutions.indentation import Indenter, series
 
-Array = npt.NDArray[np.floating[Any]]
+Array = npt.NDArray[np.float64]
 
 SECTION = "V18"
 TITLE = "Indenters of the fourth order"
