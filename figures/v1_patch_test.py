@@ -3,9 +3,9 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.symbols import load_arrows
 from study.model.vocabulary import OWN, TRIBUTARY
 from study.publish.plots.style import FULL, LOOK, mesh_plot
+from study.publish.plots.symbols import load_arrows
 from study.run.store import Results
 
 SECTION = "V1"
