@@ -4,9 +4,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.contact import zone_legend, zone_strip
 from study.model.vocabulary import OWN
 from study.publish.plots.style import BESIDE, LOOK
+from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
 
 SECTION = "V5"

@@ -6,10 +6,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.contact import zone_legend, zone_strip
 from study.judge import measures
 from study.model.vocabulary import OWN
 from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
 from study.solutions.stick_slip import GRECO_PLACES, GRECO_PUBLISHED
 
