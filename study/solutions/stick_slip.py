@@ -15,16 +15,6 @@ GRECO_PLACES = (0.0, 1.25e-3, 5e-3, 7.5e-3, 11.25e-3)
 GRECO_PUBLISHED = (2.86e-5, 2.72e-5, 2.28e-5, 1.98e-5, 1.5e-5)
 GRECO_PROTOTYPE = (2.8602e-5, 2.7225e-5, 2.2868e-5, 1.9807e-5, 1.5414e-5)
 
-# Spence's stick radius over the half width of a flat punch by (nu in plane strain, mu): an
-# boundary-element program of this study on the half plane, by its own estimate to +-.003
-SPENCE = {
-    (0.25, float(np.tan(np.deg2rad(20)))): 0.696,
-    (0.20, float(np.tan(np.deg2rad(20)))): 0.588,
-    (0.3, 0.3): 0.688,
-    (0.0, 0.6): 0.653,
-}
-SPENCE_ACCURACY = 0.003
-
 # NAFEMS CGS-4, sliding wedge: slope, weight and pushing force in N, and for each mu the
 # stiffness in N/m of the springs that let it slide by 1 m
 WEDGE_SLOPE, WEDGE_WEIGHT, WEDGE_PUSH = 0.1, 3058.0, 1500.0
