@@ -7,14 +7,6 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-# GRECO plate: horizontal displacements in m at places x in m on the base. Published ones of
-# code_aster's validation manual, V6.04.128 (SSNV128), which calls their uncertainty average; finer
-# ones of an independent prototype of this study on 64 x 64 squares of triangles (a
-# reconstruction).
-GRECO_PLACES = (0.0, 1.25e-3, 5e-3, 7.5e-3, 11.25e-3)
-GRECO_PUBLISHED = (2.86e-5, 2.72e-5, 2.28e-5, 1.98e-5, 1.5e-5)
-GRECO_PROTOTYPE = (2.8602e-5, 2.7225e-5, 2.2868e-5, 1.9807e-5, 1.5414e-5)
-
 # NAFEMS CGS-4, sliding wedge: slope, weight and pushing force in N, and for each mu the
 # stiffness in N/m of the springs that let it slide by 1 m
 WEDGE_SLOPE, WEDGE_WEIGHT, WEDGE_PUSH = 0.1, 3058.0, 1500.0
