@@ -47,7 +47,7 @@ Rigid flat punches of half width $b$ with sharp edges are pressed on elastic hal
 {{ fixed(s("V3/smooth-exact", "poissons_ratio"), 1) }}:
 
 - a smooth one in plane strain (M. Sadowsky {{ cite("sadowsky") }}: $p = P/(\pi \sqrt{b^2 - x^2})$);
-- one bonded to the half plane (pressure and shear oscillate as cos and sin of $\eta \log((b + x)/(b - x))$,
+- one bonded to the half plane (pressure and shear oscillate as cos and sin of $\eta\,\log((b + x)/(b - x))$,
   $\eta = \log(3 - 4\nu)/(2\pi)$ = {{ fixed(s("V3/bonded-exact", "oscillation"), 4) }});
 - and a smooth round one (J. Boussinesq: $p = P/(2\pi b \sqrt{b^2 - r^2})$, depth $P/(2 E^* b)$).
 """

@@ -55,7 +55,7 @@ FACTS = {
 PROBLEM = r"""
 A wedge of weight $G = 3058$ N rests on an incline of 1:10 and is pushed uphill by $F = 1500$ N against horizontal springs
 (NAFEMS benchmark CGS-4 {{ cite("cgs") }}). By statics it slides while the horizontal contact force is
-$(\tan\alpha + \mu)/(1 - \mu \tan\alpha)$ times the weight, where $\alpha$ is the angle of the slope. For each friction
+$(\tan\,\alpha + \mu)/(1 - \mu\,\tan\,\alpha)$ times the weight, where $\alpha$ is the angle of the slope. For each friction
 coefficient the springs are chosen so that it comes to rest after 1 m.
 """
 
