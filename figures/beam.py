@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from figures.symbols import arrow, roller
 from study.publish.plots.style import mesh_plot
+from study.publish.plots.symbols import arrow, roller
 from study.run.store import Results
 
 MESH = "7.6/galerkin-T6-J"

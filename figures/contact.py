@@ -1,25 +1,16 @@
-"""What the figures of contact examples share: stress curves, zones, deformed shapes."""
+"""Stress curves and deformed shapes, which the figures of contact examples share."""
 
 from collections.abc import Mapping, Sequence
-from itertools import groupby
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.patches import Patch, Rectangle
-from matplotlib.transforms import Affine2D, ScaledTranslation, blended_transform_factory
 
-from study.model.vocabulary import ELEMENTS, OPEN, SLIP
+from study.model.vocabulary import ELEMENTS
 from study.paper.bands import DATA_NAME, DIAGONALS_NAME, Family, envelope, members
 from study.publish.plots.style import LOOK, MANY
 from study.run.store import Results
-
-# Contact status as the library numbers it
-ZONES = {0: ("open", "#FFFFFF"), 1: ("stick", "#4C78A8"), 2: ("slip", "#F2B447")}
-SMOOTH = ("frictionless", "#C9C9C9")
-STRIP_BELOW, STRIP_HEIGHT = 8.5, 3.5
-"""Lower edge of a strip of zones below its axes, and its height, in points."""
 
 DATA_BAND = {"color": "#BFBFBF", "label": DATA_NAME}
 """Look of the band of data that are not printed."""
@@ -67,43 +58,6 @@ def compare(
         if hollow in element:
             look |= {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.5}
         ax.plot(curves["x"], scale * curves[quantity], **look)
-
-
-def zone_strip(ax: Axes, curves: Curves) -> None:
-    """Contact zones as a coloured strip between the axes and the labels of their ticks.
-
-    Its places are in points, so that it stays clear of the labels however high the axes are.
-    """
-    x = curves["x"]
-    borders = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
-    smooth = (curves["friction"] == 0) & (curves["status"] == SLIP)
-    colours = [
-        SMOOTH[1] if free else ZONES[int(status)][1]
-        for status, free in zip(curves["status"], smooth, strict=True)
-    ]
-    points = Affine2D().scale(1 / 72) + ax.figure.dpi_scale_trans
-    from_corner = points + ScaledTranslation(0, 0, ax.transAxes)  # type: ignore[arg-type]
-    below = blended_transform_factory(ax.transData, from_corner)
-    place = 0
-    for colour, run in groupby(colours):
-        first, place = place, place + len(list(run))
-        if colour == ZONES[OPEN][1]:
-            continue
-        left, right = borders[first], borders[place]
-        strip = Rectangle(
-            (left, -STRIP_BELOW), right - left, STRIP_HEIGHT, transform=below, clip_on=False
-        )
-        strip.set(color=colour, lw=0)
-        ax.add_patch(strip)
-    ax.tick_params(axis="x", pad=STRIP_BELOW)
-
-
-def zone_legend(curves: Curves) -> list[Patch]:
-    """Handles of the zones that occur."""
-    smooth = (curves["friction"] == 0) & (curves["status"] == SLIP)
-    entries = [ZONES[int(s)] for s in np.unique(curves["status"][~smooth])]
-    entries += [SMOOTH] if smooth.any() else []
-    return [Patch(facecolor=c, edgecolor="#777777", lw=0.5, label=name) for name, c in entries]
 
 
 def outline(cells: np.ndarray) -> np.ndarray:

@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from figures.symbols import INK, arrow, load_arrows
 from study.publish.plots.style import FULL, mesh_plot
+from study.publish.plots.symbols import INK, arrow, load_arrows
 from study.run.store import Results
 
 SECTION = "7.2"

@@ -10,13 +10,12 @@ from figures.contact import (
     band,
     diagonal_band,
     family,
-    zone_legend,
-    zone_strip,
 )
 from study.judge.measures.contact import BLOCK_PRESSURE
 from study.model.vocabulary import ELEMENTS, OWN
 from study.paper.bands import DATA, DIAGONALS, members
 from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
 
 SECTION = "7.2"

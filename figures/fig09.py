@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.symbols import INK, arrow
 from study.publish.plots.style import FULL, mesh_plot
+from study.publish.plots.symbols import INK, arrow
 from study.run.store import Results
 
 SECTION = "7.3"

@@ -9,12 +9,11 @@ from figures.contact import (
     compare,
     diagonal_band,
     family,
-    zone_legend,
-    zone_strip,
 )
 from study.model.vocabulary import OWN
 from study.paper.bands import DATA, DIAGONALS, members
 from study.publish.plots.style import FULL
+from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
 
 SECTION = "7.3"

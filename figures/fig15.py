@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from figures.column import MM, SURFACES, SYNTHETIC, outline, surface
-from figures.symbols import INK, arrow, roller
 from study.publish.plots.style import FULL, mesh_plot
+from study.publish.plots.symbols import INK, arrow, roller
 from study.run.store import Results
 
 SECTION = "7.5"

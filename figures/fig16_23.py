@@ -14,12 +14,11 @@ from figures.contact import (
     band,
     diagonal_band,
     family,
-    zone_legend,
-    zone_strip,
 )
 from study.model.vocabulary import OWN
 from study.paper.bands import DATA, DIAGONALS, Family, members
 from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
 
 SECTION = "7.5"

@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.beam import MESH, NOTE, half_beam
-from figures.symbols import roller
 from study.publish.plots.style import FULL
+from study.publish.plots.symbols import roller
 from study.run.store import Results
 
 SECTION = "7.6"

@@ -3,8 +3,9 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import RECONSTRUCTED, deformed, force_arrows, zone_legend, zone_strip
+from figures.contact import RECONSTRUCTED, deformed, force_arrows
 from study.publish.plots.style import FULL
+from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
 
 SECTION = "7.2"

@@ -1,4 +1,4 @@
-"""Contact problems with friction whose answers are known: the known numbers and formulas."""
+"""Partial slip of a parabola on a half plane: Cattaneo's and Mindlin's solution."""
 
 from dataclasses import dataclass
 
@@ -7,47 +7,19 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-# GRECO plate: horizontal displacements in m at places x in m on the base. Published ones of
-# code_aster's validation manual, V6.04.128 (SSNV128), which calls their uncertainty average; finer
-# ones of an independent prototype of this study on 64 x 64 squares of triangles (a
-# reconstruction).
-GRECO_PLACES = (0.0, 1.25e-3, 5e-3, 7.5e-3, 11.25e-3)
-GRECO_PUBLISHED = (2.86e-5, 2.72e-5, 2.28e-5, 1.98e-5, 1.5e-5)
-GRECO_PROTOTYPE = (2.8602e-5, 2.7225e-5, 2.2868e-5, 1.9807e-5, 1.5414e-5)
-
-# Spence's stick radius over the half width of a flat punch by (nu in plane strain, mu): an
-# boundary-element program of this study on the half plane, by its own estimate to +-.003
-SPENCE = {
-    (0.25, float(np.tan(np.deg2rad(20)))): 0.696,
-    (0.20, float(np.tan(np.deg2rad(20)))): 0.588,
-    (0.3, 0.3): 0.688,
-    (0.0, 0.6): 0.653,
-}
-SPENCE_ACCURACY = 0.003
-
-# NAFEMS CGS-4, sliding wedge: slope, weight and pushing force in N, and for each mu the
-# stiffness in N/m of the springs that let it slide by 1 m
-WEDGE_SLOPE, WEDGE_WEIGHT, WEDGE_PUSH = 0.1, 3058.0, 1500.0
-WEDGE_SPRINGS = {0.0: 1194.0, 0.1: 882.0, 0.2: 563.9}
-WEDGE_SLIDING = 1.0
-
-
-def wedge_ratio(slope: float, friction: float) -> float:
-    """F/G at which a weight G on an incline begins to slide up under a horizontal force F."""
-    return (slope + friction) / (1 - friction * slope)
-
 
 @dataclass(frozen=True)
 class Cattaneo:
-    """Parabola on a half plane of equal bodies or nu = 1/2: normal and tangential part apart.
+    """Contact of equal bodies, or on a half plane with nu = 1/2, under normal force and shear.
 
-    C. Cattaneo (1938), R. D. Mindlin (1949), in K. L. Johnson, "Contact Mechanics" (1985).
+    Pressure and shear do not influence each other. C. Cattaneo (1938), R. D. Mindlin (1949), in
+    K. L. Johnson, "Contact Mechanics" (1985).
 
     Args:
         half_width: a, of the contact.
         force: P, per length.
         friction: mu.
-        share: Q / (mu P), of the friction that the tangential force uses up.
+        share: Q/(mu P), of the friction that the tangential force uses up.
     """
 
     half_width: float
@@ -62,19 +34,19 @@ class Cattaneo:
 
     @property
     def peak(self) -> float:
-        """p0 = 2 P/(pi a)."""
+        """Pressure p0 = 2 P/(pi a) in the middle."""
         return 2 * self.force / (np.pi * self.half_width)
 
     def pressure(self, x: Array) -> Array:
-        """p0 sqrt(1 - x²/a²)."""
-        return self.peak * _ellipse(x / self.half_width)
+        """Return p0 sqrt(1 - x²/a²)."""
+        return self.peak * _semi_ellipse(x / self.half_width)
 
     def shear(self, x: Array) -> Array:
-        """The slipping mu p less mu p0 c/a sqrt(1 - x²/c²) where it sticks."""
+        """Return mu p, less mu p0 c/a sqrt(1 - x²/c²) where the contact sticks."""
         ratio = self.stick / self.half_width
-        held = ratio * self.peak * _ellipse(x / self.stick)
-        return self.friction * (self.pressure(x) - held)
+        sticking = ratio * self.peak * _semi_ellipse(x / self.stick)
+        return self.friction * (self.pressure(x) - sticking)
 
 
-def _ellipse(s: npt.NDArray[np.floating]) -> Array:
+def _semi_ellipse(s: npt.NDArray[np.floating]) -> Array:
     return np.asarray(np.sqrt(np.maximum(0.0, 1 - s**2)))

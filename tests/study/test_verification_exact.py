@@ -8,6 +8,7 @@ from scipy.integrate import quad
 
 from pw_elements import Material
 from pw_elements.elasticity import StressState
+from study.benchmarks import v4_spence
 from study.meshes.mesh_lines import graded
 from study.meshes.solid_meshes import box, quarter_disc, with_mirror_image
 from study.solutions import stick_slip as friction
@@ -20,7 +21,6 @@ from study.solutions.half_space import (
     HertzSphere,
 )
 from study.solutions.half_space_shear import MindlinSphere, _cerruti, hertz_force
-from study.verification import v4_spence
 from study.verification import v10_partial_slip as v10
 from study.verification.v8_exact import Rod, wave_speeds_squared
 
@@ -191,10 +191,10 @@ def test_partial_slip_formulas_balance_the_forces():
     assert np.all(known.shear(x)[~slipping] <= 0.3 * known.pressure(x)[~slipping])
 
 
-@pytest.mark.parametrize(("material", "known"), friction.SPENCE.items())
+@pytest.mark.parametrize(("material", "known"), v4_spence.STICK_RADII.items())
 def test_stick_radius_below_a_flat_punch(material, known):
     scalars = v4_spence.stick_radius("pw-T6", *material, elements=32).scalars
-    reach = scalars["stick_between"] / 2 + friction.SPENCE_ACCURACY
+    reach = scalars["stick_between"] / 2 + v4_spence.STICK_RADIUS_ACCURACY
     assert abs(scalars["stick"] - known) < reach
     assert scalars["pass_change"] < 1e-6
     assert scalars["force_normal"] == pytest.approx(v4_spence.FORCE / 2, rel=1e-9)

@@ -5,39 +5,46 @@ import re
 import numpy as np
 
 from study.judge.measures.stored_cases import Selection, like, matching
+from study.run.cases import page_source
+from study.run.pages import read_constants
 from study.run.store import Results, Stored
-from study.solutions.stick_slip import GRECO_PLACES, GRECO_PROTOTYPE, GRECO_PUBLISHED
 
 # Of each new element, the standard one with the same nodes
 _STANDARD = {"pw-T6": "galerkin-T6", "pw-T10": "galerkin-T10"}
 
 
 def greco_deviation(results: Results, cases: Selection, reference: str) -> float:
-    """Largest deviation of a displacement of the GRECO plate from known ones, in per cent.
+    """Return the GRECO plate's largest deviation from reference displacements, in per cent.
 
     `reference` is "published" or "prototype".
     """
     return max(
-        100 * abs(stored.scalars[f"u_{i}"] / greco_known(results, i, reference) - 1)
+        100 * abs(stored.scalars[f"u_{place}"] / displacement - 1)
         for stored in matching(results, "V6", cases)
-        for i in range(1, len(GRECO_PLACES) + 1)
+        for place, displacement in enumerate(_greco_reference(reference), start=1)
     )
 
 
 def greco_known(results: Results, place: int, reference: str) -> float:
-    """A displacement of the GRECO plate, "published" or of the "prototype", in m."""
-    known = {"published": GRECO_PUBLISHED, "prototype": GRECO_PROTOTYPE}[reference]
-    return known[place - 1]
+    """Return a displacement of the GRECO plate, "published" or of the "prototype", in m."""
+    return _greco_reference(reference)[place - 1]
 
 
 def greco_change(results: Results, cases: Selection, other: str) -> float:
-    """Largest deviation of a displacement of the GRECO plate from another case's, in per cent."""
-    names = [f"u_{i}" for i in range(1, len(GRECO_PLACES) + 1)]
+    """Return the largest deviation of the displacements from another case's, in per cent."""
+    names = [f"u_{place}" for place, _ in enumerate(_greco_reference("published"), start=1)]
     return max(
         100 * abs(stored.scalars[name] / results.scalar(f"V6/{other}", name) - 1)
         for stored in matching(results, "V6", cases)
         for name in names
     )
+
+
+def _greco_reference(reference: str) -> tuple[float, ...]:
+    """Return the displacements that the page of section V6 has from a reference, in m."""
+    constants = read_constants(page_source("V6"))
+    displacements: tuple[float, ...] = constants[reference.upper()]
+    return displacements
 
 
 def zone_end(results: Results, key: str, zone: str) -> float:

@@ -14,7 +14,7 @@ _TURN = {"down": 0.0, "left": -90.0, "right": 90.0}
 
 
 def roller(ax: Axes, point: tuple[float, float], towards: Direction, size: float = 0.06) -> None:
-    """A roller support at a point, on the side that it holds against."""
+    """Draw a roller support at a point, on the side that it holds against."""
     angle = np.deg2rad(_TURN[towards])
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
@@ -29,7 +29,7 @@ def roller(ax: Axes, point: tuple[float, float], towards: Direction, size: float
 
 
 def load_arrows(ax: Axes, x: Iterable[float], y: float, length: float) -> None:
-    """A uniform load pressing down on a line at height y."""
+    """Draw a uniform load pressing down on a line at height y."""
     x = list(x)
     for foot in x:
         arrow(ax, (foot, y + length), (foot, y))
@@ -43,6 +43,6 @@ def arrow(
     color: str = INK,
     width: float = 0.9,
 ) -> None:
-    """An arrow from tail to tip in data coordinates."""
+    """Draw an arrow from tail to tip in data coordinates."""
     style = {"arrowstyle": "-|>", "color": color, "lw": width, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", tip, tail, arrowprops=style)

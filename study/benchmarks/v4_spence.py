@@ -1,0 +1,440 @@
+"""Spence's problem: how far a flat punch with friction sticks to a half plane."""
+
+from functools import partial
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pw_elements import Material, prescribe
+from pw_elements.contact import STICK, ContactPair, FlatPunch, Motion, solve_contact
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState
+from study.judge.checks import check
+from study.judge.measures.general import difference_of
+from study.judge.measures.stored_cases import matching
+from study.meshes.line_mesh import on_lines
+from study.meshes.mesh_lines import growing
+from study.model.contact_result import contact_result
+from study.model.discretisation import Discretisation, discretise
+from study.model.units import NONE
+from study.model.vocabulary import OWN
+from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.zones import zone_legend, zone_strip
+from study.run.cases import Case, mark_costly
+from study.run.pages import PageFigure
+from study.run.store import Result, Results
+from study.solutions.half_space import Elastic
+
+Array = npt.NDArray[np.float64]
+
+SECTION = "V4"
+TITLE = "Stick radius below a flat punch with friction"
+FACTS = {
+    "geometry": "a flat punch of half width 1 on a half plane; one half, 5 wide and deep",
+    "mesh": "16, 32, 64 and 128 elements below half of the punch, four times finer at its edge",
+    "material": "linear elastic, plane strain; E = 1; ν = 0.25, 0.2, 0.3 and 0 with μ = tan 20°, "
+    "tan 20°, 0.3 and 0.6",
+    "supports": "outer sides moved as in a half plane under the computed forces; contact with "
+    "friction",
+    "load": "a normal force of 0.001 in two increments (one and ten give the same)",
+    "reference": "stick radii of D. A. Spence's problem (1973), by a boundary-element program of "
+    "this study",
+    "uncertainty": "± 0.003, which that program states for itself; there are no printed values",
+}
+SHORT_FACTS = {
+    "reference": "D. A. Spence's radii (1973) by our boundary elements",
+    "uncertainty": "± 0.003 by its own statement; no values are printed",
+}
+
+# Problem and reference solution
+
+PROBLEM = r"""
+A rigid flat punch of half width $b$ is pressed on an elastic half plane with friction. The surface below it tends to move
+inwards; it sticks for $|x| < c$ and slips outside. The load grows monotonically, and Spence {{ cite("spence") }} showed
+that $c/b$ then depends only on Poisson's ratio and friction. Unlike in section V5, pressure and shear influence each
+other.
+"""
+
+STICK_RADII = {
+    (0.25, float(np.tan(np.deg2rad(20)))): 0.696,
+    (0.20, float(np.tan(np.deg2rad(20)))): 0.588,
+    (0.3, 0.3): 0.688,
+    (0.0, 0.6): 0.653,
+}
+"""Stick radius c/b by Poisson's ratio, in plane strain, and coefficient of friction.
+
+The values are from a boundary-element program of this study for the half plane.
+"""
+STICK_RADIUS_ACCURACY = 0.003
+"""Accuracy of these radii by that program's own estimate."""
+
+
+def equivalent_plane_strain(E: float, nu: float, state: StressState) -> Elastic:
+    """Return the material whose plane strain has the plane fields of a material in a state."""
+    if state is StressState.PLANE_STRAIN:
+        return Elastic(E, nu)
+    return Elastic(E * (1 + 2 * nu) / (1 + nu) ** 2, nu / (1 + nu))
+
+
+# Method
+
+METHOD = r"""
+The right half of the body is modelled, five half widths wide and deep. There is no closed formula. The reference radii
+were computed for this study by **an independent boundary-element program** for the half plane with a stated accuracy of
+± 0.003; they are a reconstruction, not published values.
+
+The far field is that of a half plane under the computed nodal forces: each mesh is solved, the displacements that its
+contact forces cause on the outer sides are prescribed, and it is solved again. The last such pass changes no nodal force
+by more than {{ num(measure("largest", section="V4", cases=".*", name="pass_change"), 1) }} of the largest one. Below the
+punch, element sizes decrease linearly to a quarter at the edge, where the pressure is singular. Stick radii lie midway
+between the last node that sticks and the first that slips.
+"""
+
+YOUNGS_MODULUS, FORCE = 1.0, 1e-3
+"""Lengths are over the punch's half width b, the force over E b; c/b does not depend on them."""
+OUTER, GROWTH = 5.0, 1.3
+"""Side of the body, and growth of elements beside and below the punch."""
+EDGE_SIZE = 0.25
+"""Size of the element at the edge over that of the one in the middle of the punch."""
+COARSEST = 16
+"""Elements below half of the punch on the coarsest mesh, whose far field starts the passes."""
+INCREMENTS = 2
+PASSES = 2
+"""Solutions on each mesh, each with the far field of the nodal forces before."""
+
+
+def stick_radius(
+    element: str,
+    poissons_ratio: float,
+    friction: float,
+    elements: int,
+    far_field: bool = True,
+    increments: int = INCREMENTS,
+    state: str = "plane strain",
+) -> Result:
+    """Solve the contact below the punch; `stick` is the stick radius over the half width.
+
+    It is the middle between the last node that sticks and the first that slips; their distance is
+    `stick_between`. `pass_change` is the largest change of a nodal force by the last far field,
+    over the largest force. Each mesh starts from the forces of the next coarser one.
+
+    Args:
+        element: its name.
+        poissons_ratio: of the body.
+        friction: coefficient of friction.
+        elements: number of elements below half of the punch, `COARSEST` times a power of two.
+        far_field: whether the outer sides have the displacements of a half plane under the nodal
+            forces; or they are held.
+        increments: number of equal steps of the force.
+        state: stress state, by its name.
+    """
+    material = Material(YOUNGS_MODULUS, poissons_ratio)
+    half_plane = equivalent_plane_strain(YOUNGS_MODULUS, poissons_ratio, StressState(state))
+    load_factors = np.arange(1, increments + 1) / increments
+    motions = [Motion((0.0, None), (0.0, -FORCE / 2 * factor)) for factor in load_factors]
+    punch = FlatPunch((0.0, 0.0), (0.0, -1.0), 1.0)
+    pair = ContactPair(_below_punch, punch, friction, motions)
+    forces = np.array([[0.0, FORCE / 2, 0.0]])
+    for level in COARSEST * 2 ** np.arange(1 + int(np.log2(elements // COARSEST))):
+        mesh = partial(_build_mesh, int(level))
+        body = discretise(element, mesh, material, StressState(state))
+        held = [prescribe(body.space, i, _outer_sides) for i in (0, 1)]
+        supports = body.supports([*held, prescribe(body.space, 0, _axis)])
+        for _ in range(PASSES if far_field else 1):
+            sources = forces if far_field else forces[:0]
+            full_load = _load_of_side_displacements(body, half_plane, sources)
+            loads = [full_load * factor for factor in load_factors]
+            states = solve_contact(body.K, loads, supports, [pair], body.space)
+            previous_forces, forces = forces, _contact_forces(states[-1])
+    pass_change = np.abs(forces - previous_forces).max() / forces.max() if far_field else 0.0
+    last_sticking, first_slipping = _stick_border(states[-1])
+    reference = {}
+    if state == "plane strain" and (poissons_ratio, friction) in STICK_RADII:
+        reference = {"stick_known": STICK_RADII[poissons_ratio, friction]}
+    return contact_result(
+        body,
+        states,
+        loads[-1],
+        _below_punch,
+        FORCE / 2,
+        NONE,
+        kinds={"stick*": "1", "pass_change": "1"},
+        stick=(first_slipping + last_sticking) / 2,
+        stick_between=first_slipping - last_sticking,
+        pass_change=pass_change,
+        **reference,
+    )
+
+
+def _load_of_side_displacements(
+    body: Discretisation, half_plane: Elastic, forces: Array
+) -> PETSc.Vec:
+    """Return the load by which sides that are held act as if they had a half plane's displacements.
+
+    Args:
+        body: the discretisation.
+        half_plane: its material.
+        forces: position, pressing and pulling force of each source on the right half, (m, 3).
+    """
+    nodes = fem.locate_dofs_geometrical(body.space, _outer_sides)
+    x = body.space.tabulate_dof_coordinates()[nodes, :2]
+    s, pressing, pulling = forces.T
+    displacement = body.K.createVecRight()
+    displacement.array.reshape(-1, 2)[nodes] = half_plane.line_displacement(
+        x, np.r_[s, -s], np.r_[pressing, pressing], np.r_[pulling, -pulling]
+    )
+    load = body.K * displacement
+    load.scale(-1.0)
+    return load
+
+
+def _contact_forces(state: ContactState) -> Array:
+    """Return position, normal and tangential force of each contact node, (m, 3)."""
+    (contact,) = state.pairs
+    tangential = contact.force_tangential[:, 0]
+    return np.column_stack([contact.position[:, 0], contact.force_normal, tangential])
+
+
+def _stick_border(state: ContactState) -> tuple[float, float]:
+    """Return the positions of the last sticking node and of the next one."""
+    x, status = state.pairs[0].position[:, 0], state.pairs[0].status
+    last = int(np.flatnonzero(status == STICK).max())
+    return float(x[last]), float(x[last + 1])
+
+
+def _build_mesh(elements: int, cell: str) -> Mesh:
+    """Return a mesh whose elements get smaller linearly from the middle to the punch's edge."""
+    s = np.linspace(0.0, 1.0, elements + 1)
+    below_punch = 2 / (1 + EDGE_SIZE) * (s - (1 - EDGE_SIZE) / 2 * s**2)
+    smallest = below_punch[-1] - below_punch[-2]
+    beside_punch = 1 + growing(smallest, OUTER - 1, GROWTH)[1:]
+    x_lines = np.concatenate([below_punch, beside_punch])
+    y_lines = -growing(smallest, OUTER, GROWTH)[::-1]
+    return on_lines(MPI.COMM_SELF, x_lines, y_lines, cell, "left_right")
+
+
+def _below_punch(x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[1], 0.0) & (x[0] < 1 + 1e-9)
+
+
+def _axis(x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[0], 0.0)
+
+
+def _outer_sides(x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[0], OUTER) | np.isclose(x[1], -OUTER)
+
+
+# Cases
+
+ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9", "composite-T6")
+LEVELS = (16, 32, 64)
+FINEST = 128
+
+
+def case_name(element: str, poissons_ratio: float, friction: float, elements: int) -> str:
+    """Return the name of a case, with friction as an angle in degrees."""
+    angle = np.rad2deg(np.arctan(friction))
+    return f"{element}-nu{poissons_ratio:.2f}-{angle:.1f}deg-{elements}"
+
+
+def _case(
+    element: str, material: tuple[float, float], elements: int, variant: str = "", **other: object
+) -> Case:
+    nu, mu = material
+    name = case_name(element, nu, mu, elements) + variant
+    parameters = {"element": element, "poissons_ratio": nu, "friction": mu, "elements": elements}
+    return Case("V4", name, stick_radius, parameters | other)
+
+
+FIRST, *OTHERS = STICK_RADII
+CASES = [_case(element, FIRST, n) for element in ELEMENTS for n in LEVELS]
+CASES += [_case(element, FIRST, FINEST) for element in ("galerkin-T6", "pw-T6")]
+CASES += [_case("pw-T6", material, n) for material in OTHERS for n in (64, FINEST)]
+CASES += [
+    _case("pw-T6", FIRST, 32, "-one-step", increments=1),
+    _case("pw-T6", FIRST, 32, "-ten-steps", increments=10),
+    _case("pw-T6", FIRST, 64, "-held", far_field=False),
+    _case("pw-T6", (0.25, FIRST[1]), 64, "-stress", state="plane stress"),
+]
+CASES = mark_costly(CASES, "*-128", "composite-*-64", "*-Q[89]-*-64")
+
+# Results
+
+RESULT = r"""
+{{ figure("v4_spence") }}
+
+{% call table("v4-stick-radii", "Stick radii.") %}
+| New T6, 128 elements | c/b | Nodes | Boundary elements (ours) | Difference |
+|---|---:|---:|---:|---:|
+{% for case, words in [("nu0.25-20.0deg", "ν = 0.25, tan 20°"), ("nu0.20-20.0deg", "ν = 0.20, tan 20° (plane stress 0.25)"), ("nu0.30-16.7deg", "ν = 0.3, μ = 0.3"), ("nu0.00-31.0deg", "ν = 0, μ = 0.6")] %}{% set key = "V4/pw-T6-" ~ case ~ "-128" %}
+| {{ words }} | {{ fixed(s(key, "stick"), 4) }} | ± {{ fixed(s(key, "stick_between") / 2, 4) }} | {{ fixed(s(key, "stick_known"), 3) }} ± 0.003 | {{ fixed(measure("difference_of", key=key, name="stick", other="stick_known"), 4) }} |
+{% endfor %}
+{% endcall %}
+
+Results with 128 elements, and those of four elements with 64, come from a longer series that is computed and compared by
+`./run nightly`.
+
+Stick radius for $\nu = 0.25$ and tan 20° for each mesh, with half the distance between the two nodes:
+
+{% call table("v4-stick-radii-over-the-mesh", "Stick radii over the mesh.") %}
+| Element | 16 elements | 32 elements | 64 elements | Mid-side over corner force, 64 |
+|---|---:|---:|---:|---:|
+{% for element, name in elements %}
+| {{ name }} |{% for n in (16, 32, 64) %}{% set key = "V4/" ~ element ~ "-nu0.25-20.0deg-" ~ n %} {{ fixed(s(key, "stick"), 4) }} ± {{ fixed(s(key, "stick_between") / 2, 4) }} |{% endfor %} {{ fixed(s("V4/" ~ element ~ "-nu0.25-20.0deg-64", "sawtooth"), 3) }} |
+{% endfor %}
+{% endcall %}
+"""
+
+
+def draw(results: Results) -> Figure:
+    """Flat punch with friction: stresses, and how much of the friction is used.
+
+    Panels: stresses of two elements, used friction of four materials.
+    """
+    fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 3.3))
+    _draw_stresses(left, results)
+    _draw_used_friction(right, results)
+    zones = zone_legend(results.curves(STRESS_KEYS["pw-T6"]))
+    fig.legend(handles=zones, loc="outside lower left", ncols=2)
+    return fig
+
+
+def _draw_stresses(ax: Axes, results: Results) -> None:
+    for element, key in STRESS_KEYS.items():
+        curves = results.curves(key)
+        mean = results.scalar(key, "peak_pressure") / results.scalar(key, "peak_over_mean")
+        for quantity, line in (("pressure", "-"), ("shear", ":")):
+            look = {**LOOK[element], "linestyle": line, "markersize": 2.5}
+            look["label"] = f"{look['label']}: {quantity}"
+            if element == "pw-T6":  # drawn over the other element
+                look |= {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.6}
+            ax.plot(curves["x"], np.abs(curves[quantity]) / mean, **look)
+    ax.set(title=f"(a) {OWN.name} stresses", xlabel="$x/b$", xlim=(0, 1.0), ylim=(0, 3.4))
+    ax.set_ylabel("stress / mean pressure")
+    ax.legend(loc="upper left", fontsize=7)
+    zone_strip(ax, results.curves(STRESS_KEYS["pw-T6"]))
+
+
+def _draw_used_friction(ax: Axes, results: Results) -> None:
+    for key, line in zip(MATERIAL_KEYS, ("-", "--", "-.", ":"), strict=True):
+        stored = results[key]
+        curves, parameters = stored.curves, stored.parameters
+        used = np.abs(curves["force_t"]) / (curves["friction"] * curves["force_n"])
+        angle = np.rad2deg(np.arctan(parameters["friction"]))
+        label = f"ν = {parameters['poissons_ratio']:.2f}, friction angle {angle:.1f}°"
+        color = LOOK["pw-T6"]["color"]
+        ax.plot(curves["x"], used, color=color, lw=1.2, ls=line, label=label)
+        ax.plot([stored.scalars["stick_known"]] * 2, [0.9, 1.1], color="black", lw=1.0)
+    ax.set(title="(b) friction used, new T6", xlabel="$x/b$", xlim=(0, 1.0), ylim=(0, 1.75))
+    ax.set_ylabel("shear / ($\\mu$ pressure)")
+    ax.set_yticks([0, 0.25, 0.5, 0.75, 1.0])
+    ax.legend(loc="upper left", fontsize=7)
+
+
+def caption(results: Results) -> str:
+    """Return the caption, with stick radii."""
+    radii = "; ".join(
+        f"{results.scalar(key, 'stick'):.3f} ({results.scalar(key, 'stick_known'):.3f})"
+        for key in MATERIAL_KEYS
+    )
+    return (
+        f"One half of a flat punch of half width b. (a) {OWN.name.capitalize()} stresses, "
+        "ν = 0.25, friction angle 20°, 32 elements below the half; strip: contact zones of the new "
+        "triangle; the singularity at the edge is cut off. (b) Shear over the largest possible "
+        "one, new triangle, 64 elements; black ticks: stick radii by a boundary-element program "
+        "of this study, to ± 0.003. Computed stick radii (by that program) in "
+        f"the order of the legend: {radii}."
+    )
+
+
+STRESS_KEYS = {element: f"V4/{element}-nu0.25-20.0deg-32" for element in ("galerkin-T6", "pw-T6")}
+MATERIAL_KEYS = [
+    "V4/pw-T6-nu0.25-20.0deg-64",
+    "V4/pw-T6-nu0.20-20.0deg-64",
+    "V4/pw-T6-nu0.30-16.7deg-64",
+    "V4/pw-T6-nu0.00-31.0deg-64",
+]
+FIGURES = [
+    PageFigure(
+        "v4_spence",
+        draw,
+        needs=[*STRESS_KEYS.values(), *MATERIAL_KEYS],
+        caption=caption,
+        alt="Pressure and shear grow towards the punch's edge, alike for both elements. Four "
+        "curves of used friction rise from zero to one, which each reaches at its black tick, and "
+        "stay there.",
+    )
+]
+
+# Findings
+
+
+def largest_distance_from_border(results: Results) -> float:
+    """Return the largest distance of a reference radius from the two nodes at the border of stick.
+
+    It is zero where the radius lies between them.
+    """
+    distances = []
+    cases = {"far_field": True, "increments": INCREMENTS, "state": "plane strain"}
+    for stored in matching(results, "V4", cases):
+        scalars = stored.scalars
+        from_middle = abs(scalars["stick"] - scalars["stick_known"])
+        distances.append(max(0.0, from_middle - scalars["stick_between"] / 2))
+    return max(distances)
+
+
+CHECKS = [
+    check(
+        "V4-nu030-167",
+        "Spence's punch, nu = 0.3, mu = 0.3: stick radius over half width, against that of "
+        "this study's own boundary-element program.",
+        lambda results: difference_of(
+            results, key="V4/pw-T6-nu0.30-16.7deg-128", name="stick", other="stick_known"
+        ),
+        "=",
+        0.0,
+        tolerance=STICK_RADIUS_ACCURACY,
+        tolerance_why="accuracy that the boundary-element computation states; here the border lies "
+        "between nodes 0.004 apart",
+        why="The two methods share nothing but the problem.",
+    ),
+    check(
+        "V4-between",
+        "Spence's punch: on every mesh of every element the known stick radius lies between"
+        " the last node that sticks and the first that slips, or beside them by no more "
+        "than its own accuracy.",
+        largest_distance_from_border,
+        "<=",
+        STICK_RADIUS_ACCURACY,
+        tolerance_why="none: accuracy of the known radius is the bound",
+        why="All elements put the border between the same nodes.",
+    ),
+]
+
+FINDINGS = r"""
+1. All four radii agree with the reference radii within their accuracy. All elements place the edge of the stick zone
+   between the same nodes: it does not depend on the test functions.
+2. The number of load steps has no influence: one step and ten give the same nodal forces to round-off
+   ({{ num(measure("curve_difference", key="V4/pw-T6-nu0.25-20.0deg-32-one-step", name="force_t", other="V4/pw-T6-nu0.25-20.0deg-32-ten-steps", other_name="force_t"), 1) }}),
+   since with a flat punch the solution scales with the load. A curved punch has no such property.
+3. **A body of five half widths with its sides fixed is not a half plane**: the stick zone then extends to
+   {{ fixed(s("V4/pw-T6-nu0.25-20.0deg-64-held", "stick"), 3) }} $b$ instead of
+   {{ fixed(s("V4/pw-T6-nu0.25-20.0deg-64", "stick"), 3) }} $b$. The stick zones in section 7.4, where the body is larger
+   but finite and fixed at its sides, are therefore not Spence's either.
+"""
+
+# Limits
+
+LIMITS = r"""
+The reference values are not an exact solution. Tractions are not compared, because none are known, and the radius is
+found only to within a node distance. At the edge pressure and shear are singular, and peak values mean nothing.
+"""

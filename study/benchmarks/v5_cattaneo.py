@@ -1,0 +1,493 @@
+"""Partial slip of two equal bodies in the plane: Cattaneo's and Mindlin's problem."""
+
+from dataclasses import dataclass
+from functools import partial
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+from matplotlib.figure import Figure
+
+from pw_elements import Material, SurfaceNodes, prescribe
+from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Parabola, solve_contact
+from pw_elements.contact.model import ContactState, MatchingNodes
+from pw_elements.elasticity import StressState
+from study.judge.checks import check
+from study.judge.measures.general import largest, scalar
+from study.judge.measures.known_solutions import refinement_order
+from study.meshes.graded_meshes import with_counterpart
+from study.meshes.line_mesh import on_lines
+from study.meshes.mesh_lines import growing
+from study.model.discretisation import Discretisation, discretise, mesh_curves
+from study.model.units import dimensionless
+from study.model.vocabulary import OWN
+from study.publish.plots import convergence
+from study.publish.plots.style import BESIDE, CLEAR, LOOK
+from study.publish.plots.zones import zone_legend, zone_strip
+from study.run.cases import Case, mark_costly
+from study.run.pages import PageFigure
+from study.run.store import Result, Results
+from study.solutions.half_space import Elastic
+from study.solutions.stick_slip import Cattaneo
+
+Array = npt.NDArray[np.float64]
+
+SECTION = "V5"
+TITLE = "Partial slip: Cattaneo and Mindlin"
+FACTS = {
+    "geometry": "two equal cylinders, as half planes 5 wide and deep, lengths over the contact's "
+    "half width",
+    "mesh": "matching, 8, 16 and 32 elements over the half width",
+    "material": "linear elastic, plane strain; E = 1, ν = 0.3",
+    "supports": "displacements of half planes on the outer sides; contact with μ = 0.4",
+    "load": "a normal force P, then a tangential one of μ P/2 in two increments",
+    "reference": "C. Cattaneo (1938), R. D. Mindlin (1949)",
+    "uncertainty": "errors are root mean squares away from the end of the sticking zone, where the "
+    "shear has a vertical tangent",
+}
+SHORT_FACTS = {"uncertainty": "root mean squares away from the end of the sticking zone"}
+
+# Problem and exact solution
+
+PROBLEM = r"""
+Two equal elastic cylinders (plane strain, $\nu = 0.3$) are pressed together by $P$ and then pulled along each other by
+$Q$ = {{ short(s("V5/pw-T6-20", "force_tangential") / (s("V5/pw-T6-20", "friction") * s("V5/pw-T6-20", "force_normal")), 3) }}
+$\mu P$, with $\mu$ = {{ short(s("V5/pw-T6-20", "friction"), 2) }}. According to Cattaneo and Mindlin
+{{ cite("mindlin") }}, the pressure remains that of Hertz, the contact sticks for
+$|x| < c = a \sqrt{1 - Q/(\mu P)}$, and the shear is $\mu p$ less $\mu p_0 (c/a) \sqrt{1 - x^2/c^2}$ there.
+"""
+
+# Lengths over the half width a of the contact, stresses over E, forces over E a
+YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
+FRICTION = 0.4
+SHARE = 0.5
+"""Q/(mu P), the share of the friction that the tangential force uses up."""
+RADIUS = 1e4
+"""Radius of the relative curvature, so large that sliding does not move the contact."""
+FORCE = np.pi * YOUNGS_MODULUS / (2 * (1 - POISSONS_RATIO**2)) / (4 * RADIUS)
+"""Normal force P by Hertz, for a half width of one."""
+EXACT = Cattaneo(half_width=1.0, force=FORCE, friction=FRICTION, share=SHARE)
+
+N_SOURCES = 64
+"""Forces that stand for the tractions; on the sides the displacements are exact to round-off."""
+
+
+def exact_displacement(x: Array, share: float) -> np.ndarray:
+    """Return the lower half plane's displacements (n, 2) at points (n, 2) away from the contact.
+
+    They are Gauss-Chebyshev sums over forces on the surface: those of the slipping contact,
+    less those of the sticking zone.
+
+    Args:
+        x: the points.
+        share: Q/(mu P).
+    """
+    half_plane = Elastic(YOUNGS_MODULUS, POISSONS_RATIO)
+    theta = np.arange(1, N_SOURCES + 1) * np.pi / (N_SOURCES + 1)
+    s, weight = np.cos(theta), 2 / (N_SOURCES + 1) * np.sin(theta) ** 2
+    pressing, zero = FORCE * weight, np.zeros(N_SOURCES)
+    if not share:
+        return half_plane.line_displacement(x, s, pressing, zero)
+    stick = float(np.sqrt(1 - share))
+    sticking = (1 - share) * FRICTION * pressing
+    displacement = half_plane.line_displacement(x, s, pressing, FRICTION * pressing)
+    displacement -= half_plane.line_displacement(x, stick * s, zero, sticking)
+    return displacement
+
+
+# Method
+
+METHOD = r"""
+**Two bodies, one rigid surface.** The solution holds if pressure alone does not make the surfaces slide on each other, as
+between equal bodies or on an incompressible half plane; near $\nu = 1/2$, though, triangles lock and their nodal forces
+oscillate. Both bodies are therefore meshed; the upper one is the lower one rotated by 180°, so that the nodes match. A
+change of variables makes the displacement of each lower contact node relative to its upper neighbour; the contact force
+at that node is then the interaction of the two bodies, and the problem is again that of a body and a rigid parabola with
+the relative curvature. Nothing else in the solver changes.
+
+**Half planes.** On the sides, five half widths away, the displacements of half planes under the known tractions are
+prescribed at each step (sums of Flamant's solution), so that there is no truncation error. The radius of the parabola is
+$10^4$ half widths: with $10^3$ the sliding visibly shifts the contact zone on the finest meshes.
+
+The pressure is applied in one step and the tangential force in two. There are 8, 16 and 32 elements of equal size over
+the half width, so that the edge of the contact zone falls on a node. Errors are root mean squares over $|x| < 0.9 a$.
+Those of the shear are also given without $|x| = c \pm 0.1 a$, since the shear has a vertical tangent at $c$ and the error
+there is dominated by a single node.
+"""
+
+INCREMENTS = 2
+"""Steps of the tangential force."""
+ZONE, OUTER = 1.25, 5.0
+"""Half width of the zone of nodes that may touch, and that of the bodies."""
+GROWTH = 1.3
+"""Growth of elements beside and below the zone."""
+DISTANCE = 1.0
+"""Distance between the meshes of both bodies."""
+INNER, AWAY = 0.9, 0.1
+"""Part of the half width where tractions are compared, and distance that counts as away from c."""
+
+
+def partial_slip(
+    element: str, zone_elements: int, far_field: bool = True, increments: int = INCREMENTS
+) -> Result:
+    """Press and pull two bodies; compare stick zone and tractions of the lower one with exact ones.
+
+    Args:
+        element: its name.
+        zone_elements: elements over `ZONE`.
+        far_field: whether the outer sides have the displacements of half planes under the exact
+            tractions, or are held.
+        increments: steps of the tangential force.
+    """
+    shares = SHARE * np.arange(increments + 1) / increments
+    motions = [Motion((0.0, None), (0.0, -FORCE))]
+    motions += [Motion((None, None), (share * FRICTION * FORCE, -FORCE)) for share in shares[1:]]
+    upper = MatchingNodes(_upper_contact, Parabola((0.0, 0.0), RADIUS), offset=(0.0, DISTANCE))
+    pair = ContactPair(_lower_contact, upper, FRICTION, motions)
+    material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
+    mesh = partial(_build_mesh, zone_elements)
+    body = discretise(element, mesh, material, StressState.PLANE_STRAIN)
+    loads = [_load_of_side_displacements(body, share, far_field) for share in shares]
+    supports = body.supports([prescribe(body.space, i, _outer_sides) for i in (0, 1)])
+    states = solve_contact(body.K, loads, supports, [pair], body.space)
+    return _compare_with_exact(body, states)
+
+
+def _load_of_side_displacements(body: Discretisation, share: float, far_field: bool) -> PETSc.Vec:
+    """Return the load by which sides that are held act as if they were displaced."""
+    displacement = body.K.createVecRight()
+    if far_field:
+        nodes = fem.locate_dofs_geometrical(body.space, _outer_sides)
+        x = body.space.tabulate_dof_coordinates()[nodes, :2]
+        is_upper = x[:, 1, None] > DISTANCE / 2
+        rotated = np.where(is_upper, [0.0, DISTANCE] - x, x)  # the upper body, by 180 degrees
+        lower = exact_displacement(rotated, share)
+        displacement.array.reshape(-1, 2)[nodes] = np.where(is_upper, -lower, lower)
+    load = body.K * displacement
+    load.scale(-1.0)
+    return load
+
+
+@dataclass(frozen=True)
+class _Traction:
+    """A traction along the contact.
+
+    Attributes:
+        force: nodal forces.
+        computed: nodal forces over the integrals of the nodes' own test functions.
+        exact: exact traction at the nodes.
+    """
+
+    force: Array
+    computed: Array
+    exact: Array
+
+    def errors(self, x: Array, name: str) -> dict[str, float]:
+        """Return relative errors in the L2 norm: of the inner part, and of it away from c."""
+        inner = np.abs(x) < INNER
+        away = inner & (np.abs(np.abs(x) - EXACT.stick) > AWAY)
+        weight = np.gradient(x)
+
+        def relative_error(nodes: npt.NDArray[np.bool_]) -> float:
+            squares = weight[nodes] * (self.computed - self.exact)[nodes] ** 2
+            scale = weight[inner] * self.exact[inner] ** 2
+            return float(np.sqrt(squares.sum() / scale.sum()))
+
+        return {
+            f"error_{name}": relative_error(inner),
+            f"error_{name}_apart": relative_error(away),
+        }
+
+
+def _compare_with_exact(body: Discretisation, states: list[ContactState]) -> Result:
+    """Return forces, tractions and stick zone of the last state, and their errors.
+
+    `stick_off` is the error of the sticking zone's half width over the distance of nodes.
+    """
+    (contact,) = states[-1].pairs
+    surface = SurfaceNodes.from_body(body.body, _lower_contact)
+    x, status = contact.position[:, 0], contact.status
+    normal, tangential = contact.force_normal, contact.force_tangential[:, 0]
+    pressure = _Traction(normal, surface.pressure(normal), EXACT.pressure(x))
+    shear = _Traction(tangential, surface.pressure(tangential), EXACT.shear(x))
+    sticking, closed = x[status == STICK], status != OPEN
+    left, right = (_stick_border(x, end) for end in (sticking.min(), sticking.max()))
+    element_size = ZONE / _count_zone_elements(x)
+    scalars = {
+        "force_normal": pressure.force.sum(),
+        "force_tangential": shear.force.sum(),
+        "iterations": sum(state.iterations for state in states),
+        "residual": max(state.residuals.largest() for state in states),
+        "sawtooth": surface.sawtooth(pressure.force, closed),
+        "unevenness": surface.unevenness(pressure.computed, closed),
+        "peak_pressure": pressure.computed.max(),
+        "element_size": element_size,
+        "stick": (right - left) / 2,
+        "stick_centre": (right + left) / 2,
+        "stick_off": abs((right - left) / 2 - EXACT.stick) / (element_size / 2),
+        "stick_known": EXACT.stick,
+        "peak_known": EXACT.peak,
+        "friction": FRICTION,
+        "half_width": np.abs(x[closed]).max(),
+        **pressure.errors(x, "pressure"),
+        **shear.errors(x, "shear"),
+    }
+    scalars = {name: float(value) for name, value in scalars.items()}
+    curves: dict[str, np.ndarray] = {
+        "x": x,
+        "status": status,
+        "friction": contact.friction,
+        "force_n": pressure.force,
+        "force_t": shear.force,
+        "pressure": pressure.computed,
+        "shear": shear.computed,
+        "known_pressure": pressure.exact,
+        "known_shear": shear.exact,
+        **mesh_curves(body.space),
+    }
+    return Result(scalars, dimensionless(scalars), curves, dofs=body.K.getSize()[0])
+
+
+def _stick_border(x: Array, end: float) -> float:
+    """Return the middle between the last sticking node, at `end`, and its neighbour outside."""
+    i = int(np.flatnonzero(x == end)[0])
+    outside = i + (1 if end > 0 else -1)
+    return float((x[i] + x[outside]) / 2)
+
+
+def _count_zone_elements(x: Array) -> int:
+    """Return the number of elements over `ZONE`, of which the nodes (m,) are on both sides."""
+    return (len(x) - 1) // 4
+
+
+def _build_mesh(zone_elements: int, cell: str) -> Mesh:
+    smallest = ZONE / zone_elements
+    in_zone = np.linspace(0.0, ZONE, zone_elements + 1)
+    beside_zone = ZONE + growing(smallest, OUTER - ZONE, GROWTH)[1:]
+    right = np.concatenate([in_zone, beside_zone])
+    x_lines = np.concatenate([-right[:0:-1], right])
+    y_lines = -growing(smallest, OUTER, GROWTH)[::-1]
+    lower = on_lines(MPI.COMM_SELF, x_lines, y_lines, cell, "left_right")
+    return with_counterpart(lower, DISTANCE)
+
+
+def _lower_contact(x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[1], 0.0) & (np.abs(x[0]) < ZONE + 1e-9)
+
+
+def _upper_contact(x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[1], DISTANCE) & (np.abs(x[0]) < ZONE + 1e-9)
+
+
+def _outer_sides(x: Array) -> npt.NDArray[np.bool_]:
+    ends = np.isclose(x[1], -OUTER) | np.isclose(x[1], DISTANCE + OUTER)
+    return ends | np.isclose(np.abs(x[0]), OUTER)
+
+
+# Cases
+
+ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9", "composite-T6")
+ZONE_ELEMENTS = (10, 20, 40)
+VARIANTS: dict[str, dict[str, object]] = {
+    "held": {"far_field": False},
+    "one-step": {"increments": 1},
+    "ten-steps": {"increments": 10},
+}
+CASES = [
+    Case("V5", f"{element}-{n}", partial_slip, {"element": element, "zone_elements": n})
+    for element in ELEMENTS
+    for n in ZONE_ELEMENTS
+]
+CASES += [
+    Case("V5", f"pw-T6-20-{name}", partial_slip, {"element": "pw-T6", "zone_elements": 20} | other)
+    for name, other in VARIANTS.items()
+]
+CASES = mark_costly(CASES, "composite-*-[24]0", "*-Q[89]-[24]0")
+
+# Results
+
+RESULT = r"""
+{{ figure("v5_cattaneo") }}
+
+{{ figure("v5_cattaneo_convergence") }}
+
+{% call table("v5-partial-slip-errors", "Partial slip: errors.") %}
+| Element, 32 over a half width (observed order) | $c/a$ (exact {{ fixed(s("V5/pw-T6-40", "stick_known"), 4) }}) | Pressure, own | Shear, own | Shear, own, apart from $c$ | Mid-side over corner force |
+|---|---:|---:|---:|---:|---:|
+{% for element, name in elements %}{% set key = "V5/" ~ element ~ "-40" %}
+| {{ name }} | {{ fixed(s(key, "stick"), 4) }} |{% for error in ("error_pressure", "error_shear", "error_shear_apart") %} {{ num(s(key, error), 2) }} ({{ fixed(measure("refinement_order", element=element, name=error), 1) }}) |{% endfor %} {{ fixed(s(key, "sawtooth"), 3) }} |
+{% endfor %}
+{% endcall %}
+"""
+
+
+def draw_tractions(results: Results) -> Figure:
+    """Partial slip: pressure and shear, and the zone that sticks.
+
+    Both stresses of both elements, over the exact ones.
+    """
+    fig, ax = plt.subplots(figsize=(BESIDE, 3.2))
+    for element, key in TRACTION_KEYS.items():
+        curves, peak = results.curves(key), results.scalar(key, "peak_known")
+        for quantity, line in (("pressure", "-"), ("shear", ":")):
+            look = {**LOOK[element], "linestyle": line, "markersize": 3}
+            look["label"] = f"{look['label']}: {quantity}"
+            if element == "pw-T6":  # drawn over the other element
+                look |= {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.6}
+            scale = peak if quantity == "pressure" else results.scalar(key, "friction") * peak
+            ax.plot(curves["x"], curves[quantity] / scale, **look)
+    x = np.linspace(-1, 1, 801)
+    stick = results.scalar(key, "stick_known")
+    pressure = np.sqrt(1 - x**2)
+    shear = pressure - stick * np.sqrt(np.maximum(0, 1 - (x / stick) ** 2))
+    ax.plot(x, pressure, color="black", linewidth=0.8, zorder=3)
+    ax.plot(x, shear, color="black", linewidth=0.8, label="exact", zorder=3)
+    ax.set(xlabel="$x/a$", ylabel="$p/p_0$ and $q/(\\mu p_0)$", xlim=(-1.25, 1.25), ylim=(0, 1.1))
+    zone_strip(ax, curves)
+    handles = [*ax.get_legend_handles_labels()[0], *zone_legend(curves)]
+    fig.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=7)
+    return fig
+
+
+def draw_convergence(results: Results) -> Figure:
+    """Partial slip: errors of pressure and shear over the mesh.
+
+    A panel an error.
+    """
+    titles = {
+        "error_pressure": f"(a) {OWN.name} pressure",
+        "error_shear_apart": f"(b) {OWN.name} shear",
+    }
+    fig, axes = plt.subplots(1, 2, figsize=(BESIDE, 2.9), sharex=True, sharey=True)
+    size = np.array([results.scalar(f"V5/galerkin-T6-{n}", "element_size") for n in ZONE_ELEMENTS])
+    for ax, (name, title) in zip(axes, titles.items(), strict=True):
+        for element in convergence.ELEMENTS:
+            errors = [results.scalar(f"V5/{element}-{n}", name) for n in ZONE_ELEMENTS]
+            ax.plot(1 / size, errors, **LOOK[element])
+        ax.set(xscale="log", yscale="log", xlabel="elements over half width")
+        ax.set_title(title, fontsize=8)
+        ax.set_xticks(1 / size, [f"{1 / h:.0f}" for h in size], minor=False)
+        ax.minorticks_off()
+    for order, start in ((1, 1.6e-2), (2, 6e-4)):
+        heights = start * (size / size[0]) ** order
+        axes[0].plot(1 / size, heights, color="#888888", lw=0.8, ls="--")
+        axes[0].annotate(
+            f"order {order}",
+            (1 / size[1], heights[1]),
+            xytext=(3, 4) if order == 1 else (-30, -11),
+            textcoords="offset points",
+            fontsize=7,
+            color="#666666",
+            bbox=CLEAR,
+        )
+    axes[0].set_ylabel("relative error")
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return fig
+
+
+def caption_tractions(results: Results) -> str:
+    """Return the caption, with the half widths of the sticking zone."""
+    scalars = results[TRACTION_KEYS["pw-T6"]].scalars
+    return (
+        f"{OWN.name.capitalize()} pressure p and shear q between two equal cylinders, pressed "
+        "together and then pulled by half of what friction can hold, 16 elements over the half "
+        f"width a. Strip: contact zones of the new triangle; it sticks for |x| < "
+        f"{scalars['stick']:.3f} a, by Cattaneo and Mindlin for |x| < "
+        f"{scalars['stick_known']:.4f} a."
+    )
+
+
+def caption_convergence(results: Results) -> str:
+    """Return the caption, with observed orders."""
+
+    def describe_orders(element: str) -> str:
+        orders = [
+            refinement_order(results, element, name)
+            for name in ("error_pressure", "error_shear_apart")
+        ]
+        return f"{LOOK[element]['label']} {orders[0]:.1f} and {orders[1]:.1f}"
+
+    return (
+        "Root mean square errors of contact pressure and shear where |x| < 0.9 a, shear without "
+        "the neighbourhood of the ends of the sticking zone. Mean observed orders of "
+        "pressure and shear: " + "; ".join(map(describe_orders, convergence.ELEMENTS)) + "."
+    )
+
+
+TRACTION_KEYS = {element: f"V5/{element}-20" for element in ("galerkin-T6", "pw-T6")}
+FIGURES = [
+    PageFigure(
+        "v5_cattaneo",
+        draw_tractions,
+        needs=list(TRACTION_KEYS.values()),
+        caption=caption_tractions,
+        alt="Pressure and shear over x: a semi-ellipse, and below it the shear with peaks at both "
+        "ends of the sticking zone. Both elements lie on the exact curves.",
+    ),
+    PageFigure(
+        "v5_cattaneo_convergence",
+        draw_convergence,
+        needs=[f"V5/{element}-{n}" for element in convergence.ELEMENTS for n in ZONE_ELEMENTS],
+        caption=caption_convergence,
+        alt="Two log-log plots of error over the number of elements. All errors fall, the composite "
+        "triangle's with slope one and the others' with slopes near two.",
+    ),
+]
+
+# Findings
+
+CHECKS = [
+    check(
+        "V5-stick",
+        "Partial slip: the half width of the sticking zone is Cattaneo's and Mindlin's a "
+        "sqrt(1 - Q/(mu P)), off by less than half a node distance, for all elements and "
+        "meshes.",
+        lambda results: largest(
+            results, section="V5", cases={"far_field": True, "increments": 2}, name="stick_off"
+        ),
+        "<",
+        0.5,
+        tolerance_why="none: half a node distance, since the border is read midway between nodes",
+        why="The solution's normal and tangential parts are uncoupled, and so are the computed "
+        "ones.",
+    ),
+    check(
+        "V5-shear",
+        "Partial slip: root mean square error of the new triangle's shear on the finest "
+        "mesh, without the neighbourhood of the sticking zone's ends.",
+        lambda results: scalar(results, key="V5/pw-T6-40", name="error_shear_apart"),
+        "<",
+        0.002,
+        tolerance_why="none: 0.2 % is the bound",
+        why="32 elements over the half width.",
+    ),
+]
+
+FINDINGS = r"""
+1. All elements find the same stick zone, as close to the exact one as their nodes allow (at most
+   {{ fixed(measure("largest", section="V5", cases=".*-(10|20|40)", name="stick_off"), 2) }} node distances off).
+2. Divided by the integrals of the nodes' own test functions, the pressures of all elements converge, with order two
+   except for the composite triangle, whose order is one.
+3. The pressures of the standard and of the new triangle are equally accurate once each is obtained from its own test
+   functions. The shear of the new one is somewhat more accurate ({{ num(s("V5/pw-T6-40", "error_shear_apart"), 2) }}
+   against {{ num(s("V5/galerkin-T6-40", "error_shear_apart"), 2) }}), and the native quadrilateral is the most accurate
+   on all meshes.
+4. One, two or ten steps of the tangential force give the same forces to round-off
+   ({{ num(measure("curve_difference", key="V5/pw-T6-20-one-step", name="force_t", other="V5/pw-T6-20-ten-steps", other_name="force_t"), 1) }}):
+   slip only spreads.
+5. With the sides fixed instead, the peak pressure is off by
+   {{ fixed(100 * (measure("ratio_of", key="V5/pw-T6-20-held", name="peak_pressure", other="peak_known") - 1), 1) }} %.
+"""
+
+# Limits
+
+LIMITS = r"""
+Contact between the two bodies is restricted to matching nodes and small displacements; it is a change of variables and
+not a contact search. Pressure and shear do not influence each other here; in section V4 they do. Unloading, in which slip
+reverses, is not tested.
+"""

@@ -1,0 +1,70 @@
+"""Strips that show where a contact is open, sticks or slips, and their legend."""
+
+from collections.abc import Mapping
+from itertools import groupby
+from typing import TypeAlias
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch, Rectangle
+from matplotlib.transforms import Affine2D, ScaledTranslation, blended_transform_factory
+
+from study.model.vocabulary import OPEN, SLIP, STICK
+
+ZONES = {OPEN: ("open", "#FFFFFF"), STICK: ("stick", "#4C78A8"), SLIP: ("slip", "#F2B447")}
+"""Name and colour of each contact status."""
+FRICTIONLESS = ("frictionless", "#C9C9C9")
+"""Name and colour of nodes that slip without friction."""
+STRIP_BELOW, STRIP_HEIGHT = 8.5, 3.5
+"""Lower edge of a strip of zones below its axes, and its height, in points."""
+
+Curves: TypeAlias = Mapping[str, np.ndarray]
+
+
+def zone_strip(ax: Axes, curves: Curves) -> None:
+    """Draw contact zones as a coloured strip between the axes and the labels of their ticks.
+
+    Its positions are in points, so that it stays clear of the labels however high the axes are.
+
+    Args:
+        ax: axes of curves over `x`.
+        curves: positions `x`, `status` and coefficient of `friction` of the contact nodes.
+    """
+    x = curves["x"]
+    borders = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
+    colours = [
+        FRICTIONLESS[1] if frictionless else ZONES[int(status)][1]
+        for status, frictionless in zip(
+            curves["status"], _slips_without_friction(curves), strict=True
+        )
+    ]
+    points = Affine2D().scale(1 / 72) + ax.figure.dpi_scale_trans
+    from_corner = points + ScaledTranslation(0, 0, ax.transAxes)  # type: ignore[arg-type]
+    below_axes = blended_transform_factory(ax.transData, from_corner)
+    end = 0
+    for colour, run in groupby(colours):
+        start, end = end, end + len(list(run))
+        if colour == ZONES[OPEN][1]:
+            continue
+        left, right = borders[start], borders[end]
+        strip = Rectangle(
+            (left, -STRIP_BELOW), right - left, STRIP_HEIGHT, transform=below_axes, clip_on=False
+        )
+        strip.set(color=colour, lw=0)
+        ax.add_patch(strip)
+    ax.tick_params(axis="x", pad=STRIP_BELOW)
+
+
+def zone_legend(curves: Curves) -> list[Patch]:
+    """Return handles of the zones that occur."""
+    frictionless = _slips_without_friction(curves)
+    entries = [ZONES[int(status)] for status in np.unique(curves["status"][~frictionless])]
+    entries += [FRICTIONLESS] if frictionless.any() else []
+    return [
+        Patch(facecolor=colour, edgecolor="#777777", lw=0.5, label=name) for name, colour in entries
+    ]
+
+
+def _slips_without_friction(curves: Curves) -> np.ndarray:
+    slips: np.ndarray = (curves["friction"] == 0) & (curves["status"] == SLIP)
+    return slips
