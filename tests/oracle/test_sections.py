@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 
 from pw_elements.elasticity import body
-from study.verification import v1_contact_patch, v4_spence, v5_cattaneo, v8_vibration
+from study.benchmarks.v8_vibration import page as v8_vibration
+from study.verification import v1_contact_patch, v4_spence, v5_cattaneo
 from tests.oracle.contact import Pair, solve_increments
 from tests.oracle.eigen import eigenvalues_nearest_to
 from tests.oracle.problem import (
