@@ -16,8 +16,8 @@ import numpy.typing as npt
 from pw_elements import Reduction, prescribe
 from pw_elements.contact import ContactPair, Parabola, solve_impact
 from pw_elements.meshes import triangles
+from study.benchmarks.v12_impact.schemes import Scheme
 from study.meshes.solid_meshes import box
-from study.verification.v12_impact import Scheme
 
 Array = npt.NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def thrown(element: str, cells: int) -> Thrown:
         ends = ((-1.0, 1.0, 2 * cells), (0.0, 0.5, cells // 2), (0.0, 1.0, cells))
         along, across, up = (np.linspace(a, b, n + 1, dtype=np.float64) for a, b, n in ends)
         mesh = box("tetrahedron", along, across, up)
-    found, dim = Scheme.of(SCHEMES[kind], mesh), mesh.geometry.dim
+    found, dim = Scheme.from_name(SCHEMES[kind], mesh), mesh.geometry.dim
     middle = [prescribe(found.space, 1, lambda x: np.isclose(x[1], 0.0))] if dim == 3 else []
     if found.sibling is None:
         held = Reduction.dirichlet(found.space, middle)

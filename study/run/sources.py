@@ -136,11 +136,21 @@ def _statements(source: bytes) -> list[_Statement]:
 
 
 def _bound_or_changed(statement: ast.stmt) -> set[str]:
-    """Return the names that a statement binds, or whose objects it changes by item or attribute."""
+    """Return the names that a statement binds, or whose objects it changes by item or attribute.
+
+    Variables of comprehensions are bound within these only.
+    """
     if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         return {statement.name}
+    nodes = list(ast.walk(statement))
+    loops = [node.target for node in nodes if isinstance(node, ast.comprehension)]
+    loop_variables = {
+        node for target in loops for node in ast.walk(target) if isinstance(node, ast.Name)
+    }
     names: set[str] = set()
-    for node in ast.walk(statement):
+    for node in nodes:
+        if node in loop_variables:
+            continue
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             names.add(node.name)
         elif isinstance(node, ast.Import | ast.ImportFrom):

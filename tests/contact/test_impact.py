@@ -22,9 +22,10 @@ from pw_elements.contact import (
 from pw_elements.contact.model import FrictionCone, MatchingNodes
 from pw_elements.contact.steps.impact import solve_nodal_contact
 from pw_elements.meshes import move_nodes, triangles
+from study.benchmarks.v12_impact.page import integrate_by_hand, integrate_by_library
+from study.benchmarks.v12_impact.schemes import Scheme
 from study.meshes.mesh_families import on_strip
 from study.model.matrices import dense
-from study.verification import v12_impact
 from tests.contact.cases import GALERKIN, ElasticBody, on_plane, skew_columns
 from tests.contact.test_friction import SaturatingFriction
 
@@ -132,9 +133,9 @@ def test_a_bar_moves_as_in_the_sections_own_scheme(scheme):
 
     The time loop of that section's scheme `pw` shares no code with the library.
     """
-    bar = v12_impact.Scheme.of(scheme, on_strip("", 0.25))
-    supports = bar.walls([1.0])
-    library, own_scheme = v12_impact._by_library(bar, supports), v12_impact._by_hand(bar, supports)
+    bar = Scheme.from_name(scheme, on_strip("", 0.25))
+    supports = bar.wall_supports([1.0])
+    library, own_scheme = integrate_by_library(bar, supports), integrate_by_hand(bar, supports)
     assert library.critical_step == pytest.approx(own_scheme.critical_step, rel=1e-8)
     assert library.energy == pytest.approx(own_scheme.energy, rel=1e-8)
     rows = len(own_scheme.force)

@@ -19,7 +19,7 @@ import pytest
 
 from pw_elements.elasticity import body
 from study.benchmarks import v1_contact_patch, v4_spence, v5_cattaneo
-from study.verification import v8_vibration
+from study.benchmarks.v8_vibration import page as v8_vibration
 from tests.oracle.contact import Pair, solve_increments
 from tests.oracle.eigen import eigenvalues_nearest_to
 from tests.oracle.problem import (

@@ -55,7 +55,7 @@ def test_mesh_sizes_come_from_parameters_and_series(one, parameters, curves, mes
     ("section", "module"),
     [
         ("C", "study.solutions.manufactured"),
-        ("V13", "study.verification.v13_fluxes"),
+        ("V13", "study.benchmarks.v13_fluxes.page"),
         ("V14", "study.verification.v14_rubber"),
         ("V2", None),
     ],

@@ -87,6 +87,13 @@ def test_change_of_another_section_does_not_invalidate(toy):
     assert fingerprint(case) == before
 
 
+def test_a_comprehension_whose_variable_has_a_parameters_name_does_not_invalidate(toy):
+    case = load_section("1").cases[0]
+    before = fingerprint(case)
+    add(toy / "one.py", "LABELS = [str(value) for value in (1.0, 2.0)]\n")
+    assert fingerprint(case) == before
+
+
 def test_change_behind_two_imports_invalidates(toy):
     (toy / "deep").mkdir()
     (toy / "deep" / "__init__.py").write_text("")

@@ -9,6 +9,7 @@ from scipy.integrate import quad
 from pw_elements import Material
 from pw_elements.elasticity import StressState
 from study.benchmarks import v4_spence
+from study.benchmarks.v8_vibration.exact_eigenvalues import Rod, wave_speeds_squared
 from study.meshes.mesh_lines import graded
 from study.meshes.solid_meshes import box, quarter_disc, with_mirror_image
 from study.solutions import stick_slip as friction
@@ -22,7 +23,6 @@ from study.solutions.half_space import (
 )
 from study.solutions.half_space_shear import MindlinSphere, _cerruti, hertz_force
 from study.verification import v10_partial_slip as v10
-from study.verification.v8_exact import Rod, wave_speeds_squared
 
 BODY = Elastic(1000.0, 0.3)
 KNOWN = [

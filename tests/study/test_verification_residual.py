@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from study.verification.v13_graded import Graded, Sourced, Trefftz, polynomial_error
+from study.benchmarks.v13_fluxes.graded_conduction import GradedWall, SourcedSquare
+from study.benchmarks.v13_fluxes.trefftz import Trefftz, polynomial_error
 from study.verification.v14_moment import moments, moments_of_triangles
 from study.verification.v14_rubber import DEGREE, _Block
 
@@ -16,7 +17,7 @@ def derivative(f, x, axis, h=1e-4):
     return (8 * (f(x + step) - f(x - step)) - f(x + 2 * step) + f(x - 2 * step)) / (12 * h)
 
 
-@pytest.mark.parametrize("problem", [Graded(RATIO), Sourced(RATIO)])
+@pytest.mark.parametrize("problem", [GradedWall(RATIO), SourcedSquare(RATIO)])
 def test_exact_temperatures_solve_the_equation_and_have_the_flux(problem):
     x = np.random.default_rng(0).uniform(0.05, 0.95, (2, 20))
 
@@ -38,10 +39,10 @@ def test_exact_temperatures_solve_the_equation_and_have_the_flux(problem):
 @pytest.mark.parametrize(
     ("problem", "degree", "transformed", "error"),
     [
-        (Graded, 10, True, 1e-10),
-        (Sourced, 10, True, 1e-10),
-        (Graded, 14, False, 1e-7),
-        (Sourced, 8, False, 1e-11),
+        (GradedWall, 10, True, 1e-10),
+        (SourcedSquare, 10, True, 1e-10),
+        (GradedWall, 14, False, 1e-7),
+        (SourcedSquare, 8, False, 1e-11),
     ],
 )
 def test_trefftzs_way_needs_temperatures_on_the_boundary_alone(problem, degree, transformed, error):
@@ -62,18 +63,20 @@ def test_trefftzs_way_needs_temperatures_on_the_boundary_alone(problem, degree, 
 @pytest.mark.parametrize("transformed", [True, False])
 def test_trefftzs_way_says_where_its_iteration_does_not_settle(transformed):
     with pytest.raises(ArithmeticError, match="the iteration changes by"):
-        Trefftz(Graded(1e4), 10, transformed)
+        Trefftz(GradedWall(1e4), 10, transformed)
 
 
 def test_the_iteration_contracts_by_the_least_eigenvalue():
     """Laplace's, of functions that vanish at the ends and are insulated at the sides, is pi^2."""
     ratio = 100.0
     rate = (np.log(ratio) / 2) ** 2 / np.pi**2
-    assert Trefftz(Graded(ratio), 10).steps == pytest.approx(np.log(1e-12) / np.log(rate), abs=3)
+    assert Trefftz(GradedWall(ratio), 10).n_iterations == pytest.approx(
+        np.log(1e-12) / np.log(rate), abs=3
+    )
 
 
 def test_interpolation_of_a_polynomial_leaves_nothing():
-    class Cubic(Sourced):
+    class Cubic(SourcedSquare):
         def temperature(self, x, y):
             return x**3 * y
 

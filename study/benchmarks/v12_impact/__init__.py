@@ -1,0 +1,1 @@
+"""Impact and the symmetric sibling: its page, and pairs of stiffness and lumped mass."""

@@ -1,0 +1,1 @@
+"""Fluxes at prescribed nodes: their page, exact solutions of graded conduction, and Trefftz's method."""

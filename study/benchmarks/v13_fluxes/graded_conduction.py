@@ -1,0 +1,111 @@
+"""Exact solutions of steady heat conduction in a graded material.
+
+The conductivity of a unit square varies with position and temperature, k = exp(g x) (1 + u).
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+class Conduction(Protocol):
+    """A problem on the unit square whose temperatures at x = 0 and 1 are prescribed."""
+
+    @property
+    def growth(self) -> float:
+        """Logarithm g of the ratio of conductivities at x = 1 and 0, at one temperature."""
+        ...
+
+    @property
+    def insulated(self) -> bool:
+        """Whether no heat passes y = 0 and 1; otherwise temperatures are prescribed there."""
+        ...
+
+    def temperature(self, x: Array, y: Array) -> Array:
+        """Return the exact u."""
+        ...
+
+    def flux(self, y: Array) -> Array:
+        """Return the exact flux k u_x that enters at x = 1."""
+        ...
+
+    def source(self, x: Array, y: Array) -> Array:
+        """Return the source Q over exp(g x)."""
+        ...
+
+
+@dataclass(frozen=True)
+class GradedWall:
+    """A wall between two surfaces without a source; y = 0 and 1 are insulated.
+
+    With Kirchhoff's t = u + u^2 / 2 the equation is div(exp(g x) grad t) = 0, which exponentials
+    solve: t = t_0(x) + t_1(x) cos(pi y).
+
+    Args:
+        ratio: conductivity at x = 1 over that at x = 0, at one temperature.
+    """
+
+    ratio: float
+    insulated: bool = True
+
+    @property
+    def growth(self) -> float:
+        """Logarithm of the ratio."""
+        return float(np.log(self.ratio))
+
+    def temperature(self, x: Array, y: Array) -> Array:
+        """Return the exact u from Kirchhoff's t."""
+        g, s = self.growth, self._decay_rate
+        mean = 0.25 + 0.5 * np.expm1(-g * x) / np.expm1(-g)
+        wave = np.exp(-g * (x - 1) / 2) * np.sinh(s * x) / np.sinh(s)
+        return np.asarray(np.sqrt(1 + 2 * (mean + 0.25 * wave * np.cos(np.pi * y))) - 1)
+
+    def flux(self, y: Array) -> Array:
+        """Return the exact flux k u_x that enters at x = 1."""
+        g, s = self.growth, self._decay_rate
+        mean = 0.5 * g * np.exp(-g) / -np.expm1(-g)
+        return np.asarray(np.exp(g) * (mean + 0.25 * np.cos(np.pi * y) * (s / np.tanh(s) - g / 2)))
+
+    def source(self, x: Array, y: Array) -> Array:  # noqa: ARG002
+        """Return zeros."""
+        return np.zeros_like(x)
+
+    @property
+    def _decay_rate(self) -> float:
+        return float(np.hypot(np.pi, self.growth / 2))
+
+
+@dataclass(frozen=True)
+class SourcedSquare:
+    """A square with the source of u = cos(x) exp(y/2) / 2, which is prescribed on all sides.
+
+    Args:
+        ratio: conductivity at x = 1 over that at x = 0, at one temperature.
+    """
+
+    ratio: float
+    insulated: bool = False
+
+    @property
+    def growth(self) -> float:
+        """Logarithm of the ratio."""
+        return float(np.log(self.ratio))
+
+    def temperature(self, x: Array, y: Array) -> Array:
+        """Return the exact u."""
+        return np.asarray(np.cos(x) * np.exp(y / 2) / 2)
+
+    def flux(self, y: Array) -> Array:
+        """Return the exact flux k u_x that enters at x = 1."""
+        half = np.exp(y / 2) / 2
+        return np.asarray(-self.ratio * (1 + np.cos(1) * half) * np.sin(1) * half)
+
+    def source(self, x: Array, y: Array) -> Array:
+        """Return the source Q over exp(g x)."""
+        half = np.exp(y / 2) / 2
+        u, u_x, u_y = half * np.cos(x), -half * np.sin(x), half * np.cos(x) / 2
+        return np.asarray((1 + u) * (0.75 * u - self.growth * u_x) - (u_x**2 + u_y**2))

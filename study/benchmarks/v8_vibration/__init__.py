@@ -1,0 +1,1 @@
+"""Vibration with known answers: its page, and exact eigenvalues."""

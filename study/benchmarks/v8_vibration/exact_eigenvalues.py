@@ -1,0 +1,131 @@
+"""Exact eigenvalues omega^2 of elastic bodies between smooth rigid walls."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import count as count_from_zero
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import brentq
+from scipy.special import iv, jv
+
+from pw_elements import Material
+from pw_elements.elasticity import StressState
+
+N_SEARCH_POINTS = 4000
+"""Points between zero and the upper end at which a change of sign is looked for."""
+MIN_WAVE_NUMBER = 1e-8
+"""J_1(pa) / p of smaller wave numbers p is replaced by its value here, close to the limit."""
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rod:
+    """Round rod whose ends stand on smooth rigid walls: u_z = 0, no shear; its side is free.
+
+    Modes of axial symmetry without torsion: u_r = U(r) cos kz, u_z = W(r) sin kz with k = n pi / L.
+
+    Args:
+        material: elastic constants and density, numbers.
+        radius: a.
+        length: L.
+    """
+
+    material: Material
+    radius: float
+    length: float
+
+    def eigenvalues(self, count: int) -> list[float]:
+        """Return the smallest ones, by the frequency equation of L. Pochhammer (1876) and C. Chree.
+
+        The search range is doubled until it has so many of them.
+        """
+        _, shear = wave_speeds_squared(self.material, StressState.AXISYMMETRIC)
+        upper = 4 * shear * (np.pi / self.length) ** 2
+        eigenvalues: list[float] = []
+        while len(eigenvalues) < count:
+            upper *= 2
+            eigenvalues = self._eigenvalues_below(upper)
+        return sorted(eigenvalues)[:count]
+
+    def _eigenvalues_below(self, upper: float) -> list[float]:
+        eigenvalues: list[float] = []
+        for n in count_from_zero():
+            roots = _find_roots(partial(self._evaluate_frequency_equation, n=n), upper)
+            if n > 0 and not roots:  # the smallest root grows with the wave number
+                return eigenvalues
+            eigenvalues += roots
+        return eigenvalues
+
+    def _evaluate_frequency_equation(self, eigenvalue: Array, n: int) -> Array:
+        """Return the left side over its trivial factors: q, for n = 0 also q J_1(qa) (u_z alone).
+
+        Args:
+            eigenvalue: omega^2.
+            n: number of half waves along the rod.
+        """
+        dilatation, shear = wave_speeds_squared(self.material, StressState.AXISYMMETRIC)
+        k_squared, a = (n * np.pi / self.length) ** 2, self.radius
+        p_squared, q_squared = (eigenvalue / c - k_squared for c in (dilatation, shear))
+        p_j1 = p_squared * _j1_over_wave_number(p_squared, a)
+        if n == 0:
+            return 2 * p_j1 / a - q_squared * _j0(p_squared, a)
+        j1_q = _j1_over_wave_number(q_squared, a)
+        return (
+            2 / a * (q_squared + k_squared) * p_j1 * j1_q
+            - (q_squared - k_squared) ** 2 * _j0(p_squared, a) * j1_q
+            - 4 * k_squared * p_j1 * _j0(q_squared, a)
+        )
+
+
+def rectangle_eigenvalues(
+    material: Material, state: StressState, sides: tuple[float, float], count: int
+) -> list[float]:
+    """Return the smallest eigenvalues of a plane rectangle within four smooth rigid walls.
+
+    u = A sin(kx) cos(ly), v = B cos(kx) sin(ly) with k = m pi / a, l = n pi / b satisfies their
+    conditions. It is a wave of dilatation with (A, B) along (k, l), for which one of m, n may
+    vanish, or a shear wave with (A, B) normal to it, which then would be at rest.
+    """
+    dilatation, shear = wave_speeds_squared(material, state)
+    eigenvalues = []
+    for m, n in product(range(count + 1), repeat=2):
+        wave_number_squared = (m * np.pi / sides[0]) ** 2 + (n * np.pi / sides[1]) ** 2
+        if m or n:
+            eigenvalues.append(dilatation * wave_number_squared)
+        if m and n:
+            eigenvalues.append(shear * wave_number_squared)
+    return sorted(eigenvalues)[:count]
+
+
+def wave_speeds_squared(material: Material, state: StressState) -> tuple[float, float]:
+    """Return the squares of the speeds of plane waves of dilatation and of shear."""
+    E, nu, rho = material.youngs_modulus, material.poissons_ratio, material.density
+    if state is StressState.PLANE_STRESS:
+        stiffness = E / (1 - nu**2)
+    else:
+        stiffness = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    return stiffness / rho, E / (2 * (1 + nu)) / rho
+
+
+def _j0(p_squared: Array, a: float) -> Array:
+    """Return J_0(pa), where p^2 may have either sign."""
+    x = np.sqrt(np.abs(p_squared)) * a
+    return np.where(p_squared >= 0, jv(0, x), iv(0, x))
+
+
+def _j1_over_wave_number(p_squared: Array, a: float) -> Array:
+    """Return J_1(pa) / p, where p^2 may have either sign."""
+    p = np.maximum(np.sqrt(np.abs(p_squared)), MIN_WAVE_NUMBER)
+    return np.where(p_squared >= 0, jv(1, p * a), iv(1, p * a)) / p
+
+
+def _find_roots(function: Callable[[Array], Array], upper: float) -> list[float]:
+    """Return all roots in (0, upper] at which the function changes its sign."""
+    grid = upper * np.arange(1, N_SEARCH_POINTS + 1, dtype=np.float64) / N_SEARCH_POINTS
+    values = function(grid)
+    changes = np.flatnonzero(values[:-1] * values[1:] < 0)
+    return [brentq(function, grid[i], grid[i + 1], xtol=1e-13 * upper, rtol=1e-14) for i in changes]

@@ -1,0 +1,682 @@
+"""Vibration with known answers: rods, squares, strips, free bodies, cylinders test K, M, K_sigma."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Literal
+
+from mpi4py import MPI
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from dolfinx.mesh import CellType, Mesh, create_box
+from matplotlib.figure import Figure
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    assemble_matrix,
+    buckling,
+    lumped_mass,
+    prescribe,
+    solve,
+    vibration_modes,
+)
+from pw_elements.algebra import VibrationModes
+from pw_elements.elasticity import StressState
+from pw_elements.meshes import move_nodes, quadrilaterals, triangles
+from pw_elements.spaces import Marker
+from study.benchmarks.v8_vibration.exact_eigenvalues import Rod, rectangle_eigenvalues
+from study.judge.checks import check
+from study.judge.measures.general import scalar, smallest
+from study.model.discretisation import (
+    Discretisation,
+    discretise,
+    is_quadrilateral,
+    is_symmetrised,
+    mass_left,
+    mesh_curves,
+    spaces,
+)
+from study.model.units import dimensionless
+from study.paper.s7_6_exact import Strip
+from study.publish.plots.style import CLEAR, FULL, LOOK
+from study.run.cases import Case, mark_costly
+from study.run.pages import PageFigure
+from study.run.store import Result, Results
+
+SECTION = "V8"
+TITLE = "Vibration with known answers"
+FACTS = {
+    "geometry": "a rod (radius 1/2, length 1), a unit square, a strip 8 × 1, free bodies, a tube of "
+    "the radii 1 and 2, a cylinder",
+    "mesh": "4, 8, 16 and 32 squares over a side (strip: 1, 2, 4 and 8 over its height), inner "
+    "lines bent",
+    "material": "linear elastic, axisymmetric, plane stress and solid; E = 1, ν = 0.3, density 1",
+    "supports": "smooth walls, simple supports, or none",
+    "load": "free vibration; axial compression of the strip; internal or external pressure",
+    "reference": "Pochhammer's and Chree's equation, plane waves, Rayleigh and Lamb, Lamé",
+    "uncertainty": "roots are found numerically to round-off",
+}
+SHORT_FACTS = {
+    "reference": "Pochhammer and Chree, plane waves, Rayleigh and Lamb, Lamé",
+    "uncertainty": "roots are found to round-off",
+}
+MACROS = r"""
+{% set variants = [
+    ("galerkin-T6", "standard T6"),
+    ("pw-T6", "new T6"),
+    ("pwsym-T6", "new T6, symmetrised"),
+    ("pw-T6-lumped", "new T6, lumped mass"),
+    ("composite-T6", "composite T6"),
+    ("galerkin-Q8", "standard Q8"),
+    ("pw-Q9-nine", "new quadrilateral, all nine nodes"),
+    ("pw-Q9", "new quadrilateral, centre by Guyan"),
+    ("pw-Q8", "new Q8, pair by Guyan"),
+    ("pw-Q8-same", "new Q8, pair by Guyan with L = R"),
+    ("pw-Q8-lumped", "new Q8, lumped mass, pair by Guyan"),
+] %}
+"""
+
+# Problems and exact solutions
+
+THEORY = r"""
+The geometry behind Table 1 is lost, so its eigenvalues have no exact counterpart. The following problems do have an
+exact solution:
+
+- a round rod (radius 1/2, length 1, $E = \rho = 1$, $\nu = 0.3$) whose ends stand against smooth rigid walls, in
+  axisymmetric vibration: the eigenvalues are roots of the Pochhammer–Chree frequency equation {{ cite("pochhammer") }}
+  for the wave numbers $k = n\pi/L$. The smallest roots are found numerically: $\omega^2$ =
+  {% for n in range(1, 7) %}{{ fixed(s("V8/rod-pw-T6", "omega2_" ~ n ~ "_exact"), 8) }}{{ ", " if n < 6 else "" }}{% endfor %};
+- a square in plane stress on rollers all around: waves $u = A\, \sin\, kx\, \cos\, ly$,
+  $v = B\, \cos\, kx\, \sin\, ly$, which are dilatational if $(A, B)$ is parallel to $(k, l)$ and shear waves if it is perpendicular, give
+  $\omega^2 = c^2\, (k^2 + l^2)$ with the wave speed $c$; many of these eigenvalues are double;
+- a strip, $L/h = 8$, simply supported: $\omega^2\, \rho/k^2$ of its bending modes equals the critical stress of the same
+  shape under uniform compression (form G), because both add the same multiple of the displacements to the equilibrium of
+  the strip, so that one number tests $\boldsymbol{K}$, $\boldsymbol{K}_\sigma$ and $\boldsymbol{M}$;
+- unsupported bodies;
+- a tube (radii 1 and 2) under internal pressure and a solid cylinder under external pressure.
+"""
+
+Array = npt.NDArray[np.float64]
+Support = tuple[int, float, int]
+"""Axis and value of a coordinate, and the displacement component that is zero there."""
+
+# E and the density are one, and a length of each body: all numbers are dimensionless
+MATERIAL = Material(1.0, 0.3)
+N_MODES = 6
+EIGENVALUE_NAMES = [f"omega2_{n}" for n in range(1, N_MODES + 1)]
+ROD = Rod(MATERIAL, radius=0.5, length=1.0)
+ROD_WALLS: list[Support] = [(0, 0.0, 0), (1, 0.0, 1), (1, ROD.length, 1)]
+STRIP_LENGTH = 8.0
+"""Length of the strip over its height."""
+N_STRIP_MODES = 3
+"""Bending modes are the lowest ones up to this number."""
+RIGID_MODES = {StressState.PLANE_STRESS: 3, StressState.AXISYMMETRIC: 1, StressState.SOLID: 6}
+TUBE_RADII = (1.0, 2.0)
+MAX_NODE_SHIFT = 0.05
+"""Largest displacement of a mesh node where inner lines are bent, over the side of the mesh."""
+QUADRATURE_DEGREES, REFERENCE_DEGREE = (2, 4, 6, 8), 16
+
+# Method
+
+METHOD = r"""
+Eigenvalues are computed by shift-and-invert iteration with a small negative shift, for which the matrix is regular even
+if the body is free. Modes whose eigenvalue is zero to within the round-off of the eigenvalues of single elements are
+counted as rigid. The inner mesh lines are curved. Condensed nodes are eliminated by Guyan's reduction:
+$\boldsymbol{K}_r = \boldsymbol{L}^\mathrm{T} \boldsymbol{K} \boldsymbol{R}$,
+$\boldsymbol{M}_r = \boldsymbol{L}^\mathrm{T} \boldsymbol{M} \boldsymbol{R}$, with $\boldsymbol{L}$ from the transposed
+problem or, as in a symmetric code, $\boldsymbol{L} = \boldsymbol{R}$; $\boldsymbol{K}_r$ is the same in both cases. The lumped mass
+has the row sums of $\boldsymbol{M}$ on its diagonal. “Symmetrised” means that the symmetric parts of both matrices are
+used. The largest relative residual of all computed pairs is
+{{ num(measure("largest", section="V8", cases="(rod|square|strip|free-.*)-.*", name="residual"), 1) }}.
+"""
+
+Treatment = Literal["transposed", "same", "all nodes", "lumped"]
+"""Of inner nodes: condensed with L of the transposed problem or L = R, or kept; "lumped": the
+first with lumped mass."""
+MeshSolution = tuple[Array, dict[str, float], Discretisation]
+"""Values (n,) on one mesh, numbers on the quality of the modes, and the body."""
+
+
+def rod(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
+    """Solve a round rod between smooth rigid walls, meshed in axisymmetry."""
+
+    def solve_on_mesh(n: int) -> MeshSolution:
+        sizes, divisions = (ROD.radius, ROD.length), (n, 2 * n)
+        body = _discretise_rectangle(element, sizes, divisions, StressState.AXISYMMETRIC)
+        modes = _compute_modes(body, ROD_WALLS, N_MODES, treatment)
+        return modes.eigenvalues, _mode_quality(modes), body
+
+    return _compare_on_meshes(solve_on_mesh, squares, EIGENVALUE_NAMES, ROD.eigenvalues(N_MODES))
+
+
+def square(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
+    """Solve a square in plane stress on rollers all around."""
+    rollers: list[Support] = [(i, x, i) for i in (0, 1) for x in (0.0, 1.0)]
+
+    def solve_on_mesh(n: int) -> MeshSolution:
+        body = _discretise_rectangle(element, (1.0, 1.0), (n, n), StressState.PLANE_STRESS)
+        modes = _compute_modes(body, rollers, N_MODES, treatment)
+        return modes.eigenvalues, _mode_quality(modes), body
+
+    exact = rectangle_eigenvalues(MATERIAL, StressState.PLANE_STRESS, (1.0, 1.0), N_MODES)
+    return _compare_on_meshes(solve_on_mesh, squares, EIGENVALUE_NAMES, exact)
+
+
+def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
+    """Solve a simply supported strip in vibration and in buckling.
+
+    Values `vibration_n` are rho omega^2 / k^2, values `buckling_n` critical stresses; both have
+    the same exact value. The strip may move along its axis, a rigid mode; in buckling a corner is
+    held.
+    """
+    ends: list[Support] = [(0, 0.0, 1), (0, STRIP_LENGTH, 1)]
+    modes = range(1, N_STRIP_MODES + 1)
+    wave_numbers = np.array(modes) * np.pi / STRIP_LENGTH
+
+    def solve_on_mesh(n: int) -> MeshSolution:
+        sizes, divisions = (STRIP_LENGTH, 1.0), (int(STRIP_LENGTH) * n, n)
+        body = _discretise_rectangle(element, sizes, divisions, StressState.PLANE_STRESS)
+        vibration = _compute_modes(body, ends, N_STRIP_MODES + 1, treatment)
+        stress = MATERIAL.density * vibration.eigenvalues[1:] / wave_numbers**2
+        corner = prescribe(body.space, 0, lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
+        prestress = fem.Constant(body.body.spaces.mesh, np.array([[-1.0, 0.0], [0.0, 0.0]]))
+        critical = buckling(
+            body.K,
+            assemble_matrix(body.body.initial_stress(prestress)),
+            _reduce(body, [*_prescribe_supports(body, ends), corner], treatment),
+            N_STRIP_MODES,
+            is_symmetrised(element),
+        )
+        quality = _mode_quality(vibration)
+        quality["residual"] = max(quality["residual"], critical.residuals.max())
+        quality["imaginary"] = max(quality["imaginary"], critical.imaginary_ratio)
+        return np.concatenate([stress, critical.factors]), quality, body
+
+    theory = Strip(MATERIAL.youngs_modulus, MATERIAL.poissons_ratio, STRIP_LENGTH)
+    exact = [theory.elasticity(n, "G") for n in modes]
+    names = [f"{kind}_{n}" for kind in ("vibration", "buckling") for n in modes]
+    return _compare_on_meshes(solve_on_mesh, squares, names, exact * 2)
+
+
+def free(element: str, state: str) -> Result:
+    """Compute modes of an unsupported body; u_r = 0 on the axis of axisymmetry is no support.
+
+    Scalars: `rigid`, the number of modes of zero frequency; `rigid_error`, how many of them are too
+    many; `zero`, the largest of their eigenvalues over the first elastic one.
+    """
+    stress_state = StressState(state)
+    build_square = partial(_mesh_rectangle, (1.0, 1.0), (6, 6))
+    build = _mesh_box if stress_state is StressState.SOLID else build_square
+    body = discretise(element, build, MATERIAL, stress_state)
+    axis: list[Support] = [(0, 0.0, 0)] if stress_state is StressState.AXISYMMETRIC else []
+    modes = _compute_modes(body, axis, N_MODES + 1, "transposed")
+    eigenvalues = np.abs(modes.eigenvalues)
+    scalars = {
+        "zero": eigenvalues[: modes.n_rigid].max() / eigenvalues[modes.n_rigid],
+        "rigid_error": float(modes.n_rigid - RIGID_MODES[stress_state]),
+    }
+    scalars |= _mode_quality(modes)
+    return Result(scalars, dimensionless(scalars), dofs=body.K.getSize()[0])
+
+
+def tube(element: str, squares: Sequence[int]) -> Result:
+    """Solve Lamé's tube under internal pressure between smooth rigid walls.
+
+    The value `displacement` is one plus the largest error of a nodal displacement over the largest
+    displacement, so that its relative error is this error.
+    """
+    inner, outer = TUBE_RADII
+    E, nu = MATERIAL.youngs_modulus, MATERIAL.poissons_ratio
+
+    def radial_displacement(r: Array) -> Array:
+        factor = (1 + nu) / E * inner**2 / (outer**2 - inner**2)
+        return factor * ((1 - 2 * nu) * r + outer**2 / r)
+
+    def solve_on_mesh(n: int) -> MeshSolution:
+        sizes = (outer - inner, 1.0)
+        body = _discretise_rectangle(element, sizes, (n, n), StressState.AXISYMMETRIC, inner)
+        inside = partial(_is_on_line, 0, inner)
+        error = _displacement_error(body, [], inside, (1.0, 0.0), radial_displacement)
+        return np.array([1 + error]), {}, body
+
+    return _compare_on_meshes(solve_on_mesh, squares, ["displacement"], [1.0])
+
+
+def cylinder(element: str) -> Result:
+    """Solve a solid cylinder under external pressure: the exact u_r = c r is a trial function."""
+    body = _discretise_rectangle(element, (1.0, 1.0), (4, 4), StressState.AXISYMMETRIC)
+    E, nu = MATERIAL.youngs_modulus, MATERIAL.poissons_ratio
+    factor = -(1 + nu) * (1 - 2 * nu) / E
+    axis: list[Support] = [(0, 0.0, 0)]
+    outside = partial(_is_on_line, 0, 1.0)
+    error = _displacement_error(body, axis, outside, (-1.0, 0.0), lambda r: factor * r)
+    scalars = {"displacement_error": error}
+    return Result(scalars, dimensionless(scalars), dofs=body.K.getSize()[0])
+
+
+def quadrature(element: str, squares: int) -> Result:
+    """Compute the rod's eigenvalues with quadrature of several degrees.
+
+    Curves: `degree`, and `change` of the eigenvalues, the largest relative one against the degree
+    `REFERENCE_DEGREE`; scalar `error`, the largest relative error with that degree.
+    """
+    eigenvalues = {}
+    sizes, divisions = (ROD.radius, ROD.length), (squares, 2 * squares)
+    cell = "quadrilateral" if is_quadrilateral(element) else "triangle"
+    for degree in (*QUADRATURE_DEGREES, REFERENCE_DEGREE):
+        element_spaces = spaces(element, _mesh_rectangle(sizes, divisions, cell))
+        body = Body(element_spaces, MATERIAL, StressState.AXISYMMETRIC, quadrature_degree=degree)
+        discretised = Discretisation(element, body, assemble_matrix(body.stiffness()))
+        modes = _compute_modes(discretised, ROD_WALLS, N_MODES, "all nodes")
+        eigenvalues[degree] = modes.eigenvalues
+    reference = eigenvalues[REFERENCE_DEGREE]
+    change = [np.abs(eigenvalues[degree] / reference - 1).max() for degree in QUADRATURE_DEGREES]
+    error = np.abs(reference / ROD.eigenvalues(N_MODES) - 1).max()
+    scalars = {"error": error} | {
+        f"change_{degree}": value for degree, value in zip(QUADRATURE_DEGREES, change, strict=True)
+    }
+    curves = {"degree": np.array(QUADRATURE_DEGREES), "change": np.array(change)}
+    return Result(scalars, dimensionless(scalars), curves, dofs=discretised.K.getSize()[0])
+
+
+def _compute_modes(
+    body: Discretisation, supports: list[Support], count: int, treatment: Treatment
+) -> VibrationModes:
+    M = assemble_matrix(body.body.mass())
+    if treatment == "lumped":
+        M = lumped_mass(M, body.space)
+    reduction = _reduce(body, _prescribe_supports(body, supports), treatment)
+    return vibration_modes(body.K, M, reduction, count, is_symmetrised(body.element))
+
+
+def _reduce(
+    body: Discretisation, conditions: list[fem.DirichletBC], treatment: Treatment
+) -> Reduction:
+    if treatment == "all nodes":
+        return Reduction.dirichlet(body.space, conditions)
+    return mass_left(body.supports(conditions), "same" if treatment == "same" else "transposed")
+
+
+def _prescribe_supports(body: Discretisation, supports: list[Support]) -> list[fem.DirichletBC]:
+    return [
+        prescribe(body.space, component, partial(_is_on_line, axis, value))
+        for axis, value, component in supports
+    ]
+
+
+def _is_on_line(axis: int, value: float, x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[axis], value)
+
+
+def _compare_on_meshes(
+    solve_on_mesh: Callable[[int], MeshSolution],
+    squares: Sequence[int],
+    names: Sequence[str],
+    exact: Sequence[float],
+) -> Result:
+    """Compare values with exact ones on a series of meshes, from coarse to fine.
+
+    Scalars, of the finest mesh: each value by its name, with the endings `_exact`, `_error`
+    (relative) and `_order` (in the element size, of the last refinement); `error` is the largest
+    size of the errors, `order` the lowest order, `residual` and `imaginary` the largest of all
+    meshes. Curves: `squares` (m,), `errors` (m, n), `imaginaries` (m,); the finest mesh.
+
+    Args:
+        solve_on_mesh: returns values for a number of squares.
+        squares: numbers of squares (m,).
+        names: names of the values (n,).
+        exact: exact values (n,).
+    """
+    values, qualities = [], []
+    for n in squares:
+        mesh_values, quality, body = solve_on_mesh(n)
+        values.append(mesh_values)
+        qualities.append(quality)
+    errors = np.array(values) / np.array(exact) - 1
+    orders = np.log2(np.abs(errors[-2] / errors[-1])) / np.log2(squares[-1] / squares[-2])
+    scalars = {name: max(quality[name] for quality in qualities) for name in qualities[0]}
+    scalars |= {"error": np.abs(errors[-1]).max(), "order": orders.min()}
+    for i, name in enumerate(names):
+        scalars |= {
+            name: values[-1][i],
+            f"{name}_exact": exact[i],
+            f"{name}_error": errors[-1, i],
+            f"{name}_order": orders[i],
+        }
+    scalars = {name: float(value) for name, value in scalars.items()}
+    curves = {"squares": np.array(squares), "errors": errors, **mesh_curves(body.space)}
+    if "imaginary" in scalars:
+        curves["imaginaries"] = np.array([quality["imaginary"] for quality in qualities])
+    return Result(scalars, dimensionless(scalars), curves, dofs=body.K.getSize()[0])
+
+
+def _mode_quality(modes: VibrationModes) -> dict[str, float]:
+    return {
+        "rigid": float(modes.n_rigid),
+        "residual": modes.residuals.max(),
+        "imaginary": modes.imaginary_ratio,
+    }
+
+
+def _displacement_error(
+    body: Discretisation,
+    supports: list[Support],
+    where: Marker,
+    traction: tuple[float, float],
+    radial_displacement: Callable[[Array], Array],
+) -> float:
+    """Return the largest error of a nodal displacement over the largest displacement.
+
+    The body is loaded on a part of its boundary and stands between smooth walls at z = 0 and 1.
+    """
+    walls: list[Support] = [(1, 0.0, 1), (1, 1.0, 1)]
+    load = body.surface_load(traction, where)
+    a = solve(body.K, load, body.supports(_prescribe_supports(body, supports + walls)))
+    exact = np.zeros((a.getSize() // 2, 2))
+    exact[:, 0] = radial_displacement(body.space.tabulate_dof_coordinates()[:, 0])
+    return float(np.abs(a.array_r.reshape(-1, 2) - exact).max() / np.abs(exact).max())
+
+
+def _discretise_rectangle(
+    element: str,
+    sizes: tuple[float, float],
+    divisions: tuple[int, int],
+    state: StressState,
+    inner: float = 0.0,
+) -> Discretisation:
+    build = partial(_mesh_rectangle, sizes, divisions, inner=inner)
+    return discretise(element, build, MATERIAL, state)
+
+
+def _mesh_rectangle(
+    sizes: tuple[float, float], divisions: tuple[int, int], cell: str, inner: float = 0.0
+) -> Mesh:
+    """Mesh the rectangle inner <= x <= inner + a, 0 <= y <= b, with bent inner lines."""
+
+    def bend_lines(x: Array) -> Array:
+        s, t = np.pi * (x[:, 0] - inner) / sizes[0], np.pi * x[:, 1] / sizes[1]
+        position = x.copy()
+        position[:, 0] += MAX_NODE_SHIFT * sizes[0] * np.sin(s) * np.cos(t)
+        position[:, 1] -= MAX_NODE_SHIFT * sizes[1] * np.cos(s) * np.sin(t)
+        return position
+
+    build = triangles if cell == "triangle" else quadrilaterals
+    corners = (inner, 0.0), (inner + sizes[0], sizes[1])
+    return move_nodes(build(MPI.COMM_SELF, *corners, divisions), bend_lines)
+
+
+def _mesh_box(_: str) -> Mesh:
+    return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 2, 1)], (2, 4, 2), CellType.tetrahedron)
+
+
+# Cases
+
+ELEMENTS = (
+    "galerkin-T6",
+    "pw-T6",
+    "pwsym-T6",
+    "galerkin-Q8",
+    "pw-Q8",
+    "pw-Q9",
+    "composite-T6",
+)
+VARIANTS: dict[str, tuple[str, Treatment]] = {name: (name, "transposed") for name in ELEMENTS}
+VARIANTS |= {
+    "pw-Q8-same": ("pw-Q8", "same"),
+    "pw-Q9-nine": ("pw-Q9", "all nodes"),
+    "pw-T6-lumped": ("pw-T6", "lumped"),
+    "pw-Q8-lumped": ("pw-Q8", "lumped"),
+}
+SQUARES = {rod: (4, 8, 16, 32), square: (4, 8, 16, 32), strip: (1, 2, 4, 8)}
+FREE_ELEMENTS = {
+    StressState.PLANE_STRESS: ELEMENTS,
+    StressState.AXISYMMETRIC: ELEMENTS,
+    StressState.SOLID: ("galerkin-T10", "pw-T10"),
+}
+STATIC_ELEMENTS = [element for element in ELEMENTS if not is_symmetrised(element)]
+
+CASES = [
+    Case(
+        "V8",
+        f"{problem.__name__}-{name}",
+        problem,
+        {"element": element, "treatment": treatment, "squares": squares},
+    )
+    for problem, squares in SQUARES.items()
+    for name, (element, treatment) in VARIANTS.items()
+]
+CASES += [
+    Case(
+        "V8",
+        f"free-{state.value.replace(' ', '-')}-{element}",
+        free,
+        {"element": element, "state": state.value},
+    )
+    for state, elements in FREE_ELEMENTS.items()
+    for element in elements
+]
+CASES += [
+    case
+    for element in STATIC_ELEMENTS
+    for case in (
+        Case("V8", f"tube-{element}", tube, {"element": element, "squares": (4, 8, 16, 32)}),
+        Case("V8", f"cylinder-{element}", cylinder, {"element": element}),
+    )
+]
+CASES += [
+    Case("V8", f"quadrature-{element}", quadrature, {"element": element, "squares": 16})
+    for element in ("galerkin-T6", "pw-T6", "pw-Q9")
+]
+CASES = mark_costly(CASES, "quadrature-*", "*-pw-Q8-lumped", "[rst]*-pw-Q9", "[rst]*-composite-T6")
+
+# Results
+
+DETAILS = r"""
+{% call table("v8-errors-of-the-rod-s-eigenvalues", "Round rod: relative errors of ω² in 10⁻⁶ on the finest mesh, " ~ fixed(curves("V8/rod-pw-T6").squares[-1], 0) ~ " squares over the radius, and the lowest order of the six.") %}
+| Element |{% for n in range(1, 7) %} Mode {{ n }} |{% endfor %} Order |
+|---|{% for n in range(1, 7) %}---:|{% endfor %}---:|
+{% for variant, words in variants %}{% set key = "V8/rod-" ~ variant %}
+| {{ words }} |{% for n in range(1, 7) %} {{ short(1e6 * s(key, "omega2_" ~ n ~ "_error"), 3) }} |{% endfor %} {{ fixed(s(key, "order"), 2) }} |
+{% endfor %}
+{% endcall %}
+
+{% call table("v8-square-and-strip", "Square and strip: largest relative error on the finest mesh, lowest order, and the largest |Im ω²| over |Re ω²| of all meshes.") %}
+| Element | Square: error | Order | \|Im\| / \|Re\| | Strip: mode 1 in vibration | Mode 1 in buckling | Mode 3 in vibration | Mode 3 in buckling |
+|---|---:|---:|---:|---:|---:|---:|---:|
+{% for variant, words in variants %}{% set square, strip = "V8/square-" ~ variant, "V8/strip-" ~ variant %}
+| {{ words }} | {{ num(s(square, "error"), 2) }} | {{ fixed(s(square, "order"), 2) }} | {{ num(s(square, "imaginary"), 2) }} |{% for name in ("vibration_1", "buckling_1", "vibration_3", "buckling_3") %} {{ num(s(strip, name ~ "_error"), 2) }} |{% endfor %}
+
+{% endfor %}
+{% endcall %}
+
+{% call table("v8-cylinders-under-pressure", "Cylinders under pressure: largest error of a nodal displacement over the largest displacement.") %}
+| Element | Solid cylinder | Tube | Order |
+|---|---:|---:|---:|
+{% for element, words in elements %}
+| {{ words }} | {{ num(s("V8/cylinder-" ~ element, "displacement_error"), 1) }} | {{ num(s("V8/tube-" ~ element, "error"), 2) }} | {{ fixed(s("V8/tube-" ~ element, "order"), 2) }} |
+{% endfor %}
+{% endcall %}
+
+{% call table("v8-quadrature-in-axisymmetry", "Rod, quadrature of lower degrees: largest relative change of the six eigenvalues against degree 16, and the error of the mesh.") %}
+| Element |{% for degree in (2, 4, 6, 8) %} Degree {{ degree }} |{% endfor %} Error of the mesh |
+|---|---:|---:|---:|---:|---:|
+{% for element, words in [("galerkin-T6", "standard T6"), ("pw-T6", "new T6 (degree on each sub-triangle)"), ("pw-Q9", "new quadrilateral (degree on each sub-cell)")] %}{% set key = "V8/quadrature-" ~ element %}
+| {{ words }} |{% for degree in (2, 4, 6, 8) %} {{ num(s(key, "change_" ~ degree), 2) }} |{% endfor %} {{ num(s(key, "error"), 2) }} |
+{% endfor %}
+{% endcall %}
+"""
+
+PLOT_TITLES = {
+    "rod": ("round rod, axisymmetric", "squares over the radius"),
+    "square": ("square, plane stress", "squares over a side"),
+    "strip": ("strip, vibration", "squares over the height"),
+}
+"""Title and label of the abscissa of each problem."""
+HOLLOW = {"linestyle": ":", "markerfacecolor": "none", "markersize": 8}
+PLOT_LOOKS: dict[str, dict[str, Any]] = {
+    "galerkin-T6": LOOK["galerkin-T6"],
+    "pw-T6": LOOK["pw-T6"] | HOLLOW,
+    "galerkin-Q8": LOOK["galerkin-Q8"],
+    "pw-Q9-nine": LOOK["pw-Q9"] | HOLLOW | {"label": "new Q9, all nodes"},
+    "pwsym-T6": LOOK["pwsym-T6"],
+    "pw-T6-lumped": LOOK["pw-T6"] | {"linestyle": "--", "label": "new T6, lumped mass"},
+    "pw-Q8": LOOK["pw-Q8"] | {"label": "new Q8 (Guyan)"},
+    "pw-Q8-same": LOOK["pw-Q8"]
+    | {"linestyle": "--", "markerfacecolor": "none", "label": "new Q8 (Guyan, L = R)"},
+}
+"""In the order of the legend; dotted lines and hollow markers lie on those of another variant."""
+
+
+def draw_convergence(results: Results) -> Figure:
+    """Convergence of natural frequencies to exact ones.
+
+    Largest relative error of the modes over the mesh density, a panel a problem.
+    """
+    fig, axes = plt.subplots(1, 3, figsize=(FULL, 3.3), sharey=True)
+    for ax, (problem, (title, density)) in zip(axes, PLOT_TITLES.items(), strict=True):
+        for variant, look in PLOT_LOOKS.items():
+            curves = results.curves(f"V8/{problem}-{variant}")
+            errors = np.abs(_vibration_errors(problem, curves["errors"]))
+            squares = curves["squares"]
+            ax.loglog(squares, errors.max(axis=1), **look)
+        ends = squares[[0, -1]].astype(float)
+        for order, start, side in ((4, 2e-3, "top"), (2, 0.25, "bottom")):
+            line = start * (ends / ends[0]) ** -order
+            ax.loglog(ends, line, color="#777777", linewidth=0.8)
+            middle = np.sqrt(ends.prod()), np.sqrt(line.prod())
+            align = {"ha": "right" if side == "top" else "left", "va": side}
+            ax.annotate(f"order {order}", middle, fontsize=7, bbox=CLEAR, **align)
+        ax.set(title=title, xlabel=density, ylim=(3e-7, 0.6))
+        ax.set_xticks(squares, [f"{n}" for n in squares])
+        ax.set_xticks([], minor=True)
+    axes[0].set_ylabel("largest relative error of $\\omega^2$")
+    handles, labels = axes[0].get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=7)
+    return fig
+
+
+def _vibration_errors(problem: str, errors: Array) -> Array:
+    """Return errors (m, n) of natural frequencies; the strip's second half is its buckling."""
+    return errors[:, : errors.shape[1] // 2] if problem == "strip" else errors
+
+
+def caption_convergence(results: Results) -> str:
+    """Return the caption, with orders."""
+    orders = {
+        variant: results.scalar(f"V8/rod-{variant}", "order")
+        for variant in ("galerkin-T6", "pw-T6", "pwsym-T6", "pw-T6-lumped", "pw-Q8")
+    }
+    return (
+        "Largest relative error of the eigenvalues (six of the rod and of the square, three of the "
+        f"strip). Lowest observed orders for the rod: standard triangle "
+        f"{orders['galerkin-T6']:.2f}, new triangle {orders['pw-T6']:.2f}; symmetrised "
+        f"{orders['pwsym-T6']:.2f}; with lumped mass {orders['pw-T6-lumped']:.2f}; 8-node element "
+        f"by Guyan's reduction {orders['pw-Q8']:.2f}. New elements that keep all their nodes "
+        "(hollow circles and crosses) lie on the lines of the standard ones."
+    )
+
+
+FIGURES = [
+    PageFigure(
+        "v8_vibration_convergence",
+        draw_convergence,
+        needs=[f"V8/{problem}-{variant}" for problem in PLOT_TITLES for variant in PLOT_LOOKS],
+        caption=caption_convergence,
+        alt="Three log-log plots of the largest error over mesh density. Standard and new triangles "
+        "fall together with slope four, below them the standard 8-node and the new 9-node "
+        "quadrilateral; the symmetrised, lumped and Guyan-reduced elements fall with slope two, "
+        "the last one in the strip at first with slope four.",
+    ),
+]
+
+# Findings
+
+CHECKS = [
+    check(
+        "V8-rod",
+        "Round rod between smooth rigid walls: on the finest mesh the new triangle has all "
+        "six eigenvalues within 1e-5 of the roots of Pochhammer's frequency equation.",
+        lambda results: scalar(results, key="V8/rod-pw-T6", name="error"),
+        "<",
+        1e-05,
+        tolerance_why="none: a bound",
+        why="The element and its mass and stiffness in axisymmetry are right.",
+    ),
+    check(
+        "V8-order-rod",
+        "The eigenvalues of the rod converge with order 4.",
+        lambda results: scalar(results, key="V8/rod-pw-T6", name="order"),
+        "=",
+        4.0,
+        tolerance=0.1,
+        tolerance_why="the lowest order of six modes, the shortest of which is not in its final "
+        "slope yet",
+        why="As with the same test and trial functions: the errors of both sides multiply.",
+    ),
+    check(
+        "V8-lumped",
+        "The positive row-sum mass of the new triangle costs two orders.",
+        lambda results: smallest(
+            results,
+            section="V8",
+            cases={"element": "pw-T6", "squares": [4, 8, 16, 32], "treatment": "lumped"},
+            name="order",
+        ),
+        "=",
+        2.0,
+        tolerance=0.1,
+        tolerance_why="not in the final slope yet",
+        why="As with every mass lumping by row sums of a quadratic element. The standard "
+        "triangle has none: its vertices get zero.",
+    ),
+]
+
+FINDINGS = r"""
+In a round rod between smooth walls, whose frequencies are known, the eigenvalues converge with order
+{{ fixed(s("V8/rod-pw-T6", "order"), 1) }}. Accuracy is lost by modifying the matrices: symmetrising them reduces the
+order to {{ fixed(s("V8/rod-pwsym-T6", "order"), 1) }}, Guyan's reduction {{ cite("guyan") }} to the 8-node element to
+{{ fixed(s("V8/rod-pw-Q8", "order"), 1) }}, a lumped mass to {{ fixed(s("V8/rod-pw-T6-lumped", "order"), 1) }}
+({{ ref("v8_vibration_convergence") }}). In statics the reduction is exact; in vibrations the inner node should be kept.
+
+{{ figure("v8_vibration_convergence") }}
+"""
+
+FURTHER_FINDINGS = r"""
+1. **Order 4, with slightly smaller errors.** With its consistent mass the new triangle has the order of the standard one.
+   Its error is at most {{ most(measure("largest_mode_error_ratio", key="V8/rod-pw-T6", other="V8/rod-galerkin-T6")) }}
+   times that of the standard one in the rod and
+   {{ most(measure("largest_mode_error_ratio", key="V8/square-pw-T6", other="V8/square-galerkin-T6")) }} times in the
+   square. The largest of the rod's six errors is {{ num(s("V8/rod-pw-T6", "error"), 2) }} on the finest mesh.
+2. **Symmetrising** reverses the sign of the error: all eigenvalues of the rod are too low, by up to
+   {{ num(s("V8/rod-pwsym-T6", "error"), 2) }} on the finest mesh. The differences in Table 1 have this sign; see section
+   7.5.
+3. **Guyan's reduction** costs two orders with either left matrix: the condensed node follows its neighbours without
+   inertia of its own. The same pair of triangles with all its nodes is the new T6, and the native quadrilateral with all
+   nine nodes has order {{ fixed(s("V8/rod-pw-Q9-nine", "order"), 2) }}, and with its centre node reduced
+   {{ fixed(s("V8/rod-pw-Q9", "order"), 2) }}. In bending (the strip) the effect is small on coarse meshes.
+4. **Complex eigenvalues occur.** The consistent new triangle has none among its lowest (its upper spectrum is another
+   matter, section V9). In the square, whose exact eigenvalues are partly double, the native quadrilateral has pairs with
+   |Im| / |Re| up to {{ num(s("V8/square-pw-Q9-nine", "imaginary"), 2) }} on the coarsest mesh,
+   {{ num(measure("finest_imaginary", key="V8/square-pw-Q9-nine"), 2) }} on the finest, and the triangle with lumped mass
+   up to {{ num(s("V8/square-pw-T6-lumped", "imaginary"), 2) }}. These imaginary parts are smaller than the errors of the
+   eigenvalues and vanish with them, but a code that takes real frequencies for granted may fail.
+5. **Axisymmetry.** Degree 8 changes the eigenvalues of the standard triangle by
+   {{ num(measure("ratio_of", key="V8/quadrature-galerkin-T6", name="change_8", other="error"), 1) }} times the error of
+   the mesh, and those of the new one by
+   {{ num(measure("ratio_of", key="V8/quadrature-pw-T6", name="change_8", other="error"), 1) }}. Nodes on the axis need
+   $u_r = 0$ and nothing else.
+6. **The composite triangle** has order 4 in vibration too; but in axisymmetric statics, where displacements enter the
+   strains as such, its nodal displacements have order {{ fixed(s("V8/tube-composite-T6", "order"), 2) }}.
+"""
+
+# Limits
+
+LIMITS = r"""
+That eigenvalues of the new triangle are real is observed, not proved. The meshes are smooth images of squares; orders on
+unstructured and curved meshes are given in section C. None of these bodies has a re-entrant corner; the stepped column
+does, and its eigenvalues converge more slowly with any element.
+"""

@@ -1,0 +1,338 @@
+"""Explicit dynamics with the positive lumped mass: which stiffness it may be combined with."""
+
+from functools import partial
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+from dolfinx.mesh import Mesh
+from matplotlib.figure import Figure
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Sibling,
+    Spaces,
+    assemble_matrix,
+    assemble_vector,
+    lumped_mass,
+    prescribe,
+    solve,
+)
+from pw_elements.algebra import symmetric_part
+from pw_elements.elasticity import StressState
+from pw_elements.meshes import move_nodes, triangles
+from study.judge.checks import check
+from study.judge.measures.general import scalar
+from study.model.matrices import dense
+from study.model.units import dimensionless
+from study.publish.plots.style import FULL, LOOK
+from study.run.cases import Case
+from study.run.pages import PageFigure
+from study.run.store import Result, Results
+from study.verification.t_identity import distorted
+
+SECTION = "V9"
+TITLE = "Explicit dynamics with lumped mass"
+FACTS = {
+    "geometry": "a unit square",
+    "mesh": "8 × 8 distorted squares, 4 × 4 and 2 × 2, cut into triangles",
+    "material": "linear elastic, plane stress; E = 1, ν = 0.3, density 1",
+    "supports": "clamped at the left side",
+    "load": "released from its deflection under weight; ten periods",
+    "reference": "all eigenvalues; the amplification of central differences",
+    "uncertainty": "found on some meshes of one body, not derived",
+}
+SHORT_FACTS = {
+    "reference": "all eigenvalues; amplification of central differences",
+    "uncertainty": "found on some meshes, not derived",
+}
+
+# Problem
+
+THEORY = r"""
+The row sums of the new element's mass matrix are positive (section 3), whereas the standard triangle has zeros. They
+provide a diagonal mass for explicit dynamics. With which stiffness can it be combined?
+"""
+
+# E, the density and the square's side are one: all numbers are dimensionless
+MATERIAL = Material(1.0, 0.3)
+
+# Method
+
+METHOD = r"""
+A unit square in plane stress, with 8 × 8 distorted squares cut into triangles, is clamped at its left side and released
+from its displacements under its own weight. All eigenvalues of each pair $(\boldsymbol{K}, \boldsymbol{M})$ are computed,
+and ten periods of free vibration are integrated by central differences at half the largest stable step. In each step,
+central differences multiply the component belonging to an eigenvalue $w$ by factors $\rho$ with
+$\rho^2 - (2 - \Delta t^2\, w)\, \rho + 1 = 0$, whose product is one: unless $w$ is real and $\Delta t^2\, w \le 4$, one of
+them exceeds one in magnitude and that component grows, whatever the step.
+"""
+
+COURANT = 0.5
+"""Time step over the largest one that is stable for real eigenvalues."""
+PERIODS = 10
+"""Time of the vibration, in periods of the slowest mode."""
+MAX_AMPLITUDE = 1e6
+"""Displacement, over the initial one, at which a growing vibration is given up."""
+
+
+def pair(matrices: str, squares: int, regular: bool = False) -> Result:
+    """Compute all eigenvalues of a pair (K, M) on a clamped square, and its free vibration.
+
+    Args:
+        matrices: a name of `PAIRS`.
+        squares: along a side, each cut in two triangles.
+        regular: whether nodes stay where they are; else the mesh is distorted.
+    """
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (squares, squares))
+    if not regular:
+        mesh = move_nodes(mesh, distorted)
+    K, M, clamp, start = PAIRS[matrices](mesh)
+    stiffness, mass = dense(clamp.matrix(K)), dense(clamp.matrix(M))
+    eigenvalues = scipy.linalg.eigvals(stiffness, mass)
+    largest = np.abs(eigenvalues).max()
+    step = COURANT * 2 / np.sqrt(largest)
+    scalars = {
+        "imaginary": float(np.abs(eigenvalues.imag).max() / largest),
+        "growth_per_step": float(_growth_per_step(step**2 * eigenvalues)),
+        "smallest_real": float(eigenvalues.real.min()),
+        "lumped_smallest": float(np.diag(mass).min()),
+    }
+    curves = {"real": eigenvalues.real, "imaginary": eigenvalues.imag}
+    if "lumped" in matrices:
+        period = 2 * np.pi / np.sqrt(np.abs(eigenvalues).min())
+        end = PERIODS * period
+        time, amplitude = _vibrate_freely(stiffness, np.diag(mass), start, step, end)
+        scalars |= {"amplification": amplitude.max(), "steps": float(len(time) - 1)}
+        curves |= {"time": time / period, "amplitude": amplitude}
+    return Result(scalars, dimensionless(scalars), curves, dofs=K.getSize()[0])
+
+
+def _growth_per_step(scaled_eigenvalues: npt.NDArray[np.complex128]) -> float:
+    """Return the largest |rho| less one, for eigenvalues times dt^2."""
+    half_sum = 1 - scaled_eigenvalues / 2
+    root = np.sqrt(half_sum**2 - 1 + 0j)
+    return max(np.abs(half_sum + root).max(), np.abs(half_sum - root).max()) - 1
+
+
+def _vibrate_freely(
+    K: npt.NDArray[np.float64],
+    mass: npt.NDArray[np.float64],
+    start: npt.NDArray[np.float64],
+    step: float,
+    end: float,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Integrate by central differences from rest, as long as displacements are bounded.
+
+    Args:
+        K: stiffness (n, n).
+        mass: lumped masses (n,).
+        start: displacements (n,) at the start.
+        step: time step.
+        end: time at the end.
+
+    Returns:
+        times, and the largest displacements over the largest one at the start.
+    """
+    previous, current = start, start - step**2 / 2 * (K @ start) / mass
+    time, amplitude = [0.0, step], [1.0, np.abs(current).max() / np.abs(start).max()]
+    while time[-1] < end and amplitude[-1] < MAX_AMPLITUDE:
+        previous, current = current, 2 * current - previous - step**2 * (K @ current) / mass
+        time.append(time[-1] + step)
+        amplitude.append(np.abs(current).max() / np.abs(start).max())
+    return np.array(time), np.array(amplitude)
+
+
+def _assemble_pair(
+    mesh: Mesh, stiffness: str, mass: str
+) -> tuple[PETSc.Mat, PETSc.Mat, Reduction, npt.NDArray[np.float64]]:
+    """Return K, M, the clamp, and the free displacements under the weight."""
+    pw = Body(Spaces.petrov_galerkin(mesh), MATERIAL, StressState.PLANE_STRESS)
+    galerkin = Body(Spaces.galerkin(mesh), MATERIAL, StressState.PLANE_STRESS)
+    K_galerkin = assemble_matrix(galerkin.stiffness())
+    K_pw = assemble_matrix(pw.stiffness())
+    space = pw.spaces.trial
+    sibling = Sibling.from_space(galerkin.spaces.trial)
+    K = {
+        "unsymmetric": K_pw,
+        "symmetric part": symmetric_part(K_pw),
+        "standard": K_galerkin,
+        "sibling": sibling.matrix(K_galerkin),
+    }[stiffness]
+    M = assemble_matrix(pw.mass())
+    if mass == "lumped":
+        M = lumped_mass(M, space)
+    clamp = Reduction.dirichlet(space, [prescribe(space, i, _is_clamped) for i in (0, 1)])
+    weight = assemble_vector(galerkin.body_load((0.0, -1.0)))
+    deflection = solve(K_galerkin, weight, clamp)
+    if stiffness == "sibling":  # its own lumped mass is the new element's on triangles
+        deflection = sibling.coefficients(deflection)
+    return K, M, clamp, dense(clamp.right).T @ deflection.array_r
+
+
+def _is_clamped(x: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[0], 0.0)
+
+
+# Cases
+
+PAIRS = {
+    "pw-lumped": partial(_assemble_pair, stiffness="unsymmetric", mass="lumped"),
+    "pw-consistent": partial(_assemble_pair, stiffness="unsymmetric", mass="consistent"),
+    "pwsym-lumped": partial(_assemble_pair, stiffness="symmetric part", mass="lumped"),
+    "galerkin-lumped": partial(_assemble_pair, stiffness="standard", mass="lumped"),
+    "sibling-lumped": partial(_assemble_pair, stiffness="sibling", mass="lumped"),
+}
+STIFFNESS_ELEMENTS = {
+    "unsymmetric": "pw-T6",
+    "symmetric part": "pwsym-T6",
+    "standard": "galerkin-T6",
+    "sibling": "sibling-T6",
+}
+"""Elements of the stiffness; the mass is always that of the new element."""
+SQUARES = 8
+
+
+def _make_case(name: str, matrices: str, **parameters: object) -> Case:
+    kinds = PAIRS[matrices].keywords
+    implied = {"element": STIFFNESS_ELEMENTS[kinds["stiffness"]], **kinds}
+    return Case("V9", name, pair, {"matrices": matrices, **parameters}, implied)
+
+
+CASES = [_make_case(name, name, squares=SQUARES) for name in PAIRS]
+CASES += [
+    _make_case(f"{name}-{n}", name, squares=n, regular=True)
+    for name in ("pw-lumped", "pw-consistent")
+    for n in (2, 4)
+]
+
+# Results
+
+DETAILS = r"""
+{% call table("v9-spectra-and-growth", "Spectra and growth.") %}
+| Stiffness, mass, mesh | Largest \|Im ω²\| over largest \|ω²\| | Growth per step, % | Largest displacement over the initial one |
+|---|---:|---:|---:|
+{% for case, words in (("pw-lumped", "new, lumped, 8 × 8 distorted"), ("pwsym-lumped", "its symmetric part, lumped, 8 × 8 distorted"), ("galerkin-lumped", "standard, lumped (new), 8 × 8 distorted"), ("sibling-lumped", "symmetric sibling, lumped, 8 × 8 distorted"), ("pw-lumped-4", "new, lumped, 4 × 4"), ("pw-lumped-2", "new, lumped, 2 × 2")) %}
+| {{ words }} | {{ num(s("V9/" ~ case, "imaginary"), 2) }} | {{ num(100 * s("V9/" ~ case, "growth_per_step"), 2) }} | {{ num(s("V9/" ~ case, "amplification"), 3) }} |
+{% endfor %}
+{% for case, words in (("pw-consistent", "new, consistent, 8 × 8 distorted"), ("pw-consistent-4", "new, consistent, 4 × 4"), ("pw-consistent-2", "new, consistent, 2 × 2")) %}
+| {{ words }} | {{ num(s("V9/" ~ case, "imaginary"), 2) }} | {{ num(100 * s("V9/" ~ case, "growth_per_step"), 2) }} | – |
+{% endfor %}
+{% endcall %}
+"""
+
+PLOT_SERIES = {
+    "pw-lumped": ("new stiffness, unsymmetric", "pw-T6"),
+    "pwsym-lumped": ("its symmetric part", "pwsym-T6"),
+    "galerkin-lumped": ("standard stiffness", "galerkin-T6"),
+}
+"""Cases of the figure, with the name in the legend and the element whose colour they have."""
+STEPS_PER_POINT = 20
+"""Time steps of which the figure shows the largest displacement."""
+
+
+def draw_explicit(results: Results) -> Figure:
+    """Free vibration by central differences with lumped mass.
+
+    Panels: the spectra in the complex plane, displacements over time.
+    """
+    fig, (spectrum, motion) = plt.subplots(1, 2, figsize=(FULL, 2.6))
+    for case, (label, element) in PLOT_SERIES.items():
+        curves = results.curves(f"V9/{case}")
+        color = LOOK[element]["color"]
+        spectrum.plot(curves["real"], curves["imaginary"], ".", color=color, ms=3, label=label)
+        # the largest displacement within each stretch, so that no maximum is passed over
+        starts = np.arange(0, len(curves["time"]), STEPS_PER_POINT)
+        envelope = np.maximum.reduceat(curves["amplitude"], starts)
+        dashes = "--" if case == "galerkin-lumped" else "-"
+        motion.semilogy(curves["time"][starts], envelope, dashes, color=color, lw=1.2, label=label)
+    spectrum.set(title="(a) spectrum", xlabel=r"Re $\omega^2$", ylabel=r"Im $\omega^2$")
+    motion.set(title="(b) free vibration", xlabel="time / slowest period")
+    motion.set_ylabel("displacement / initial one")
+    motion.legend(fontsize=7)
+    return fig
+
+
+def caption_explicit(results: Results) -> str:
+    """Return the caption, with the growth per step."""
+    growth = results.scalar("V9/pw-lumped", "growth_per_step")
+    return (
+        "Clamped square with the new element's lumped mass. (a) All eigenvalues: in the upper "
+        "spectrum those of the unsymmetric stiffness leave the real axis. (b) Largest displacement "
+        "in a free vibration by central differences with half the stable time step; the "
+        f"fastest-growing component gains {100 * growth:.2g} % per step."
+    )
+
+
+def describe_explicit(results: Results) -> str:
+    """Return the figure in words, with the size that displacements grow to."""
+    size = results.scalar("V9/pw-lumped", "amplification")
+    return (
+        "Eigenvalues of the symmetric pairs on the real axis, those of the unsymmetric one around "
+        f"it. Displacements of the former stay of size one, those of the latter grow to {size:.0e}."
+    )
+
+
+FIGURES = [
+    PageFigure(
+        "v9_explicit",
+        draw_explicit,
+        needs=[f"V9/{case}" for case in PLOT_SERIES],
+        caption=caption_explicit,
+        alt=describe_explicit,
+    ),
+]
+
+# Findings
+
+CHECKS = [
+    check(
+        "V9-positive",
+        "The smallest lumped mass of the new triangle on the clamped square is positive.",
+        lambda results: scalar(results, key="V9/pw-lumped", name="lumped_smallest"),
+        ">",
+        0.0,
+        tolerance_why="none: a sign",
+        why="Row sums are integrals of positive weight functions.",
+    ),
+    check(
+        "V9-grows",
+        "Free vibration by central differences, at half the largest stable step, grows a "
+        "million times within ten periods.",
+        lambda results: scalar(results, key="V9/pw-lumped", name="amplification"),
+        ">",
+        1000000.0,
+        tolerance_why="none: a size, at which the computation stops",
+        why="The parts that grow start from round-off and the initial state's small share of "
+        "short waves.",
+    ),
+]
+
+FINDINGS = r"""
+**The unsymmetric stiffness is unstable without damping.** With the new element's stiffness part of the upper spectrum is
+complex: with a lumped mass on every mesh, with the consistent mass on all but the coarsest ({{ ref("v9_explicit") }}). In
+central differences some components of the motion then grow, here by up to
+{{ most(100 * measure("largest", section="V9", cases="pw-lumped.*", name="growth_per_step")) }} % per step. The lowest
+eigenvalues are real and accurate.
+
+{{ figure("v9_explicit") }}
+"""
+
+FURTHER_FINDINGS = r"""
+1. **The lumped mass itself is sound:** with the symmetric part of the new stiffness, the standard one, or its symmetric
+   sibling $\boldsymbol{T} \boldsymbol{K} \boldsymbol{T}^\mathrm{T}$, all eigenvalues are real and positive and the
+   vibration stays bounded. Symmetrising costs two orders of convergence of the eigenvalues (section V8), as lumping does.
+"""
+
+# Limits
+
+LIMITS = r"""
+Complex eigenvalues are found on some meshes of one body, not derived. Whether damping of the upper spectrum is a remedy is
+not studied; section V12 deals with contact in dynamics.
+"""
