@@ -90,11 +90,15 @@ def _sizes(case: Stored) -> list[tuple[float, ...]]:
 
 
 def _degrees(module: str) -> set[int]:
-    """Return what modules of a section assign to DEGREE: a number, or one for each dimension."""
-    own = module.rpartition(".")[2].partition("_")[0] + "_"
+    """Return what modules of a section assign to DEGREE: a number, or one for each dimension.
+
+    Modules of a section are those in the folder of its page, or those that share its prefix.
+    """
+    folder, _, name = module.rpartition(".")
+    own = f"{folder}." if name == "page" else f"{folder}.{name.partition('_')[0]}_"
     found: set[int] = set()
-    for name, path in closure(module).items():
-        if not name.rpartition(".")[2].startswith(own):
+    for other, path in closure(module).items():
+        if not other.startswith(own):
             continue
         for node in ast.parse(path.read_text("utf-8")).body:
             if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "DEGREE":
