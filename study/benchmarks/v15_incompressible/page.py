@@ -56,7 +56,7 @@ SHORT_FACTS = {
 # Problem
 
 PROBLEM = r"""
-Seals and soft tissue hardly change their volume, and near $\nu = ½$ displacement-only elements lock, the new one no less
+Seals and soft tissue hardly change their volume, and near $\nu = 1/2$ displacement-only elements lock, the new one no less
 than the standard one. The remedy is well known: a continuous, linear pressure field beside the quadratic displacements.
 With the new weights, and with shear modulus $G$, find $\boldsymbol{u}$ and $p$ such that for all weights
 $\boldsymbol{w}$ and all linear $q$
@@ -67,7 +67,7 @@ $$
 1/\lambda = (1 - 2\nu)/(2 G \nu),
 $$
 
-which remains valid at $\nu = ½$. The standard shape functions and $p$ are the pair of Taylor and Hood, the new weights
+which remains valid at $\nu = 1/2$. The standard shape functions and $p$ are the pair of Taylor and Hood, the new weights
 and $p$ that of Bercovier and Pironneau {{ cite("bercovier") }}; the hybrid new element needs both.
 """
 
@@ -80,9 +80,9 @@ equations of one are $\boldsymbol{T}$ times those of the other (measured differe
 {{ num(s("V15/identity-pw-hybrid-T6", "volume_difference"), 1) }}). In three dimensions this does not hold, and the
 question has to be settled numerically.
 
-**Known fields.** The exact displacement is a solenoidal field plus $g/\lambda$, with the pressure $-\mathrm{div}\,g$,
-which does not depend on $\nu$. The meshes are of unstructured triangles and distorted quadrilaterals (plane strain),
-tetrahedra and hexahedra, and the bottom is fixed. **Stability.** The inf-sup constant of the whole operator is computed
+**Known fields.** The exact displacement is a solenoidal field plus $\boldsymbol{g}/\lambda$, with the pressure
+$-\mathrm{div}\,\boldsymbol{g}$, which does not depend on $\nu$. The meshes are of unstructured triangles and distorted
+quadrilaterals (plane strain), tetrahedra and hexahedra, and the bottom is fixed. **Stability.** The inf-sup constant of the whole operator is computed
 at $\nu = 1/2$, in the natural norms of trial functions and of weights,
 $2\mu\,|\varepsilon(\boldsymbol{u})|^2 + |p|^2/(2\mu)$, on a square and a cube fixed at the bottom, with structured meshes
 whose nodes are moved. **Layers.** Two layers, the upper one ten times as stiff and compressible, are pressed uniformly
