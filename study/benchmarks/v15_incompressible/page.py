@@ -82,13 +82,17 @@ question has to be settled numerically.
 
 **Known fields.** The exact displacement is a solenoidal field plus $\boldsymbol{g}/\lambda$, with the pressure
 $-\mathrm{div}\,\boldsymbol{g}$, which does not depend on $\nu$. The meshes are of unstructured triangles and distorted
-quadrilaterals (plane strain), tetrahedra and hexahedra, and the bottom is fixed. **Stability.** The inf-sup constant of the whole operator is computed
-at $\nu = 1/2$, in the natural norms of trial functions and of weights,
-$2\mu\,|\varepsilon(\boldsymbol{u})|^2 + |p|^2/(2\mu)$, on a square and a cube fixed at the bottom, with structured meshes
-whose nodes are moved. **Layers.** Two layers, the upper one ten times as stiff and compressible, are pressed uniformly
-between smooth walls, with a pressure that is either split at the interface or continuous. **Cook's membrane.** The
-problem is in plane strain with $\nu = 0.4999$, and the squares of the mesh are cut from left to right; the result is the
-deflection of the upper corner times $E t/F$.
+quadrilaterals (plane strain), tetrahedra and hexahedra, and the bottom is fixed.
+
+**Stability.** The inf-sup constant of the whole operator is computed at $\nu = 1/2$, in the natural norms of trial
+functions and of weights, $2\mu\,|\varepsilon(\boldsymbol{u})|^2 + |p|^2/(2\mu)$, on a square and a cube fixed at the
+bottom, with structured meshes whose nodes are moved.
+
+**Layers.** Two layers, the upper one ten times as stiff and compressible, are pressed uniformly between smooth walls,
+with a pressure that is either split at the interface or continuous.
+
+**Cook's membrane.** The problem is in plane strain with $\nu = 0.4999$, and the squares of the mesh are cut from left to
+right; the result is the deflection of the upper corner times $E t/F$.
 
 **Contact** at $\nu = 0.4999$. Four problems are solved. In the first, Hertz's line contact, a rigid parabola is pressed on
 a half plane whose outer sides have the exact displacements; pressures are nodal forces divided by the integrals of the
