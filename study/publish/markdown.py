@@ -56,8 +56,9 @@ def _render_display(_: object, tokens: list[Token], i: int, *__: object) -> str:
 @cache
 def _formula(latex: str, *_: object) -> str:
     html = str(math2html(latex.strip())).strip()
-    html = html.replace(" \N{FRACTION SLASH} ", "/")
-    return re.sub(r"(<su[pb][^>]*>) \N{MINUS SIGN} ", "\\1\N{MINUS SIGN}", html)
+    html = html.replace("\N{THIN SPACE}\N{FRACTION SLASH}\N{THIN SPACE}", "/")
+    sign_in_script = "(<su[pb][^>]*>)\N{THIN SPACE}\N{MINUS SIGN}\N{THIN SPACE}"
+    return re.sub(sign_in_script, "\\1\N{MINUS SIGN}", html)
 
 
 def _mark_table_heads(tokens: list[Token]) -> None:

@@ -35,9 +35,9 @@ from pw_elements.contact.system import preconditioners
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from pw_elements.solvers import automatic
+from study.benchmarks.v15_incompressible.fields import layer_error, make_layered_mesh
 from study.model.discretisation import discretise, mass_left
 from study.verification.t_identity import distorted
-from study.verification.v15_layers import error, layered
 from tests.contact.cases import GALERKIN, PW, ElasticBody, finite_strain_residual, on_plane
 from tests.contact.iterative import STACKED_CASES, SolidBlock, nearly_sliding_arguments
 from tests.contact.two_bodies import StackedBlocks
@@ -104,7 +104,9 @@ def identity(comm):
     shared = force_transfer(galerkin.space).matMult(galerkin.K)
     assert (shared - pw.K).norm() < 1e-14 * pw.K.norm()
     for cell in (CellType.triangle, CellType.tetrahedron):
-        assert error(Spaces.hybrid, layered(comm, cell), split_pressure=True) < 1e-12
+        assert (
+            layer_error(Spaces.hybrid, make_layered_mesh(comm, cell), split_pressure=True) < 1e-12
+        )
     return {}
 
 

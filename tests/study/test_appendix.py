@@ -56,7 +56,7 @@ def test_mesh_sizes_come_from_parameters_and_series(one, parameters, curves, mes
     [
         ("C", "study.solutions.manufactured"),
         ("V13", "study.benchmarks.v13_fluxes.page"),
-        ("V14", "study.verification.v14_rubber"),
+        ("V14", "study.benchmarks.v14_rubber.page"),
         ("V2", None),
     ],
 )

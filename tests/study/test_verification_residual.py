@@ -5,8 +5,8 @@ import pytest
 
 from study.benchmarks.v13_fluxes.graded_conduction import GradedWall, SourcedSquare
 from study.benchmarks.v13_fluxes.trefftz import Trefftz, polynomial_error
-from study.verification.v14_moment import moments, moments_of_triangles
-from study.verification.v14_rubber import DEGREE, _Block
+from study.benchmarks.v14_rubber.moments import moments, triangle_moments
+from study.benchmarks.v14_rubber.page import DEGREE, Block
 
 RATIO = 20.0
 
@@ -85,9 +85,9 @@ def test_interpolation_of_a_polynomial_leaves_nothing():
 
 
 def test_the_moment_of_nodal_forces_is_what_curved_stresses_of_triangles_add():
-    block = _Block("pw-T6", 6)
+    block = Block("pw-T6", 6)
     forces = block.press().reactions().array_r.reshape(-1, 2)
-    added = moments_of_triangles(block.u, DEGREE[2]).sum()
+    added = triangle_moments(block.u, DEGREE[2]).sum()
     total = moments(block.x + block.displacement, forces)[:, 2].sum()
     assert total == pytest.approx(added, abs=1e-14)
     assert abs(added) > 1e-5

@@ -10,11 +10,11 @@ from scipy.linalg import cholesky, solve_triangular, svdvals
 from pw_elements import assemble_matrix
 from pw_elements.contact import ContactPair, Motion, Plane
 from pw_elements.elasticity import StressState
+from study.benchmarks.v15_incompressible import contact
+from study.benchmarks.v15_incompressible.fields import infsup
 from study.meshes.distorted_meshes import moved_mesh
 from study.model.discretisation import spaces
 from study.model.matrices import dense
-from study.verification import v15_seal
-from study.verification.v15_stability import infsup
 from tests.contact.cases import ElasticBody, on_plane
 
 
@@ -43,15 +43,15 @@ def test_inf_sup_constants_are_singular_values_between_the_norms(element):
 
 def test_a_hardly_squeezed_seal_has_the_force_of_contact_at_small_displacements():
     squeeze = 0.004
-    ring = v15_seal._Ring("pw-hybrid-T6", 6)
+    ring = contact.Ring("pw-hybrid-T6", 6)
     ring.press(1 - squeeze)
-    large = -ring.force()[ring.upper, 1].sum()
+    large = -ring.nodal_forces()[ring.is_upper, 1].sum()
 
     mesh = ring.space.mesh
     body = ElasticBody(mesh, partial(spaces, "pw-hybrid-T6"), "axisymmetric", 3.0, 0.5)
 
     def outside(x, side):
-        return (np.hypot(x[0] - v15_seal.RING, x[1]) > 1 - 1e-9) & (side * x[1] > 0.5)
+        return (np.hypot(x[0] - contact.RING_RADIUS, x[1]) > 1 - 1e-9) & (side * x[1] > 0.5)
 
     pairs = [
         ContactPair(
@@ -65,5 +65,5 @@ def test_a_hardly_squeezed_seal_has_the_force_of_contact_at_small_displacements(
     (state,) = body.solve_contact(pairs)
     small = -state.pairs[0].force[1]
     closed = (state.pairs[0].status > 0).sum()
-    assert closed == ring.upper.sum()
+    assert closed == ring.is_upper.sum()
     assert large == pytest.approx(small, rel=0.01)

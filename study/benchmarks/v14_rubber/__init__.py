@@ -1,0 +1,1 @@
+"""Large strains: a rubber block below a punch that sticks (section V14)."""

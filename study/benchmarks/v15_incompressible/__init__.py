@@ -1,0 +1,1 @@
+"""Nearly incompressible bodies on hybrid elements (section V15)."""

@@ -1,0 +1,399 @@
+"""Contact of nearly incompressible bodies: Hertz's line and sphere, friction, and a seal."""
+
+from functools import partial
+
+from mpi4py import MPI
+
+import gmsh
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+from ufl.core.expr import Expr
+
+from pw_elements import (
+    Material,
+    PetrovGalerkinProblem,
+    SurfaceNodes,
+    assemble_scalar,
+    assemble_vector,
+    prescribe,
+)
+from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Parabola, solve_contact
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState
+from pw_elements.spaces import SubSpace
+from study.meshes.line_mesh import on_lines
+from study.meshes.mesh_families import meshed
+from study.meshes.mesh_lines import growing
+from study.model.discretisation import (
+    discretise,
+    displacement_space,
+    held_nodes,
+    mesh_curves,
+    spaces,
+)
+from study.model.units import NONE, dimensionless
+from study.run.store import Result
+from study.solutions.half_space import Elastic, HertzLine
+from study.solutions.indentation import INNER, OUTER, Indenter, graded_square, indented
+from study.verification.v10_space import sphere as pressed_sphere
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+POISSONS_RATIO, FRICTION = 0.4999, 0.35
+
+# Contact with the exact half plane around it: half width of the contact 1
+RADIUS, YOUNGS_MODULUS, HALF_WIDTH = 1e3, 1.0, 1.0
+EDGE_POSITION = 0.375
+"""Position of the contact's edge in an element."""
+CONTACT_ZONE = 1.3
+"""Nodes may touch within this distance, over the half width."""
+LOAD_STEPS = 4
+
+# The half plane that is pressed and pushed: consistent units of its own
+BLOCK_MODULUS, BLOCK_RADIUS, BLOCK_FORCE, PUSHES = 1000.0, 20.0, 4.0, (0.2, 0.4)
+"""Young's modulus, radius of the parabola, normal force; tangential forces over mu P."""
+BLOCK_DEPTH, BLOCK_GROWTH = 75.0, 1.2
+"""Depth over the half width of the contact; growth of the elements."""
+
+
+def hertz(element: str, n: int, nu: float = 0.4999) -> Result:
+    """Press a rigid parabola on a half plane, n elements over the contact's half width.
+
+    `pressure_rms` is that of the error, of pressures over the nodes' own weights, over p0 and
+    away from the edge of the contact; `pressure_rms_all` counts all nodes inside.
+    """
+    body = Elastic(YOUNGS_MODULUS, nu)
+    force = np.pi * HALF_WIDTH**2 * body.plane_modulus / (4 * RADIUS)
+    exact = HertzLine(body, RADIUS, force)
+    indenter = Indenter(exact, Parabola((0.0, 0.0), RADIUS), StressState.PLANE_STRAIN, NONE)
+    size = HALF_WIDTH / (n + EDGE_POSITION)
+    lines = size * np.arange(np.ceil(CONTACT_ZONE * (n + EDGE_POSITION)) + 1)
+    result = indented(element, indenter, lines)
+    curves = result.curves
+    error = (curves["pressure"] - curves["exact_pressure"]) / exact.peak
+
+    def rms_within(fraction: float) -> float:
+        return float(np.sqrt(np.mean(error[curves["x"] < fraction * HALF_WIDTH] ** 2)))
+
+    scalars = {
+        "pressure_rms": rms_within(INNER),
+        "pressure_rms_all": rms_within(1.0),
+        "sawtooth": result.scalars["sawtooth"],
+        "iterations": result.scalars["iterations"],
+        "residual": result.scalars["residual"],
+    }
+    names = ("x", "force_n", "pressure", "exact_pressure", "status")
+    stored_curves = {name: curves[name] for name in names}
+    return Result(scalars, dimensionless(scalars), stored_curves, dofs=result.dofs)
+
+
+def sphere(element: str, n: int) -> Result:
+    """Press a quarter of a rigid sphere on a half space, n elements along its contact's radius."""
+    return pressed_sphere(element, n, POISSONS_RATIO)
+
+
+def presses(element: str, n: int) -> Result:
+    """Press a rough parabola in four steps, n elements over the contact's half width.
+
+    On an incompressible half plane nothing moves along the surface, so that all shear is due to
+    the elements. `shear_spurious` is the largest tangential traction over the nodes' own weights,
+    over mu p0; `shear_spurious_inner` that for x < 0.8 a, away from the edge of the contact.
+    """
+    body = Elastic(YOUNGS_MODULUS, POISSONS_RATIO)
+    force = np.pi * body.plane_modulus / (4 * RADIUS)
+    steps = [HertzLine(body, RADIUS, force * (k + 1) / LOAD_STEPS) for k in range(LOAD_STEPS)]
+    per_half_width = n + EDGE_POSITION  # elements
+    lines = np.arange(np.ceil(CONTACT_ZONE * per_half_width) + 1) / per_half_width
+    block = discretise(
+        element,
+        partial(graded_square, lines, OUTER),
+        Material(YOUNGS_MODULUS, POISSONS_RATIO),
+        StressState.PLANE_STRAIN,
+    )
+    space, exact = block.space, steps[-1]
+    x = displacement_space(space).tabulate_dof_coordinates()[:, :2]
+    is_outer = np.isclose(x[:, 0], OUTER) | np.isclose(x[:, 1], -OUTER)
+    outer_nodes = np.flatnonzero(is_outer).astype(np.int32)
+    symmetry = prescribe(space, 0, lambda p: np.isclose(p[0], 0.0))
+
+    # displacements of the half plane on the outer sides, as loads
+    loads = []
+    for step in steps:
+        sides = held_nodes(space, outer_nodes, step.displacement(x[outer_nodes]))
+        load = block.K * block.supports([sides, symmetry]).offset
+        load.scale(-1.0)
+        loads.append(load)
+    supports = block.supports([held_nodes(space, outer_nodes, 0 * x[outer_nodes]), symmetry])
+
+    def may_touch(p: Array) -> Mask:
+        return np.isclose(p[1], 0.0) & (p[0] < lines[-1] * (1 + 1e-9))
+
+    motions = [Motion((0.0, None), (0.0, -step.force / 2)) for step in steps]
+    pair = ContactPair(may_touch, Parabola((0.0, 0.0), RADIUS), FRICTION, motions)
+    states = solve_contact(block.K, loads, supports, pair, space)
+    surface = SurfaceNodes.from_body(block.body, may_touch)
+    (contact,) = states[-1].pairs
+    position = contact.position[:, 0]
+    shear = surface.pressure(-contact.force_tangential[:, 0]) / (FRICTION * exact.peak)
+    pressure = surface.pressure(contact.force_normal) / exact.peak
+    error = pressure - exact.pressure(position) / exact.peak
+    scalars = {
+        "shear_spurious": float(np.nanmax(np.abs(shear))),
+        "shear_spurious_inner": float(np.nanmax(np.abs(shear[position < INNER]))),
+        "pressure_rms_all": float(np.sqrt(np.mean(error[position < 1] ** 2))),
+        **_count_iterations(states),
+    }
+    curves = {"x": position, "shear": shear, "pressure": pressure, "status": contact.status}
+    return Result(scalars, dimensionless(scalars), curves, dofs=block.K.getSize()[0])
+
+
+def pushed(element: str, n: int) -> Result:
+    """Press a rough parabola, and push it in two steps, n elements over 1.3 half widths.
+
+    `stick` is the half width of the stick zone over that of the contact: by Cattaneo and Mindlin
+    sqrt(1 - Q/(mu P)) on the incompressible half plane.
+    """
+    plane_modulus = BLOCK_MODULUS / (1 - POISSONS_RATIO**2)
+    a = float(np.sqrt(4 * BLOCK_FORCE * BLOCK_RADIUS / (np.pi * plane_modulus)))
+    zone, bottom = CONTACT_ZONE * a, -BLOCK_DEPTH * a
+    block = discretise(
+        element,
+        partial(_make_block, a, n),
+        Material(BLOCK_MODULUS, POISSONS_RATIO),
+        StressState.PLANE_STRAIN,
+    )
+
+    def may_touch(p: Array) -> Mask:
+        return np.isclose(p[1], 0.0) & (np.abs(p[0]) < zone * (1 + 1e-9))
+
+    base = [prescribe(block.space, k, lambda p: np.isclose(p[1], bottom)) for k in (0, 1)]
+    motions = [Motion((0.0, None), (0.0, -BLOCK_FORCE))]
+    motions += [Motion((None, None), (q * FRICTION * BLOCK_FORCE, -BLOCK_FORCE)) for q in PUSHES]
+    pair = ContactPair(may_touch, Parabola((0.0, 0.0), BLOCK_RADIUS), FRICTION, motions)
+    no_load = [block.K.createVecLeft()] * len(motions)
+    states = solve_contact(block.K, no_load, block.supports(base), pair, block.space)
+    (contact,) = states[-1].pairs
+    x, status = np.abs(contact.position[:, 0]), contact.status
+    is_slipping = (status != STICK) & (status != OPEN)
+    stick_half_width = (x[status == STICK].max() + x[is_slipping].min()) / 2
+    scalars = {"stick": float(stick_half_width / a), **_count_iterations(states)}
+    curves = {"x": contact.position[:, 0] / a, "status": status}
+    return Result(scalars, dimensionless(scalars), curves, dofs=block.K.getSize()[0])
+
+
+def _make_block(a: float, n: int, cell: str) -> Mesh:
+    """Return a block for a half plane below a contact of the half width a."""
+    zone = CONTACT_ZONE * a
+    size = zone / n
+    outside = zone + growing(size * BLOCK_GROWTH, BLOCK_DEPTH * a - zone, BLOCK_GROWTH)[1:]
+    right = np.concatenate([np.linspace(0, zone, n + 1), outside])
+    depths = -growing(size, BLOCK_DEPTH * a, BLOCK_GROWTH)[::-1]
+    return on_lines(MPI.COMM_SELF, np.concatenate([-right[:0:-1], right]), depths, cell)
+
+
+def _count_iterations(states: list[ContactState]) -> dict[str, float]:
+    return {
+        "iterations_most": float(max(state.iterations for state in states)),
+        "iterations": float(sum(state.iterations for state in states)),
+        "residual": max(state.residuals.largest() for state in states),
+    }
+
+
+# A seal at large strains. Both plates are flat and smooth, so that a node in contact has a known
+# displacement across them: contact is a set of such nodes, which are released where a plate would
+# pull and held where they would penetrate it, by the signs of nodal forces and gaps.
+#
+# The reference is Lindley's formula (Engineer 218 (1964) 765; P. K. Freakley, A. R. Payne, "Theory
+# and Practice of Engineering with Rubber" (1978)) for long cords of the diameter d and squeezes
+# C d: the force E d (1.25 C^1.5 + 50 C^6) over the length, on a width of some 2.4 C d.
+
+# Lengths over the cord's radius, stresses over the shear modulus
+RING_RADIUS = 8.0
+SQUEEZE, SQUEEZE_STEPS = 0.25, 10
+"""Squeeze over the cord's diameter, and its increments."""
+DEGREE = 6
+"""Degree of quadrature of the ring."""
+MAX_ACTIVE_SETS, MAX_CATCHES = 30, 2
+"""Active sets that are tried in a step, and how often a node is held anew in it: a node at the rim
+may be pulled where it is held and penetrate where it is not, and is released then."""
+
+
+def seal(element: str, n: int) -> Result:
+    """Squeeze a ring of cells with sides of 1/n by a quarter of its cord in ten steps."""
+    ring = Ring(element, n)
+    steps = np.arange(1, SQUEEZE_STEPS + 1) * SQUEEZE / SQUEEZE_STEPS
+    plate_forces, n_sets, n_iterations = [], [], []
+    for squeeze in steps:
+        sets, iterations = ring.press(1 - squeeze)
+        plate_forces.append(-ring.nodal_forces()[ring.is_upper, 1].sum())
+        n_sets.append(sets)
+        n_iterations.append(iterations)
+    force = ring.nodal_forces()
+    upper_force, lower_force = force[ring.is_upper, 1].sum(), force[ring.is_lower, 1].sum()
+    force_scale = 2 * np.pi * RING_RADIUS * 2 * 3  # length times E d
+    lindley = 1.25 * steps**1.5 + 50 * steps**6
+    x, pressure = ring.contact_pressure(force)
+    order = np.argsort(x)
+    is_midside = ring.is_midside[ring.is_upper][order]
+    x, pressure = x[order], pressure[order]
+    nodal_force = -force[ring.is_upper, 1][order]
+    ratio = nodal_force / np.interp(x, x[~is_midside], nodal_force[~is_midside])
+    scalars = {
+        "force": plate_forces[-1] / force_scale,
+        "force_lindley": float(lindley[-1]),
+        "width": float(np.ptp(x)) / 2,
+        "width_lindley": 2.4 * SQUEEZE,
+        "balance": float(abs(upper_force + lower_force) / abs(upper_force)),
+        "volume_error": ring.volume_error(),
+        "sawtooth": float(np.median(ratio[2:-2][is_midside[2:-2]])),
+        "penetration": float(ring.penetration),
+        "peak": float(pressure.max()),
+        "sets": float(max(n_sets)),
+        "newton_iterations": float(sum(n_iterations)),
+    }
+    curves = {
+        "squeeze": steps,
+        "force": np.array(plate_forces) / force_scale,
+        "lindley": lindley,
+        "x": x,
+        "pressure": pressure,
+        "nodal_force": nodal_force / nodal_force.mean(),
+        "deformed": ring.x + ring.displacement,
+        "body_pressure": ring.body_pressure,
+        **mesh_curves(ring.space),
+    }
+    return Result(scalars, dimensionless(scalars), curves, dofs=len(ring.solution.x.array))
+
+
+class Ring:
+    """An O-ring of incompressible rubber between two plates.
+
+    Attributes:
+        space: mixed trial space.
+        solution: displacements and pressures.
+        x: undeformed nodes, (n, 2).
+        is_midside: which nodes are no vertices, (n,).
+        is_upper, is_lower: nodes that the plates hold, (n,).
+        penetration: largest penetration of a node that has been released for good.
+    """
+
+    def __init__(self, element: str, n: int) -> None:
+        mesh = meshed(_add_cord, 2, 1 / n, order=2)
+        pair = spaces(element, mesh)
+        self.space, self.solution = pair.trial, fem.Function(pair.trial)
+        self._displacements = SubSpace.displacements(self.space)
+        self._pressures = SubSpace.pressure(self.space)
+        self.x: Array = self._displacements.space.tabulate_dof_coordinates()[:, :2]
+        self._is_outside: Mask = np.hypot(self.x[:, 0] - RING_RADIUS, self.x[:, 1]) > 1 - 1e-9
+        vertices = self._pressures.space.tabulate_dof_coordinates()[:, :2]
+        distance = np.abs(self.x[:, None] - vertices).max(axis=2).min(axis=1)
+        self.is_midside: Mask = distance > 1e-9
+        self.penetration = 0.0
+        self.is_upper: Mask = np.zeros(len(self.x), dtype=bool)
+        self.is_lower: Mask = self.is_upper
+        r = ufl.SpatialCoordinate(mesh)[0]
+        u, p = ufl.split(self.solution)
+        self._v, q = ufl.split(ufl.TestFunction(pair.test))
+        self._circumference = 2 * np.pi * r
+        rule = {"quadrature_degree": DEGREE}
+        self._dx = ufl.dx(domain=mesh, metadata=rule)
+        self._ds = ufl.ds(domain=mesh, metadata=rule)
+        self._F = ufl.Identity(3) + _axisymmetric_gradient(u, r)
+        self._J = ufl.det(self._F)
+        inverse = ufl.inv(self._F).T
+        stress = self._F - inverse - p * self._J * inverse
+        residual = ufl.inner(stress, _axisymmetric_gradient(self._v, r)) - q * (self._J - 1)
+        self._supports: list[fem.DirichletBC] = []
+        self._problem = PetrovGalerkinProblem(
+            residual * self._circumference * self._dx, self.solution, self._supports
+        )
+
+    @property
+    def displacement(self) -> Array:
+        """Displacements of the nodes, (n, 2)."""
+        return np.asarray(self.solution.x.array[self._displacements.unknowns])
+
+    @property
+    def body_pressure(self) -> Array:
+        """Pressure at the nodes (n,), linear between vertices."""
+        p = fem.Function(self._pressures.space)
+        at_nodes = fem.Function(fem.functionspace(self.space.mesh, ("Lagrange", 2)))
+        p.x.array[:] = self.solution.x.array[self._pressures.unknowns[:, 0]]
+        at_nodes.interpolate(p)
+        return np.asarray(at_nodes.x.array)
+
+    def nodal_forces(self) -> Array:
+        """Return forces (n, 2) of the plates on the nodes."""
+        return np.asarray(self._problem.reactions().array_r[self._displacements.unknowns])
+
+    def press(self, height: float) -> tuple[int, int]:
+        """Move both plates to +- a height; return numbers of active sets and of iterations.
+
+        Raises:
+            RuntimeError: if the active set has not settled.
+        """
+        iterations = 0
+        y = self.x[:, 1] + self.displacement[:, 1]
+        self.is_upper, self.is_lower = (
+            is_held | (self._is_outside & (side * y > height))
+            for is_held, side in ((self.is_upper, 1), (self.is_lower, -1))
+        )
+        n_catches = np.zeros(len(self.x), dtype=int)
+        for n_sets in range(1, MAX_ACTIVE_SETS + 1):
+            self._solve(height)
+            iterations += sum(len(part.relative_corrections) for part in self._problem.increments)
+            force, y = self.nodal_forces()[:, 1], self.x[:, 1] + self.displacement[:, 1]
+            penetrates = self._is_outside & (np.abs(y) > height)
+            may_be_caught = penetrates & (n_catches < MAX_CATCHES)
+            upper, lower = (
+                np.where(is_held, side * force < 0, may_be_caught & (side * y > 0))
+                for is_held, side in ((self.is_upper, 1), (self.is_lower, -1))
+            )
+            n_catches[(upper & ~self.is_upper) | (lower & ~self.is_lower)] += 1
+            if np.array_equal(upper, self.is_upper) and np.array_equal(lower, self.is_lower):
+                is_released = penetrates & ~upper & ~lower
+                penetration = (np.abs(y[is_released]) - height).max(initial=0.0)
+                self.penetration = max(self.penetration, penetration)
+                return n_sets, iterations
+            self.is_upper, self.is_lower = upper, lower
+        raise RuntimeError(f"the active set has not settled after {MAX_ACTIVE_SETS} solutions")
+
+    def _solve(self, height: float) -> None:
+        prescribed = fem.Function(self.space)
+        vertical = self._displacements.unknowns[:, 1]
+        for is_held, side in ((self.is_upper, 1), (self.is_lower, -1)):
+            prescribed.x.array[vertical[is_held]] = side * height - self.x[is_held, 1]
+        dofs = np.sort(vertical[self.is_upper | self.is_lower])
+        self._supports[:] = [fem.dirichletbc(prescribed, dofs)]
+        self._problem.solve()
+
+    def contact_pressure(self, force: Array) -> tuple[Array, Array]:
+        """Return radii (m,) of the upper plate's nodes, and forces over deformed weight areas."""
+        normal = ufl.FacetNormal(self.space.mesh)
+        outwards = ufl.as_vector([normal[0], normal[1], 0])
+        area_vector = self._J * ufl.inv(self._F).T * outwards
+        stretch = ufl.sqrt(ufl.inner(area_vector, area_vector))
+        vertical = self._displacements.unknowns[:, 1]
+        area = assemble_vector(stretch * self._v[1] * self._circumference * self._ds)
+        x = self.x[:, 0] + self.displacement[:, 0]
+        upper = self.is_upper
+        return x[upper], -force[upper, 1] / area.array_r[vertical][upper]
+
+    def volume_error(self) -> float:
+        """Return the change of the ring's volume over its volume."""
+        change = assemble_scalar((self._J - 1) * self._circumference * self._dx)
+        return float(abs(change) / (2 * np.pi**2 * RING_RADIUS))
+
+
+def _axisymmetric_gradient(u: Expr, r: Expr) -> Expr:
+    """Return the gradient (3, 3) of an axisymmetric displacement."""
+    g = ufl.grad(u)
+    return ufl.as_tensor([[g[0, 0], g[0, 1], 0], [g[1, 0], g[1, 1], 0], [0, 0, u[0] / r]])
+
+
+def _add_cord() -> None:
+    gmsh.model.occ.addDisk(RING_RADIUS, 0, 0, 1, 1)

@@ -1,0 +1,188 @@
+"""Neo-Hookean bodies at large strains, and their states below a rigid tool that moves."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+
+from pw_elements import Spaces, SurfaceNodes, assemble_scalar, assemble_vector
+from pw_elements.contact import ContactPair, ContactProblem, Motion
+from pw_elements.contact.model import ContactState
+from pw_elements.spaces import SubSpace, cell_measure
+from study.model.discretisation import spaces
+from study.solutions.calculix.cylinder import BULK
+
+Array = npt.NDArray[np.float64]
+
+POISSONS_RATIO, HYBRID_POISSONS_RATIO = 0.3, 0.4999
+MAX_ITERATIONS = 40
+"""One increment of the standard element takes 25, the library's default: round-off would decide
+whether it is cut, and with it the dissipation by friction."""
+
+
+def lame_over_shear(poissons_ratio: float) -> float:
+    """Return Lamé's first constant over the shear modulus."""
+    return 2 * poissons_ratio / (1 - 2 * poissons_ratio)
+
+
+class RubberBody:
+    """Neo-Hookean body on an element, with the shear modulus 1; plane strain in the plane.
+
+    Attributes:
+        element: name of the element.
+        dim: dimension of space.
+        solution: all unknowns.
+        residual: weak form, without contact forces.
+        displacements: displacements among the unknowns.
+        x: undeformed nodes, (n, dim).
+        is_vertex: which nodes are vertices, (n,).
+    """
+
+    def __init__(
+        self, element: str, mesh: Mesh, degree: int, calculix_energy: bool = False
+    ) -> None:
+        """Create the body.
+
+        Args:
+            element: its name; hybrid ones have Poisson's ratio 0.4999, others 0.3.
+            mesh: of one body, or of several.
+            degree: of quadrature.
+            calculix_energy: whether the energy is that of CalculiX (plane strain), instead of
+                (|F|^2 - dim) / 2 - ln J + lambda / 2 ln(J)^2.
+        """
+        pair = spaces(element, mesh)
+        self.element, self.dim = element, mesh.geometry.dim
+        self.solution = fem.Function(pair.trial)
+        self.displacements = SubSpace.displacements(pair.trial)
+        space = self.displacements.space
+        self.x: Array = space.tabulate_dof_coordinates()[:, : self.dim]
+        self.is_vertex = np.zeros(len(self.x), dtype=bool)
+        self.is_vertex[space.dofmap.list[:, : self.dim + 1]] = True
+        test = ufl.TestFunction(pair.test)
+        dx = cell_measure(pair.displacements.test, degree)
+        is_hybrid = "hybrid" in element
+        lame = lame_over_shear(HYBRID_POISSONS_RATIO if is_hybrid else POISSONS_RATIO)
+        u = ufl.split(self.solution)[0] if is_hybrid else self.solution
+        F = ufl.Identity(self.dim) + ufl.grad(u)
+        J, inverse = ufl.det(F), ufl.inv(F).T
+        energy = (ufl.inner(F, F) - self.dim) / 2 - ufl.ln(J)
+        if is_hybrid:
+            p, (v, q) = ufl.split(self.solution)[1], ufl.split(test)
+            stress = F - inverse - p * J * inverse
+            self.residual = (ufl.inner(stress, ufl.grad(v)) - q * (J - 1 + p / lame)) * dx
+            self._energy = (energy + p**2 / (2 * lame)) * dx
+        elif calculix_energy:
+            shear_stress = J ** (-2 / 3) * (F - (ufl.inner(F, F) + 1) / 3 * inverse)
+            stress = shear_stress + BULK * (J - 1) * J * inverse
+            self.residual = ufl.inner(stress, ufl.grad(test)) * dx
+            distortion = J ** (-2 / 3) * (ufl.inner(F, F) + 1) - 3
+            self._energy = (distortion / 2 + BULK / 2 * (J - 1) ** 2) * dx
+        else:
+            stress = F - inverse + lame * ufl.ln(J) * inverse
+            self.residual = ufl.inner(stress, ufl.grad(test)) * dx
+            self._energy = (energy + lame / 2 * ufl.ln(J) ** 2) * dx
+
+    @property
+    def displacement(self) -> Array:
+        """Displacements of the nodes, (n, dim)."""
+        return np.asarray(self.solution.x.array[self.displacements.unknowns])
+
+    def strain_energy(self) -> float:
+        """Return the energy stored at the present displacements."""
+        return assemble_scalar(self._energy)
+
+    def nodal_forces(self) -> Array:
+        """Return the forces of supports and tools on the nodes, (n, dim)."""
+        return np.asarray(assemble_vector(self.residual).array_r[self.displacements.unknowns])
+
+    def weight_areas(self, nodes: npt.NDArray[np.int64]) -> tuple[Array, Array]:
+        """Integrate the weights of upper nodes (m,) over the undeformed and the deformed side."""
+        mesh, axis, top = self.solution.function_space.mesh, self.dim - 1, self.x[:, -1].max()
+        make_spaces = Spaces.petrov_galerkin if self.element.startswith("pw") else Spaces.galerkin
+        scalar_spaces = make_spaces(mesh, 0)
+
+        def integrate(stretch: float | ufl.core.expr.Expr) -> Array:
+            surface = SurfaceNodes.from_scalar_spaces(
+                scalar_spaces, lambda x: np.isclose(x[axis], top), stretch
+            )
+            order = np.argsort(surface.node)
+            return surface.weight_area[order[np.searchsorted(surface.node, nodes, sorter=order)]]
+
+        return integrate(1.0), integrate(SurfaceNodes.stretch(self.solution))
+
+
+@dataclass(frozen=True)
+class History:
+    """States at the ends of increments, the undeformed one first, with energies and forces.
+
+    Args:
+        states: of the contact problem.
+        strain_energy: stored in each state.
+        base_force: total force (dim,) of the supports at the base in each state.
+    """
+
+    states: list[ContactState]
+    strain_energy: list[float]
+    base_force: list[Array]
+
+    def contact_work(self) -> float:
+        """Return the work of contact forces on nodes, by the trapezoidal rule."""
+        work = 0.0
+        for start, end in zip(self.states, self.states[1:], strict=False):
+            for old, new in zip(start.pairs, end.pairs, strict=True):
+                motion = new.displacement - old.displacement
+                work += float(np.sum((old.force_vector + new.force_vector) * motion) / 2)
+        return work
+
+    def tool_work(self) -> float:
+        """Return the work of the tools' forces on their motions, by the trapezoidal rule."""
+        work = 0.0
+        for start, end in zip(self.states, self.states[1:], strict=False):
+            for old, new in zip(start.pairs, end.pairs, strict=True):
+                motion = new.translation - old.translation
+                work += float((old.force + new.force) @ motion / 2)
+        return work
+
+    def base_imbalance(self, components: Sequence[int] = (0, 1)) -> float:
+        """Return the largest sum of tool and base forces, over the last force of the tools."""
+        sums = [
+            sum(pair.force for pair in state.pairs) + base_force
+            for state, base_force in zip(self.states, self.base_force, strict=True)
+        ]
+        last = sum(pair.force for pair in self.states[-1].pairs)
+        return float(np.abs(np.array(sums)[:, components]).max() / np.linalg.norm(last))
+
+
+def move_tool(
+    rubber: RubberBody,
+    pair: ContactPair,
+    supports: list[fem.DirichletBC],
+    motions: Sequence[Motion],
+    is_base: npt.NDArray[np.bool_],
+    set_supports: Callable[[int, float], None] | None = None,
+) -> History:
+    """Solve the increments of a tool's motion.
+
+    Args:
+        rubber: the body.
+        pair: its surface and the tool.
+        supports: prescribed displacements.
+        motions: of the tool at the ends of the increments.
+        is_base: marks the nodes (n,) of which supports' forces are summed.
+        set_supports: sets prescribed displacements by an increment's number and load factor.
+    """
+    problem = ContactProblem.of_residual(
+        rubber.residual, rubber.solution, supports, pair, max_iterations=MAX_ITERATIONS
+    )
+    history = History([problem.undeformed], [0.0], [np.zeros(rubber.dim)])
+    for k, motion in enumerate(motions):
+        load = None if set_supports is None else partial(set_supports, k)
+        history.states.append(problem.step(history.states[-1], load, motion))
+        history.strain_energy.append(rubber.strain_energy())
+        history.base_force.append(rubber.nodal_forces()[is_base].sum(axis=0))
+    return history
