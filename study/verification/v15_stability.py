@@ -29,10 +29,10 @@ from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import SubSpace
 from study.meshes.distorted_meshes import moved_mesh
+from study.meshes.distortion import smooth_distortion
 from study.model.discretisation import spaces
 from study.model.units import dimensionless
 from study.run.store import Result
-from study.verification.t_identity import distorted
 
 Array = npt.NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def infsup(element: str, n: int) -> Result:
 
 def identity(element: str) -> Result:
     """Largest difference of both sides of K = T K_standard, over K, on a distorted square."""
-    mesh = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (6, 5)), distorted)
+    mesh = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (6, 5)), smooth_distortion)
     bodies = [
         Body(spaces(name, mesh), Material(2.0, 0.4999), StressState.PLANE_STRAIN)
         for name in (element, "galerkin-hybrid-T6")

@@ -30,11 +30,11 @@ from pw_elements import (
 from pw_elements.algebra import symmetric_part
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, triangles
+from study.meshes.distortion import smooth_distortion
 from study.model.matrices import dense
 from study.model.units import dimensionless
 from study.run.cases import Case
 from study.run.store import Result
-from study.verification.t_identity import distorted
 
 SECTION = "V9"
 TITLE = "Explicit dynamics with lumped mass"
@@ -57,7 +57,7 @@ def pair(matrices: str, squares: int, regular: bool = False) -> Result:
     """
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (squares, squares))
     if not regular:
-        mesh = move_nodes(mesh, distorted)
+        mesh = move_nodes(mesh, smooth_distortion)
     K, M, held, start = PAIRS[matrices](mesh)
     stiffness, mass = dense(held.matrix(K)), dense(held.matrix(M))
     values = scipy.linalg.eigvals(stiffness, mass)
