@@ -54,7 +54,7 @@ def test_mesh_sizes_come_from_parameters_and_series(one, parameters, curves, mes
 @pytest.mark.parametrize(
     ("section", "module"),
     [
-        ("C", "study.solutions.manufactured"),
+        ("C", "study.benchmarks.c_convergence.loads"),
         ("V13", "study.verification.v13_fluxes"),
         ("V14", "study.verification.v14_rubber"),
         ("V2", None),

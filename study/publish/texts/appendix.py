@@ -90,11 +90,16 @@ def _sizes(case: Stored) -> list[tuple[float, ...]]:
 
 
 def _degrees(module: str) -> set[int]:
-    """Return what modules of a section assign to DEGREE: a number, or one for each dimension."""
-    own = module.rpartition(".")[2].partition("_")[0] + "_"
+    """Return what modules of a section assign to DEGREE: a number, or one for each dimension.
+
+    These are the modules in the folder of a page `page`, else those with the page's prefix.
+    """
+    folder, _, page = module.rpartition(".")
+    prefix = page.partition("_")[0] + "_"
     found: set[int] = set()
     for name, path in closure(module).items():
-        if not name.rpartition(".")[2].startswith(own):
+        name_folder, _, name_in_folder = name.rpartition(".")
+        if not (name_folder == folder if page == "page" else name_in_folder.startswith(prefix)):
             continue
         for node in ast.parse(path.read_text("utf-8")).body:
             if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "DEGREE":
