@@ -35,7 +35,7 @@ from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.verification.t_identity import distorted
+from study.meshes.distortion import smooth_distortion
 
 SECTION = "V9"
 TITLE = "Explicit dynamics with lumped mass"
@@ -92,7 +92,7 @@ def pair(matrices: str, squares: int, regular: bool = False) -> Result:
     """
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (squares, squares))
     if not regular:
-        mesh = move_nodes(mesh, distorted)
+        mesh = move_nodes(mesh, smooth_distortion)
     K, M, clamp, start = PAIRS[matrices](mesh)
     stiffness, mass = dense(clamp.matrix(K)), dense(clamp.matrix(M))
     eigenvalues = scipy.linalg.eigvals(stiffness, mass)

@@ -20,13 +20,13 @@ from pw_elements import (
 )
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern, move_nodes, quadrilaterals, triangles
+from study.meshes.distortion import smooth_distortion
 from study.meshes.inner_nodes import mid_diagonal_nodes
 from study.model.discretisation import Discretisation, discretise
 from study.model.matrices import dense, relative_difference
 from study.model.units import dimensionless
 from study.run.cases import Case
 from study.run.store import Result
-from study.verification.t_identity import distorted
 
 SECTION = "5"
 TITLE = "The 8-node quadrilateral"
@@ -149,7 +149,7 @@ class _Quadrilateral:
 def _distorted_body(element: str) -> Discretisation:
     return discretise(
         element,
-        lambda cell: move_nodes(_square(cell, DIVISIONS, "right"), distorted),
+        lambda cell: move_nodes(_square(cell, DIVISIONS, "right"), smooth_distortion),
         MATERIAL,
         StressState.PLANE_STRESS,
     )

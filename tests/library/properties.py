@@ -22,8 +22,8 @@ from pw_elements import (
     solve,
 )
 from pw_elements.meshes import move_nodes
+from study.meshes.distortion import smooth_distortion
 from study.model.matrices import dense
-from study.verification.t_identity import distorted
 from tests.library.random_meshes import Grid, Placement
 
 METHODS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
@@ -33,7 +33,7 @@ def unit_mesh(cell, n):
     """Create a square or cube of n cells a side, with randomly moved inner vertices."""
     dim = 2 if cell.name in ("triangle", "quadrilateral") else 3
     build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
-    return move_nodes(build(MPI.COMM_SELF, corners, [n] * dim, cell), distorted)
+    return move_nodes(build(MPI.COMM_SELF, corners, [n] * dim, cell), smooth_distortion)
 
 
 def boundary_dofs(space):

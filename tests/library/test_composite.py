@@ -12,13 +12,13 @@ from dolfinx import fem
 from pw_elements import Body, Material, Spaces, assemble_matrix
 from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import macro_element
+from study.meshes.distortion import smooth_distortion
 from study.model.elements import composite
 from study.model.matrices import dense
-from study.verification.t_identity import distorted
 from tests.contact.cases import ElasticBody
 
 E, NU = 2.0, 0.3
-MESH = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), distorted)
+MESH = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), smooth_distortion)
 
 
 @pytest.mark.parametrize(

@@ -28,11 +28,11 @@ from pw_elements import (
 from pw_elements.algebra import symmetric_part
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
+from study.meshes.distortion import smooth_distortion
 from study.model.discretisation import discretise, mass_left
 from study.model.elements import serendipity
 from study.model.matrices import dense
 from study.paper.s7_6_exact import Strip
-from study.verification.t_identity import distorted
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 
 COMM, LENGTH, E = MPI.COMM_SELF, 4.0, 3.0
@@ -130,7 +130,7 @@ def test_prestress_ratio_is_that_of_the_part_that_buckles():
 
 
 def square(n=6):
-    return move_nodes(triangles(COMM, (0.0, 0.0), (1.0, 1.0), (n, n)), distorted)
+    return move_nodes(triangles(COMM, (0.0, 0.0), (1.0, 1.0), (n, n)), smooth_distortion)
 
 
 def box():
@@ -139,7 +139,7 @@ def box():
 
 BODIES = {
     "2-D": (square, "plane stress", 3),
-    "2-D curved": (lambda: curved_mesh(square(4), distorted), "plane strain", 3),
+    "2-D curved": (lambda: curved_mesh(square(4), smooth_distortion), "plane strain", 3),
     "slender": (lambda: triangles(COMM, (0.0, 0.0), (100.0, 1.0), (100, 1)), "plane stress", 3),
     "axisymmetric": (square, "axisymmetric", 1),
     "3-D": (box, "solid", 6),
@@ -179,7 +179,7 @@ def test_rigid_modes_of_a_free_body(setting, method, symmetrised):
 def test_both_left_matrices_of_guyans_reduction(element):
     def build(cell):
         make = quadrilaterals if cell == "quadrilateral" else triangles
-        return move_nodes(make(COMM, (0.0, 0.0), (1.0, 1.0), (3, 3)), distorted)
+        return move_nodes(make(COMM, (0.0, 0.0), (1.0, 1.0), (3, 3)), smooth_distortion)
 
     body = discretise(element, build, Material(2.0, 0.3), StressState.PLANE_STRESS)
     K, M, eigenvalues = body.K, assemble_matrix(body.body.mass()), {}

@@ -16,7 +16,7 @@ from dolfinx.mesh import (
 
 from pw_elements import Body, Material, assemble_matrix, assemble_scalar, solve
 from pw_elements.meshes import move_nodes, triangles
-from study.verification.t_identity import distorted
+from study.meshes.distortion import smooth_distortion
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 
 MATERIAL = Material(10.0, 0.3, density=2.0)
@@ -87,7 +87,7 @@ def test_quadrature_is_exact_and_no_more_than_that(make_mesh, state, method):
 
 
 def test_cells_that_are_no_parallelograms_keep_three_points_a_direction():
-    meshes = quadrilaterals(), move_nodes(quadrilaterals(), distorted)
+    meshes = quadrilaterals(), move_nodes(quadrilaterals(), smooth_distortion)
     bodies = [Body(PW(mesh), MATERIAL, "plane strain") for mesh in meshes]
     degrees = [b.stiffness().integrals()[0].metadata()["quadrature_degree"] for b in bodies]
     assert degrees == [3, 5]

@@ -36,8 +36,8 @@ from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from pw_elements.solvers import automatic
 from study.benchmarks.v15_incompressible.fields import layer_error, make_layered_mesh
+from study.meshes.distortion import smooth_distortion
 from study.model.discretisation import discretise, mass_left
-from study.verification.t_identity import distorted
 from tests.contact.cases import GALERKIN, PW, ElasticBody, finite_strain_residual, on_plane
 from tests.contact.iterative import STACKED_CASES, SolidBlock, nearly_sliding_arguments
 from tests.contact.two_bodies import StackedBlocks
@@ -99,7 +99,7 @@ def identity(comm):
     The stiffness of the new element is the force transfer matrix T times the standard stiffness
     K_G. The solution of a body in two layers with separate pressures is exact.
     """
-    mesh = move_nodes(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
+    mesh = move_nodes(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), smooth_distortion)
     galerkin, pw = (ElasticBody(mesh, method, "plane stress") for method in (GALERKIN, PW))
     shared = force_transfer(galerkin.space).matMult(galerkin.K)
     assert (shared - pw.K).norm() < 1e-14 * pw.K.norm()
@@ -113,7 +113,7 @@ def identity(comm):
 def element(comm, name):
     def build(cell):
         make = quadrilaterals if cell == "quadrilateral" else triangles
-        return move_nodes(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), distorted)
+        return move_nodes(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), smooth_distortion)
 
     body = discretise(name, build, Material(1.0, 0.3), StressState.PLANE_STRESS)
     U, K = body.space, body.K
@@ -159,7 +159,7 @@ def rubber(comm):
 
 def hybrid(comm, state):
     square = triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6))
-    mesh = box(comm) if state == "solid" else move_nodes(square, distorted)
+    mesh = box(comm) if state == "solid" else move_nodes(square, smooth_distortion)
     body = ElasticBody(mesh, Spaces.hybrid, state, 2e9, 0.5)
     f = body.body_force_load([3e6] * body.dim)
     f.axpy(1.0, nodal_load(body.space, on_plane(0, 0.0), [2e6] * body.dim))

@@ -54,9 +54,9 @@ def test_mesh_sizes_come_from_parameters_and_series(one, parameters, curves, mes
 @pytest.mark.parametrize(
     ("section", "module"),
     [
-        ("C", "study.solutions.manufactured"),
         ("V13", "study.benchmarks.v13_fluxes.page"),
         ("V14", "study.benchmarks.v14_rubber.page"),
+        ("C", "study.benchmarks.c_convergence.loads"),
         ("V2", None),
     ],
 )

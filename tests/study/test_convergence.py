@@ -12,13 +12,13 @@ from dolfinx import fem
 from scipy.special import j1
 
 from pw_elements._compat import cell_nodes
+from study.benchmarks.c_convergence import eigenvalues
+from study.benchmarks.c_convergence.page import SETTINGS, compute_errors
 from study.meshes.mesh_families import cell_size, on_cube, on_hollow_ball, on_ring, order
-from study.verification import c_eigenvalue_orders
-from study.verification.c_convergence import SETTINGS, errors
 
 
 def series(element, setting, *sides):
-    rows = [errors(element, SETTINGS[setting], side) for side in sides]
+    rows = [compute_errors(element, SETTINGS[setting], side) for side in sides]
     h = np.array([row["h"] for row in rows])
     norms = [name for name in rows[0] if name.startswith("error_")]
     return {name: order(h, np.array([row[name] for row in rows])) for name in norms}, rows[-1]
@@ -59,7 +59,7 @@ def test_forces_are_integrals_over_the_elements_own_test_functions():
 
     linear = replace(SETTINGS["plane-strain"], field=field)
     for element in ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9"):
-        error = errors(element, linear, 1 / 4)
+        error = compute_errors(element, linear, 1 / 4)
         assert max(error[name] for name in error if name.startswith("error_")) < 1e-11
 
 
@@ -87,13 +87,13 @@ def test_order_is_the_slope_of_the_finest_three():
 
 
 def test_exact_eigenvalues():
-    square, cube, cylinder = (
-        getattr(c_eigenvalue_orders, name)() for name in ("square", "cube", "cylinder")
-    )
+    square = eigenvalues.square_eigenvalues()
+    cube = eigenvalues.cube_eigenvalues()
+    cylinder = eigenvalues.cylinder_eigenvalues()
     shear = 1 / 2.6
     assert square[0] == pytest.approx(2 * np.pi**2 * shear)
     assert cube[:3] == pytest.approx(2 * np.pi**2 * shear)
     assert cube[3] == pytest.approx(3 * np.pi**2 * shear)
     assert abs(j1(np.sqrt(cylinder[0] / shear - np.pi**2))) < 1e-12
-    (breathing,) = c_eigenvalue_orders.ring()
+    (breathing,) = eigenvalues.ring_eigenvalue()
     assert breathing == pytest.approx(1 / 1.5**2, rel=0.1)  # E / (rho R^2) of a thin ring

@@ -12,8 +12,8 @@ from scipy.integrate import dblquad, quad
 from pw_elements import SurfaceNodes, assemble_vector, boundary_measure, solve
 from pw_elements.contact import ContactPair, Plane
 from pw_elements.meshes import triangles
-from study.engineering import conductance, friction, impact, submodel, wear
-from study.engineering.readings import reading
+from study.benchmarks.w_engineering import pressures, sliding
+from study.benchmarks.w_engineering.pressures import pressure_matrix
 from study.meshes.solid_meshes import box
 from study.model.discretisation import spaces
 from tests.contact.cases import ElasticBody, on_plane
@@ -27,7 +27,9 @@ def block(element, cells=3):
     mesh = triangles(MPI.COMM_SELF, (0, 0), (1, 1), (cells, cells)) if plane else None
     mesh = mesh or box("tetrahedron", lines, lines, lines)
     state = "plane strain" if plane else "solid"
-    return ElasticBody(mesh, partial(spaces, element), state, wear.MODULUS, wear.NU)
+    return ElasticBody(
+        mesh, partial(spaces, element), state, sliding.PUNCH_MODULUS, sliding.PUNCH_POISSONS_RATIO
+    )
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
@@ -45,47 +47,49 @@ def test_readings_know_the_pressure_of_its_forces(element):
         return assemble_vector(load).array[up :: up + 1][surface.node]
 
     linear = 1 + 2 * surface.position[:, 0]
-    assert reading("projected", surface) @ forces(1 + 2 * x[0]) == pytest.approx(linear)
+    assert pressure_matrix("projected", surface) @ forces(1 + 2 * x[0]) == pytest.approx(linear)
     corners = surface.weight_area < 1e-9
     even = forces(1.0 + 0 * x[0])
     if corners.any():
         with pytest.raises(ValueError, match="own weight vanishes"):
-            reading("own", surface)
-        assert reading("skip", surface) @ even == pytest.approx(~corners * 1.0)
-        assert reading("neighbours", surface) @ even == pytest.approx(1.0)
+            pressure_matrix("own", surface)
+        assert pressure_matrix("skip", surface) @ even == pytest.approx(~corners * 1.0)
+        assert pressure_matrix("neighbours", surface) @ even == pytest.approx(1.0)
     else:
-        assert reading("own", surface) @ even == pytest.approx(1.0)
-    uneven = np.ptp(reading("tributary", surface) @ even) > 0.1
+        assert pressure_matrix("own", surface) @ even == pytest.approx(1.0)
+    uneven = np.ptp(pressure_matrix("tributary", surface) @ even) > 0.1
     assert uneven == element.startswith("galerkin")
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_an_unworn_punch_has_the_librarys_contact_forces(element):
-    punch, body = wear.Punch.of(element, 4), block(element, 4)
+    punch, body = sliding.Punch.make(element, 4), block(element, 4)
     up = body.dim - 1
 
     def back(x):
-        return np.isclose(x[up], 1) & (np.max(x[:up], axis=0) < wear.LOADED + 1e-9)
+        return np.isclose(x[up], 1) & (np.max(x[:up], axis=0) < sliding.LOADED_WIDTH + 1e-9)
 
-    traction = np.append(np.zeros(up), -wear.MEAN / wear.LOADED**up)
+    traction = np.append(np.zeros(up), -sliding.MEAN_PRESSURE / sliding.LOADED_WIDTH**up)
     plate = ContactPair(on_plane(up, 0.0), Plane((0.0,) * (up + 1), np.eye(up + 1)[up]))
     held = body.make_supports(*((i, on_plane(i, 0.0)) for i in range(up)))
     (state,) = body.solve_contact(plate, held, body.traction_load(traction, back))
-    found, _ = punch.forces(np.zeros(len(punch.free)), np.ones(len(punch.free), dtype=bool))
+    found, _ = punch.forces(
+        np.zeros(len(punch.load_displacement)), np.ones(len(punch.load_displacement), dtype=bool)
+    )
     assert found == pytest.approx(state.pairs[0].force_normal, abs=1e-9)
 
 
 @cache
-def worn(element, rule="own"):
-    return wear.worn(element, rule, 4, 200)
+def worn_punch(element, rule="own"):
+    return sliding.wear_punch(element, rule, 4, 200)
 
 
 def test_a_worn_punch_ends_in_the_shape_of_an_even_pressure():
     """The face's displacements under the even pressure, by one linear solution."""
-    body, end = block("pw-T6", 4), worn("pw-T6")
-    above = lambda x: np.isclose(x[1], 1) & (x[0] < wear.LOADED + 1e-9)  # noqa: E731
+    body, end = block("pw-T6", 4), worn_punch("pw-T6")
+    above = lambda x: np.isclose(x[1], 1) & (x[0] < sliding.LOADED_WIDTH + 1e-9)  # noqa: E731
     load = body.traction_load((0.0, 1.0), on_plane(1, 0.0)) + body.traction_load(
-        (0.0, -1 / wear.LOADED), above
+        (0.0, -1 / sliding.LOADED_WIDTH), above
     )
     corner = (1, lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 1))
     u = solve(body.K, load, body.make_supports((0, on_plane(0, 0.0)), corner))
@@ -97,21 +101,23 @@ def test_a_worn_punch_ends_in_the_shape_of_an_even_pressure():
 
 @pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6", "pw-T10"])
 def test_worn_volume_is_force_times_path_and_pressures_end_even(element):
-    end = worn(element)
-    assert end.punch.surface.weight_area @ end.depth == pytest.approx(wear.PATH * end.punch.force)
-    assert end.pressure == pytest.approx(wear.MEAN, rel=0.01)
+    end = worn_punch(element)
+    assert end.punch.surface.weight_area @ end.depth == pytest.approx(
+        sliding.PATH * end.punch.force
+    )
+    assert end.pressure == pytest.approx(sliding.MEAN_PRESSURE, rel=0.01)
 
 
 def test_a_step_beyond_the_bound_is_refused_and_just_below_it_is_stable():
-    bound = worn("pw-T6").step_over_bound * 200
+    bound = worn_punch("pw-T6").step_over_bound * 200
     with pytest.raises(ValueError, match="not stable"):
-        wear.worn("pw-T6", "own", 4, int(bound))
-    assert wear.worn("pw-T6", "own", 4, int(bound) + 2).end_error < 0.05
+        sliding.wear_punch("pw-T6", "own", 4, int(bound))
+    assert sliding.wear_punch("pw-T6", "own", 4, int(bound) + 2).end_error < 0.05
 
 
 @cache
 def slipped(element, halving):
-    return friction.slipping(element, "own", 8, halving)
+    return sliding.solve_partial_slip(element, "own", 8, halving)
 
 
 @pytest.mark.parametrize("element", ELEMENTS[:2])
@@ -123,9 +129,9 @@ def test_constant_friction_sticks_as_cattaneo_and_mindlin_say(element):
 
 @pytest.mark.parametrize("element", ELEMENTS[:2])
 def test_shear_is_what_the_law_says_of_the_pressure(element):
-    found = slipped(element, friction.HALVING)
+    found = slipped(element, sliding.HALVING_PRESSURE)
     p, t, r = found.pressure, found.shear, np.abs(found.x[:, 0])
-    limit = friction.STEEPEST * p / (1 + p / friction.HALVING)
+    limit = sliding.LARGEST_FRICTION * p / (1 + p / sliding.HALVING_PRESSURE)
     assert np.all(np.abs(t) <= limit + 1e-9)
     assert t[r > found.stick + 0.1] == pytest.approx(limit[r > found.stick + 0.1], abs=1e-9)
     assert np.all(t[r < found.stick - 0.1] < 0.99 * limit[r < found.stick - 0.1])
@@ -135,19 +141,19 @@ def test_shear_is_what_the_law_says_of_the_pressure(element):
 @pytest.mark.parametrize("element", ELEMENTS[:2])
 def test_heat_that_is_linear_in_the_pressure_is_that_of_the_force(element, monkeypatch):
     """Through a joint so weak that the body has one temperature, whatever the nodal forces."""
-    monkeypatch.setattr(conductance, "STRENGTH", 1e-9)
-    contact = conductance.Indented.of(element, 4)
-    heat = conductance.conducted(element, "own", 4, power=1.0).heat
+    monkeypatch.setattr(pressures, "CONDUCTANCE", 1e-9)
+    contact = pressures.HertzContact.solve(element, 4)
+    heat = pressures.conduct_heat(element, "own", 4, exponent=1.0).heat
     peak = contact.problem.known.peak
     assert heat == pytest.approx(1e-9 * contact.force.sum() / peak, rel=1e-6)
 
 
 @pytest.mark.parametrize("element", ["galerkin-T6", "sibling-T6"])
 def test_impulse_is_the_change_of_momentum_and_energy_balances(element):
-    found = impact.thrown(element, 4)
+    found = sliding.throw_block(element, 4)
     step, mass = found.time[1], 2.0
     assert step * found.force[:, 1].sum() == pytest.approx(
-        mass * impact.SPEED * (1 + found.rebound)
+        mass * sliding.SPEED_DOWN * (1 + found.rebound)
     )
     assert found.imbalance < 1e-12
     assert found.force[-1] == pytest.approx(0.0)
@@ -164,11 +170,11 @@ def test_stress_below_hertz_contacts_is_the_integral_of_point_forces():
         0, 1, 0, 2 * np.pi,
     )[0]  # fmt: skip
     at_point = np.array([r])
-    assert submodel.exact_stress(1, at_point, z)[0] == pytest.approx(2 * z**3 / np.pi * plane)
-    exact = submodel.exact_stress(2, at_point, z)[0]
+    assert pressures.exact_stress(1, at_point, z)[0] == pytest.approx(2 * z**3 / np.pi * plane)
+    exact = pressures.exact_stress(2, at_point, z)[0]
     assert exact == pytest.approx(3 * z**3 / (2 * np.pi) * space, rel=1e-6)
 
 
 def test_a_submodel_below_the_exact_pressure_has_the_exact_stress():
-    found = submodel.below("pw-T6", "exact", 8)
+    found = pressures.solve_submodel("pw-T6", "exact", 8)
     assert found.stress == pytest.approx(found.exact, abs=2e-3)

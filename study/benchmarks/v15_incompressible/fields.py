@@ -47,7 +47,7 @@ from study.model.elements import taylor_hood
 from study.model.units import dimensionless
 from study.run.store import Result
 from study.solutions.manufactured import plane, plane_pressure, solid, solid_pressure
-from study.verification.t_identity import distorted
+from study.meshes.distortion import smooth_distortion
 
 Array = npt.NDArray[np.float64]
 
@@ -313,7 +313,7 @@ def identity(element: str) -> Result:
 
     T acts on the equations of equilibrium and leaves those of volume.
     """
-    mesh = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (6, 5)), distorted)
+    mesh = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (6, 5)), smooth_distortion)
     bodies = [
         Body(spaces(name, mesh), Material(2.0, 0.4999), StressState.PLANE_STRAIN)
         for name in (element, "galerkin-hybrid-T6")

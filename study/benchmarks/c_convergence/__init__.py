@@ -1,0 +1,1 @@
+"""Section C: orders of convergence."""

@@ -1,1 +1,0 @@
-"""Section W: problems in which nodal forces or pressures enter a law."""
