@@ -33,7 +33,7 @@ from study.model.contact_result import (
 from study.model.discretisation import Discretisation, discretise, is_symmetrised, mass_left
 from study.model.units import KN_M, SI, units_of
 from study.paper import s7_5_profiles
-from study.paper.bands import DATA, DIAGONALS
+from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA
 from study.paper.s7_5_profiles import PROFILES, Profile
 from study.run.cases import Case
 from study.run.store import Result
@@ -249,16 +249,16 @@ def _in_contact(element: str, suffix: str = "", **parameters: object) -> Case:
 
 CASES = [_in_contact(element) for element in ELEMENTS]
 CASES += [_in_contact(element, "-fine", refined=2) for element in ("pw-T6", "pw-Q9")]
-CASES += [_in_contact("pw-T6", suffix, **given) for suffix, given in DATA["7.5"].items()]
+CASES += [_in_contact("pw-T6", suffix, **given) for suffix, given in UNPRINTED_DATA["7.5"].items()]
 CASES += [
     _in_contact(element, suffix, **given)
     for element in ("galerkin-T6", "pw-T6")
-    for suffix, given in DIAGONALS["7.5"].items()
+    for suffix, given in OTHER_DIAGONALS["7.5"].items()
 ]
 CASES += [Case("7.5", name, vibration, variant) for name, variant in VARIANTS.items()]
 
 # what the lost section could change: another column with the printed eigenvalues
-_SECOND = DATA["7.5"]["-second"]
+_SECOND = UNPRINTED_DATA["7.5"]["-second"]
 CASES += [
     _in_contact(element, "-second", **_SECOND)
     for element in ("galerkin-T6", "galerkin-Q8", "pw-Q8")
