@@ -43,8 +43,8 @@ functions are 1/6, 2/3, 1/6. Since two edges meet at a corner, corner and mid-si
 element matrices are the usual integrals with one factor of each kind (unit thickness),
 
 $$
-\boldsymbol{K} = \int \overline{\boldsymbol{B}}^\mathrm{T} \boldsymbol{D} \boldsymbol{B} \,\mathrm{d}A, \quad
-\boldsymbol{M} = \int \rho\, \boldsymbol{W}^\mathrm{T} \boldsymbol{N} \,\mathrm{d}A, \quad
+\boldsymbol{K} = \int\, \overline{\boldsymbol{B}}^\mathrm{T} \boldsymbol{D} \boldsymbol{B} \,\mathrm{d}A, \quad
+\boldsymbol{M} = \int\, \rho\, \boldsymbol{W}^\mathrm{T} \boldsymbol{N} \,\mathrm{d}A, \quad
 \overline{\boldsymbol{B}} = \nabla\boldsymbol{W}, \quad \boldsymbol{B} = \nabla\boldsymbol{N},
 $$
 

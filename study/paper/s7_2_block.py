@@ -217,7 +217,7 @@ RESULT = r"""
 |---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|
 | printed | <span style="white-space: normal">“sawtooth”, smooth</span> | the same | – | – | <span style="white-space: normal">curves lost in our copy</span> | – | – | – | – | – |
 {% for element in ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9", "pw-T6-80x40") %}{% set key = "7.2/" ~ element %}
-| {{ names[element] if element in names else "fine mesh, 80 × 40" }} | {{ fixed(s(key, "sawtooth"), 3) }} | {{ fixed(measure("slip_sawtooth", key=key), 3) }} | {{ fixed(s(key, "stick_from"), 2) }} | {{ fixed(s(key, "stick_to"), 3) }} |{% for x in (0.5, 1, 2, 3, 3.5) %} {{ fixed(measure("curve_at", key=key, name="pressure", x=x) / 200, 3) }} |{% endfor %} {{ fixed(measure("stress_difference", key=key, other=fine, low=0.4, high=3.6), 1) if key != fine else "–" }} |
+| <span class="nowrap">{{ names[element] if element in names else "fine mesh, 80 × 40" }}</span> | {{ fixed(s(key, "sawtooth"), 3) }} | {{ fixed(measure("slip_sawtooth", key=key), 3) }} | {{ fixed(s(key, "stick_from"), 2) }} | {{ fixed(s(key, "stick_to"), 3) }} |{% for x in (0.5, 1, 2, 3, 3.5) %} {{ fixed(measure("curve_at", key=key, name="pressure", x=x) / 200, 3) }} |{% endfor %} {{ fixed(measure("stress_difference", key=key, other=fine, low=0.4, high=3.6), 1) if key != fine else "–" }} |
 {% endfor %}
 {% endcall %}
 
