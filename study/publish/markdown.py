@@ -56,8 +56,8 @@ def _render_display(_: object, tokens: list[Token], i: int, *__: object) -> str:
 @cache
 def _formula(latex: str, *_: object) -> str:
     html = str(math2html(latex.strip())).strip()
-    html = html.replace(" \N{FRACTION SLASH} ", "/")
-    return re.sub(r"(<su[pb][^>]*>) \N{MINUS SIGN} ", "\\1\N{MINUS SIGN}", html)
+    html = re.sub(r"\s?\N{FRACTION SLASH}\s?", "/", html)  # with thin spaces
+    return re.sub(r"(<su[pb][^>]*>)\s?\N{MINUS SIGN}\s?", "\\1\N{MINUS SIGN}", html)
 
 
 def _mark_table_heads(tokens: list[Token]) -> None:
