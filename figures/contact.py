@@ -8,11 +8,17 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from study.model.vocabulary import ELEMENTS
-from study.paper.bands import DATA_NAME, DIAGONALS_NAME, Family, envelope, members
+from study.paper.bands import (
+    DIAGONALS_LABEL,
+    UNPRINTED_DATA_LABEL,
+    Variants,
+    envelope,
+    list_case_family,
+)
 from study.publish.plots.style import LOOK, MANY
 from study.run.store import Results
 
-DATA_BAND = {"color": "#BFBFBF", "label": DATA_NAME}
+DATA_BAND = {"color": "#BFBFBF", "label": UNPRINTED_DATA_LABEL}
 """Look of the band of data that are not printed."""
 
 RECONSTRUCTED = "Dimensions and loads are reconstructed."
@@ -20,15 +26,15 @@ RECONSTRUCTED = "Dimensions and loads are reconstructed."
 Curves = dict[str, np.ndarray]
 
 
-def family(results: Results, key: str, families: Mapping[str, Family]) -> list[Curves]:
+def family(results: Results, key: str, families: Mapping[str, Variants]) -> list[Curves]:
     """Curves of a case and of the others of its family."""
-    return [results.curves(member) for member in members(key, families)]
+    return [results.curves(member) for member in list_case_family(key, families)]
 
 
 def diagonal_band(element: str) -> dict[str, Any]:
     """Look of the band of an element whose squares can be cut in several ways."""
     stated = ELEMENTS[element]
-    return {"color": stated.colour, "alpha": 0.45, "label": f"{stated.name}, {DIAGONALS_NAME}"}
+    return {"color": stated.colour, "alpha": 0.45, "label": f"{stated.name}, {DIAGONALS_LABEL}"}
 
 
 def band(

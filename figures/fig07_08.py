@@ -13,7 +13,7 @@ from figures.contact import (
 )
 from study.judge.measures.contact import BLOCK_PRESSURE
 from study.model.vocabulary import ELEMENTS, OWN
-from study.paper.bands import DATA, DIAGONALS, members
+from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_case_family
 from study.publish.plots.style import FULL, LOOK
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
@@ -25,8 +25,8 @@ TRIANGLES = ("7.2/galerkin-T6", "7.2/pw-T6")
 NEEDS = [
     *(f"7.2/{element}" for family in FAMILIES for element in family),
     FINE,
-    *(member for key in TRIANGLES for member in members(key, DIAGONALS)[1:]),
-    *members(TRIANGLES[1], DATA)[1:],
+    *(member for key in TRIANGLES for member in list_case_family(key, OTHER_DIAGONALS)[1:]),
+    *list_case_family(TRIANGLES[1], UNPRINTED_DATA)[1:],
 ]
 PANELS = {
     "force_n": "normal nodal force / mean",
@@ -57,10 +57,10 @@ def _panel(ax: Axes, results: Results, elements: tuple[str, ...], quantity: str)
     def lines(curves: list[Curves]) -> list[Curves]:
         return [{"x": c["x"], quantity: c[quantity] / _scale(c, quantity)} for c in curves]
 
-    band(ax, lines(family(results, TRIANGLES[1], DATA)), quantity, 1.0, DATA_BAND)
+    band(ax, lines(family(results, TRIANGLES[1], UNPRINTED_DATA)), quantity, 1.0, DATA_BAND)
     if elements is FAMILIES[0]:
         for key, element in zip(TRIANGLES, elements, strict=False):
-            cut = lines(family(results, key, DIAGONALS))
+            cut = lines(family(results, key, OTHER_DIAGONALS))
             band(ax, cut, quantity, 1.0, diagonal_band(element))
     (fine,) = lines([results.curves(FINE)])
     ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, 80 × 40")

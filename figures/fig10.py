@@ -11,7 +11,7 @@ from figures.contact import (
     family,
 )
 from study.model.vocabulary import OWN
-from study.paper.bands import DATA, DIAGONALS, members
+from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_case_family
 from study.publish.plots.style import FULL
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
@@ -20,7 +20,12 @@ SECTION = "7.3"
 ELEMENTS = ("galerkin-Q8", "pw-Q8", "pw-Q9", "pw-T6")
 FINE, VARIED, CUT = "7.3/pw-T6-114x24", "7.3/pw-Q9", "7.3/pw-T6"
 DRAWN = [f"7.3/{element}" for element in ELEMENTS]
-NEEDS = [*DRAWN, FINE, *members(VARIED, DATA)[1:], *members(CUT, DIAGONALS)[1:]]
+NEEDS = [
+    *DRAWN,
+    FINE,
+    *list_case_family(VARIED, UNPRINTED_DATA)[1:],
+    *list_case_family(CUT, OTHER_DIAGONALS)[1:],
+]
 PANELS = {
     "force_n": "normal nodal force",
     "pressure": "normal pressure",
@@ -34,9 +39,9 @@ def draw(results: Results) -> Figure:
     fine = results.curves(FINE)
     for ax, (quantity, label) in zip(axes, PANELS.items(), strict=True):
         if quantity != "force_n":  # forces of other meshes do not compare
-            band(ax, family(results, VARIED, DATA), quantity, 1.0, DATA_BAND)
+            band(ax, family(results, VARIED, UNPRINTED_DATA), quantity, 1.0, DATA_BAND)
             ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, 114 × 24")
-        band(ax, family(results, CUT, DIAGONALS), quantity, 1.0, diagonal_band("pw-T6"))
+        band(ax, family(results, CUT, OTHER_DIAGONALS), quantity, 1.0, diagonal_band("pw-T6"))
         compare(ax, results, DRAWN, quantity, hollow="pw-T6")
         zone_strip(ax, results.curves("7.3/pw-Q8"))
         ax.set(xlabel="$x$", ylabel=label, xlim=(-2.3, 2.3))
@@ -49,7 +54,10 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     least, most = (
-        bound(results.scalar(key, "force_indentation") for key in members(VARIED, DATA))
+        bound(
+            results.scalar(key, "force_indentation")
+            for key in list_case_family(VARIED, UNPRINTED_DATA)
+        )
         for bound in (min, max)
     )
     return (

@@ -11,7 +11,7 @@ from figures.contact import (
     family,
 )
 from study.model.vocabulary import OWN
-from study.paper.bands import DATA, DIAGONALS, members
+from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_case_family
 from study.publish.plots.style import FULL
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
@@ -21,7 +21,12 @@ ELEMENTS = ("galerkin-Q8", "pw-Q8")
 FINE = "7.4/pw-T6-fine"
 VARIED, CUT = "7.4/pw-Q8", "7.4/pw-T6"
 DRAWN = [f"7.4/{element}" for element in ELEMENTS]
-NEEDS = [*DRAWN, FINE, *members(VARIED, DATA)[1:], *members(CUT, DIAGONALS)]
+NEEDS = [
+    *DRAWN,
+    FINE,
+    *list_case_family(VARIED, UNPRINTED_DATA)[1:],
+    *list_case_family(CUT, OTHER_DIAGONALS),
+]
 
 
 def draw(results: Results) -> Figure:
@@ -29,8 +34,8 @@ def draw(results: Results) -> Figure:
     fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.9))
     fine = results.curves(FINE)
     for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
-        band(ax, family(results, VARIED, DATA), quantity, 1.0, DATA_BAND)
-        band(ax, family(results, CUT, DIAGONALS), quantity, 1.0, diagonal_band("pw-T6"))
+        band(ax, family(results, VARIED, UNPRINTED_DATA), quantity, 1.0, DATA_BAND)
+        band(ax, family(results, CUT, OTHER_DIAGONALS), quantity, 1.0, diagonal_band("pw-T6"))
         ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, fine")
         compare(ax, results, DRAWN, quantity)
         zone_strip(ax, results.curves("7.4/pw-Q8"))

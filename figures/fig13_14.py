@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from figures.contact import DATA_BAND, diagonal_band, family
 from study.model.vocabulary import ELEMENTS
-from study.paper.bands import DATA, DIAGONALS, Family, envelope, members
+from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, Variants, envelope, list_case_family
 from study.publish.plots.style import FULL, LOOK
 from study.run.store import Results
 
@@ -17,8 +17,15 @@ SECTION = "7.4"
 PANELS = ("galerkin-Q8", "pw-Q8")
 FINE = "7.4/pw-T6-fine"
 CUT = "7.4/pw-T6"
-NEEDS = [FINE, *(member for element in PANELS for member in members(f"7.4/{element}", DATA))]
-NEEDS += members(CUT, DIAGONALS)
+NEEDS = [
+    FINE,
+    *(
+        member
+        for element in PANELS
+        for member in list_case_family(f"7.4/{element}", UNPRINTED_DATA)
+    ),
+]
+NEEDS += list_case_family(CUT, OTHER_DIAGONALS)
 COARSER = 4  # times as many elements in the fine mesh: its forces are as many times smaller
 
 
@@ -29,13 +36,15 @@ def draw(results: Results) -> Figure:
     for ax, element in zip(axes, PANELS, strict=True):
         curves = results.curves(f"7.4/{element}")
         ax.bar(curves["x"], curves["force_n"], 0.04, color=LOOK[element]["color"])
-        _ranges(ax, results, f"7.4/{element}", DATA, 0.07, DATA_BAND | {"edgecolor": "black"})
+        _ranges(
+            ax, results, f"7.4/{element}", UNPRINTED_DATA, 0.07, DATA_BAND | {"edgecolor": "black"}
+        )
         label = f"new T6, {COARSER} times finer: force × {COARSER}"
         ax.plot(fine["x"], COARSER * fine["force_n"], color="black", lw=0.9, label=label)
         ax.set(xlabel="$x/b$", xlim=(-1.08, 1.08), ylim=(0, 6), title=LOOK[element]["label"])
         ax.set_xticks((-1, -0.5, 0, 0.5, 1))
         ax.grid(visible=False, axis="x")
-    _ranges(axes[1], results, CUT, DIAGONALS, 0.1, diagonal_band("pw-T6"))
+    _ranges(axes[1], results, CUT, OTHER_DIAGONALS, 0.1, diagonal_band("pw-T6"))
     axes[0].set_ylabel("normal nodal force / kN")
     axes[1].legend(loc="upper center", fontsize=7)
     return fig
@@ -45,7 +54,7 @@ def _ranges(
     ax: Axes,
     results: Results,
     key: str,
-    families: Mapping[str, Family],
+    families: Mapping[str, Variants],
     width: float,
     look: Mapping[str, Any],
 ) -> None:

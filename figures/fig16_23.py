@@ -16,7 +16,7 @@ from figures.contact import (
     family,
 )
 from study.model.vocabulary import OWN
-from study.paper.bands import DATA, DIAGONALS, Family, members
+from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, Variants, list_case_family
 from study.publish.plots.style import FULL, LOOK
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
@@ -28,8 +28,8 @@ CUT = ("7.5/galerkin-T6", "7.5/pw-T6")
 NEEDS = [
     *(f"7.5/{element}" for element in ELEMENTS),
     FINE,
-    *members(VARIED, DATA)[1:],
-    *(member for key in CUT for member in members(key, DIAGONALS)[1:]),
+    *list_case_family(VARIED, UNPRINTED_DATA)[1:],
+    *(member for key in CUT for member in list_case_family(key, OTHER_DIAGONALS)[1:]),
 ]
 STRESSES = {"pressure": "normal pressure", "shear": "shear stress"}
 HOLLOW = {"markerfacecolor": "none", "markersize": 4.5, "linewidth": 0.5}
@@ -58,16 +58,16 @@ def draw(results: Results) -> Figure:
 
 
 def _panel(ax: Axes, results: Results, number: int, quantity: str) -> None:
-    def lines(key: str, families: Mapping[str, Family]) -> list[Curves]:
+    def lines(key: str, families: Mapping[str, Variants]) -> list[Curves]:
         """Of a family, the second column's radii moved to those of the first one."""
         base, *others = (surface(curves, number) for curves in family(results, key, families))
         ends = base["x"][[0, -1]]
         moved = [{**c, "x": np.interp(c["x"], c["x"][[0, -1]], ends)} for c in others]
         return [{**c, "x": MM * c["x"]} for c in (base, *moved)]
 
-    band(ax, lines(VARIED, DATA), quantity, 1e-3, DATA_BAND)
+    band(ax, lines(VARIED, UNPRINTED_DATA), quantity, 1e-3, DATA_BAND)
     for key, element in zip(CUT, ("galerkin-T6", "pw-T6"), strict=True):
-        band(ax, lines(key, DIAGONALS), quantity, 1e-3, diagonal_band(element))
+        band(ax, lines(key, OTHER_DIAGONALS), quantity, 1e-3, diagonal_band(element))
     fine = surface(results.curves(FINE), number)
     label = "new T6, mesh halved"
     ax.plot(MM * fine["x"], fine[quantity] / 1e3, color="black", lw=0.9, label=label)

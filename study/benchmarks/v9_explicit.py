@@ -29,13 +29,13 @@ from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, triangles
 from study.judge.checks import check
 from study.judge.measures.general import scalar
+from study.meshes.distortion import smooth_distortion
 from study.model.matrices import dense
 from study.model.units import dimensionless
 from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.meshes.distortion import smooth_distortion
 
 SECTION = "V9"
 TITLE = "Explicit dynamics with lumped mass"

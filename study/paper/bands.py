@@ -1,6 +1,7 @@
-"""What the paper, as far as we have it, leaves open in sections 7.2 to 7.5: families of cases.
+"""Variants of sections 7.2 to 7.5 for data that the paper, as far as we have it, leaves open.
 
-Free of any solver: figures draw a family as a band, from the least to the largest value.
+No solver is imported. Figures draw a case and its variants as a band, from the least to the largest
+value.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-Family = Mapping[str, Mapping[str, object]]
+Variants = Mapping[str, Mapping[str, object]]
+"""Parameters that differ, by the suffix of the case's name."""
 
-# By what follows an element's name in those of cases: the parameters that differ
-DATA: dict[str, Family] = {
+UNPRINTED_DATA: dict[str, Variants] = {
     "7.2": {
         "-pull0.15": {"pull": 0.15},
         "-pull0.40": {"pull": 0.4},
@@ -41,36 +42,43 @@ DATA: dict[str, Family] = {
         "-second": {"section": "second"},
     },
 }
-"""Dimensions, loads and states that are not printed."""
-DATA_NAME = "unknown data"
+"""Dimensions, loads and states that are not printed, by section."""
+UNPRINTED_DATA_LABEL = "unknown data"
 
 
-def diagonals(drawn: str) -> Family:
-    """How quadrilaterals can be cut into triangles otherwise than `drawn`."""
+def list_other_diagonals(pattern: str) -> Variants:
+    """Return the variants in which quadrilaterals are cut into triangles by another pattern."""
     patterns = ("right", "left", "left_right", "right_left", "crossed")
-    return {f"-{name}": {"pattern": name} for name in patterns if name != drawn}
+    return {f"-{name}": {"pattern": name} for name in patterns if name != pattern}
 
 
-DIAGONALS = {section: diagonals("right") for section in ("7.2", "7.3", "7.5")}
-DIAGONALS["7.4"] = diagonals("left_right")
-DIAGONALS_NAME = "all diagonals"
+OTHER_DIAGONALS = {section: list_other_diagonals("right") for section in ("7.2", "7.3", "7.5")}
+OTHER_DIAGONALS["7.4"] = list_other_diagonals("left_right")
+DIAGONALS_LABEL = "all diagonals"
 
 
-def members(key: str, families: Mapping[str, Family]) -> list[str]:
-    """Keys of a case, such as "7.2/pw-T6", and of all others of its family."""
-    return [key, *(key + suffix for suffix in families[key.partition("/")[0]])]
+def list_case_family(key: str, variants: Mapping[str, Variants]) -> list[str]:
+    """Return the keys of a case, such as "7.2/pw-T6", and of all its variants."""
+    section = key.partition("/")[0]
+    return [key, *(key + suffix for suffix in variants[section])]
 
 
 def envelope(lines: Sequence[tuple[Array, Array]]) -> tuple[Array, Array, Array]:
-    """Places (n,) of all lines' points within the first line, and the least and largest values.
+    """Return the least and the largest values of piecewise-linear lines.
 
     Args:
-        lines: each of places (m,), which increase, and values (m,); NaN marks a gap.
+        lines: each of positions (m,), which increase, and values (m,); NaN marks a gap.
+
+    Returns:
+        positions (n,) of all lines' points within the first line, least and largest values (n,).
     """
-    first = lines[0][0]
-    x = np.unique(np.concatenate([places for places, _ in lines]))
-    x = x[(x >= first[0]) & (x <= first[-1])]
-    x = x[np.diff(x, prepend=-np.inf) > 1e-9 * (x[-1] - x[0])]  # places that round-off made two
-    known = [(places[~np.isnan(values)], values[~np.isnan(values)]) for places, values in lines]
-    every = np.array([np.interp(x, *line) for line in known])
-    return x, every.min(axis=0), every.max(axis=0)
+    first_positions = lines[0][0]
+    x = np.unique(np.concatenate([positions for positions, _ in lines]))
+    x = x[(x >= first_positions[0]) & (x <= first_positions[-1])]
+    min_distance = 1e-9 * (x[-1] - x[0])  # positions closer than this differ by round-off
+    x = x[np.diff(x, prepend=-np.inf) > min_distance]
+    interpolated = []
+    for positions, values in lines:
+        is_number = ~np.isnan(values)
+        interpolated.append(np.interp(x, positions[is_number], values[is_number]))
+    return x, np.min(interpolated, axis=0), np.max(interpolated, axis=0)

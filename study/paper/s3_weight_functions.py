@@ -1,4 +1,4 @@
-"""3, 4, 6: the weight functions, Eq. (15) to Eq. (20), and their matrices (Figs 1, 2)."""
+"""Sections 3, 4 and 6: weight functions, Eq. (15) to Eq. (20), and their matrices (Figs 1, 2)."""
 
 from mpi4py import MPI
 
@@ -20,19 +20,67 @@ from study.run.store import Result
 
 SECTION = "3"
 TITLE = "The element: weight functions and matrices"
+FACTS = {
+    "geometry": "the reference triangle; a triangle without symmetries, corners (0.1, 0.2), "
+    "(1.3, −0.1) and (0.4, 0.9)",
+    "mesh": "one element; 1000 random points",
+    "material": "linear elastic, plane stress; E = 1, ν = 0.3, density 1",
+    "supports": "none",
+    "load": "none: functions and matrices of one element",
+    "reference": "Eqs (15) to (23) written out by hand; Basix's own macro element",
+    "uncertainty": "none but round-off",
+}
 
 Points = npt.NDArray[np.float64]
 
-# Sub-elements A1..A4 of Fig. 1 by the paper's node numbers
+# Problem and exact functions
+
+PROBLEM = r"""
+**Weight functions.** The displacements keep the quadratic shape functions $N$. Equilibrium is tested with weight
+functions $w$, linear on the four sub-triangles that corners and mid-side nodes of a triangle span. Each is 1 at its own
+node and 0 at the others. Along a loaded edge of unit length their integrals are 1/4, 1/2, 1/4; those of the shape
+functions are 1/6, 2/3, 1/6. Since two edges meet at a corner, corner and mid-side nodes then get equal forces. The
+element matrices are the usual integrals with one factor of each kind (unit thickness),
+
+$$
+\boldsymbol{K} = \int\, \overline{\boldsymbol{B}}^\mathrm{T} \boldsymbol{D} \boldsymbol{B} \,\mathrm{d}A, \quad
+\boldsymbol{M} = \int\, \rho\, \boldsymbol{W}^\mathrm{T} \boldsymbol{N} \,\mathrm{d}A, \quad
+\overline{\boldsymbol{B}} = \nabla\boldsymbol{W}, \quad \boldsymbol{B} = \nabla\boldsymbol{N},
+$$
+
+where $\boldsymbol{W}$ and $\boldsymbol{N}$ hold the weight and shape functions, $\nabla$ takes strains and
+$\boldsymbol{D}$ is the elasticity matrix. They are unsymmetric: in a triangle of general shape
+$\|\boldsymbol{K} - \boldsymbol{K}^\mathrm{T}\| / \|\boldsymbol{K}\|$ =
+{{ num(s("3/matrices", "pw_stiffness_unsymmetry"), 2) }}, and {{ num(s("3/matrices", "pw_mass_unsymmetry"), 2) }} for the
+mass matrix. The space of the weights is known as P1-iso-P2 {{ cite("bercovier") }}; using it to weight contact forces is
+the paper's idea. The printed Eqs (15)–(20) were compared with this study's element at random points of all four
+sub-triangles; the largest difference is {{ num(s("3/weights", "printed_difference"), 1) }}. All computations use DOLFINx
+{{ cite("dolfinx") }}.
+
+{{ figure("fig01") }}
+
+{{ figure("fig02") }}
+"""
+
+THEORY = r"""
+Four principles define the weight functions (sections 3, 4 and 6): each is non-zero only on the sub-elements at its node,
+linear on each, continuous, and 1 at its node and 0 at all others.
+"""
+
 SUBELEMENTS = ((1, 4, 6), (4, 2, 5), (6, 5, 3), (4, 5, 6))
-RANDOM_POINTS, SEED = 1000, 2001
-# A triangle without symmetries, and a material with coupled normal strains
-CORNERS = np.array([[0.1, 0.2], [1.3, -0.1], [0.4, 0.9]])
-YOUNGS_MODULUS, POISSONS_RATIO, DENSITY = 1.0, 0.3, 1.0
+"""Nodes of the sub-elements A1 to A4 of Fig. 1, as the paper numbers them."""
 
 
-def printed_weights(points: Points, subelement: npt.NDArray[np.int64]) -> Points:
-    """Eq. (15) to Eq. (20) to the letter: (n, 6) at points (n, 2) of sub-elements 1..4."""
+def evaluate_printed_weights(points: Points, subelement: npt.NDArray[np.int64]) -> Points:
+    """Evaluate Eq. (15) to Eq. (20) as printed.
+
+    Args:
+        points: (n, 2), on the reference triangle.
+        subelement: (n,), number 1 to 4 of the sub-element of each point.
+
+    Returns:
+        the six weight functions, (n, 6).
+    """
     x, y = points.T
     zero = np.zeros_like(x)
     w1 = [1 - 2 * x - 2 * y, zero, zero, zero]  # Eq. (15)
@@ -41,12 +89,29 @@ def printed_weights(points: Points, subelement: npt.NDArray[np.int64]) -> Points
     w4 = [2 * x, 2 - 2 * x - 2 * y, zero, 1 - 2 * y]  # Eq. (18)
     w5 = [zero, 2 * y, 2 * x, 2 * x + 2 * y - 1]  # Eq. (19)
     w6 = [2 * y, zero, 2 - 2 * x - 2 * y, 1 - 2 * x]  # Eq. (20)
-    chosen = [np.choose(subelement - 1, w) for w in (w1, w2, w3, w4, w5, w6)]
-    return np.stack(chosen, axis=1)
+    weights = [np.choose(subelement - 1, w) for w in (w1, w2, w3, w4, w5, w6)]
+    return np.stack(weights, axis=1)
+
+
+# Method
+
+METHOD = r"""
+The element is built as a custom Basix element. Principles 2 and 3 define a space, the continuous piecewise-linear
+polynomials on the halved cell; principle 4 defines its basis, and principle 1 follows. The same construction serves
+intervals, quadrilaterals and hexahedra, and tetrahedra by the mean over its three cuts (section T). It is also compared
+with Basix's own macro element. Stiffness, mass and initial stress matrices are formed on one triangle without
+symmetries; the stiffness is compared with the sum in Eq. (23) evaluated by hand.
+"""
+
+RANDOM_POINTS, SEED = 1000, 2001
+CORNERS = np.array([[0.1, 0.2], [1.3, -0.1], [0.4, 0.9]])
+"""Of a triangle without symmetries."""
+YOUNGS_MODULUS, POISSONS_RATIO, DENSITY = 1.0, 0.3, 1.0
+"""Of a material with coupled normal strains."""
 
 
 def weight_functions() -> Result:
-    """The Basix element against the printed equations, Basix's own, and the four principles.
+    """Compare the Basix element with the printed equations, Basix's own element and the principles.
 
     Curves: `nodes` (6, 2) and `subelements` (4, 3) in the paper's order, `grid` (n, 2) with the
     weights (n, 6) and shape functions (n, 6) on it, `grid_cells` (m, 3).
@@ -59,103 +124,79 @@ def weight_functions() -> Result:
     subelement = np.arange(RANDOM_POINTS) % 4 + 1
     corners = nodes[np.array(SUBELEMENTS)[subelement - 1] - 1]
     points = np.einsum("nc,ncd->nd", barycentric, corners)
-    weights = _weights(element, points)
-    neighbours = np.array([[node in s for node in range(1, 7)] for s in SUBELEMENTS])
-    outside = ~neighbours[subelement - 1]
+    weights = _tabulate(element, points)
+    printed_weights = evaluate_printed_weights(points, subelement)
+    has_node = np.array(
+        [[node in corner_nodes for node in range(1, 7)] for corner_nodes in SUBELEMENTS]
+    )
+    is_outside_support = ~has_node[subelement - 1]
 
     builtin = basix.ufl.element("iso", "triangle", 1)
-    scalars = {
-        "printed_difference": np.abs(weights - printed_weights(points, subelement)).max(),
-        "builtin_difference": np.abs(weights - _weights(builtin, points)).max(),
+    errors = {
+        "printed_difference": np.abs(weights - printed_weights).max(),
+        "builtin_difference": np.abs(weights - _tabulate(builtin, points)).max(),
         "partition_of_unity_error": np.abs(weights.sum(axis=1) - 1).max(),
-        "outside_support": np.abs(weights[outside]).max(),
-        "nodal_error": np.abs(_weights(element, nodes) - np.eye(6)).max(),
-        "continuity_jump": _continuity_jump(element, nodes),
-        "linearity_error": _linearity_error(weights, barycentric, corners, element),
+        "outside_support": np.abs(weights[is_outside_support]).max(),
+        "nodal_error": np.abs(_tabulate(element, nodes) - np.eye(6)).max(),
+        "continuity_jump": _max_jump_across_sides(element, nodes),
+        "linearity_error": _max_linearity_error(weights, barycentric, corners, element),
     }
-    grid, cells = _triangle_grid(24)
+    grid, grid_cells = _triangle_grid(24)
     curves = {
         "nodes": nodes,
         "subelements": np.array(SUBELEMENTS) - 1,
         "grid": grid,
-        "grid_cells": cells,
-        "weights": _weights(element, grid),
-        "shapes": _weights(quadratic_element("triangle"), grid),
+        "grid_cells": grid_cells,
+        "weights": _tabulate(element, grid),
+        "shapes": _tabulate(quadratic_element("triangle"), grid),
     }
-    numbers = {name: float(value) for name, value in scalars.items()}
-    return Result(numbers, dimensionless(numbers), curves, dofs=6)
+    scalars = {name: float(error) for name, error in errors.items()}
+    return Result(scalars, dimensionless(scalars), curves, dofs=6)
 
 
-def element_matrices() -> Result:
-    """K, M and K_sigma of one element: Eq. (23) as a sum over sub-elements, and symmetry."""
-    mesh = _one_triangle(CORNERS)
-    material = Material(YOUNGS_MODULUS, POISSONS_RATIO, DENSITY)
-    bodies = {
-        "pw": Body(Spaces.petrov_galerkin(mesh), material, StressState.PLANE_STRESS),
-        "galerkin": Body(Spaces.galerkin(mesh), material, StressState.PLANE_STRESS),
-    }
-    x = ufl.SpatialCoordinate(mesh)
-    uniform = ufl.as_tensor([[-1.0, 0.0], [0.0, 0.0]])
-    scalars = {}
-    for name, body in bodies.items():
-        matrices = {
-            "stiffness": body.stiffness(),
-            "mass": body.mass(),
-            "initial_stress_uniform": body.initial_stress(uniform),
-            "initial_stress_linear": body.initial_stress(uniform * x[1]),
-        }
-        entries = {kind: dense(assemble_matrix(form)) for kind, form in matrices.items()}
-        for kind, matrix in entries.items():
-            scalars[f"{name}_{kind}_unsymmetry"] = relative_difference(matrix, matrix.T)
-        scalars[f"{name}_rigid_motions"] = 12 - np.linalg.matrix_rank(
-            entries["stiffness"], tol=1e-10
-        )
-        rows = entries["mass"].sum(axis=1)[::2] / (DENSITY * _area(CORNERS))
-        scalars[f"{name}_mass_row_vertex"] = rows[0]
-        scalars[f"{name}_mass_row_midside"] = rows[3]
-        if name == "pw":
-            order = _mesh_nodes_in_paper_order(body.spaces.trial)
-            by_hand = _stiffness_by_subelements(body.spaces.trial, order)
-            scalars["eq23_difference"] = relative_difference(entries["stiffness"], by_hand)
-    numbers = {name: float(value) for name, value in scalars.items()}
-    return Result(numbers, dimensionless(numbers), dofs=12)
-
-
-def _weights(element: basix.ufl._ElementBase, points: Points) -> Points:
-    """Values (n, 6) at reference points (n, 2), functions in the paper's order."""
+def _tabulate(element: basix.ufl._ElementBase, points: Points) -> Points:
+    """Return values (n, 6) at reference points (n, 2), functions in the paper's order."""
     return element.tabulate(0, points)[0][:, PAPER_NODES]
 
 
-def _continuity_jump(element: basix.ufl._ElementBase, nodes: Points) -> float:
-    """Largest difference of the two one-sided limits across the sides of A4.
+def _max_jump_across_sides(element: basix.ufl._ElementBase, nodes: Points) -> float:
+    """Return the largest difference of the two one-sided limits across the sides of A4.
 
-    The element is evaluated a hair on either side, and both values are carried back to the
-    side by the gradients there.
+    The element is evaluated at a small distance on either side, and both values are extrapolated
+    to the side by the gradients there.
     """
-    hair = 1e-6
-    jump = 0.0
-    for a, b, other in ((4, 5, 6), (5, 6, 4), (6, 4, 5)):
+    relative_distance = 1e-6
+    max_jump = 0.0
+    for first, second, opposite in ((4, 5, 6), (5, 6, 4), (6, 4, 5)):
         s = np.linspace(0.1, 0.9, 9)[:, None]
-        side = (1 - s) * nodes[a - 1] + s * nodes[b - 1]
-        inward = nodes[other - 1] - side.mean(axis=0)
+        side = (1 - s) * nodes[first - 1] + s * nodes[second - 1]
+        inward = nodes[opposite - 1] - side.mean(axis=0)
         limits = []
-        for step in (hair * inward, -hair * inward):
-            table = element.tabulate(1, side + step)[:, :, PAPER_NODES]
-            limits.append(table[0] - np.einsum("d,dnf->nf", step, table[1:]))
-        jump = max(jump, float(np.abs(limits[0] - limits[1]).max()))
-    return jump
+        for offset in (relative_distance * inward, -relative_distance * inward):
+            values, *gradients = element.tabulate(1, side + offset)[:, :, PAPER_NODES]
+            limits.append(values - np.einsum("d,dnf->nf", offset, np.array(gradients)))
+        max_jump = max(max_jump, float(np.abs(limits[0] - limits[1]).max()))
+    return max_jump
 
 
-def _linearity_error(
+def _max_linearity_error(
     weights: Points, barycentric: Points, corners: Points, element: basix.ufl._ElementBase
 ) -> float:
-    """Weights against the linear interpolation of their values at the sub-element's corners."""
-    at_corners = _weights(element, corners.reshape(-1, 2)).reshape(*corners.shape[:2], 6)
-    return float(np.abs(weights - np.einsum("nc,ncf->nf", barycentric, at_corners)).max())
+    """Compare weights (n, 6) with linear interpolation of their values at sub-element corners.
+
+    Args:
+        weights: values at random points.
+        barycentric: (n, 3), coordinates of the points in their sub-elements.
+        corners: (n, 3, 2), of these sub-elements.
+        element: the functions.
+    """
+    corner_values = _tabulate(element, corners.reshape(-1, 2)).reshape(*corners.shape[:2], 6)
+    interpolated = np.einsum("nc,ncf->nf", barycentric, corner_values)
+    return float(np.abs(weights - interpolated).max())
 
 
 def _triangle_grid(n: int) -> tuple[Points, npt.NDArray[np.int64]]:
-    """Points of the reference triangle on a lattice of n divisions, and its small triangles."""
+    """Return the points of a lattice of n divisions on the reference triangle, and its cells."""
     index: dict[tuple[int, int], int] = {}
     points: list[tuple[float, float]] = []
     for j in range(n + 1):
@@ -171,18 +212,56 @@ def _triangle_grid(n: int) -> tuple[Points, npt.NDArray[np.int64]]:
     return np.array(points), np.array(cells)
 
 
-def _one_triangle(corners: Points) -> Mesh:
+def element_matrices() -> Result:
+    """Compute symmetry, rank and row sums of K, M and K_sigma of one element, and check Eq. (23).
+
+    Eq. (23), the stiffness as a sum over sub-elements, is evaluated by hand.
+    """
+    mesh = _mesh_one_triangle(CORNERS)
+    material = Material(YOUNGS_MODULUS, POISSONS_RATIO, DENSITY)
+    bodies = {
+        "pw": Body(Spaces.petrov_galerkin(mesh), material, StressState.PLANE_STRESS),
+        "galerkin": Body(Spaces.galerkin(mesh), material, StressState.PLANE_STRESS),
+    }
+    x = ufl.SpatialCoordinate(mesh)
+    uniform_stress = ufl.as_tensor([[-1.0, 0.0], [0.0, 0.0]])
+    values = {}
+    for name, body in bodies.items():
+        forms = {
+            "stiffness": body.stiffness(),
+            "mass": body.mass(),
+            "initial_stress_uniform": body.initial_stress(uniform_stress),
+            "initial_stress_linear": body.initial_stress(uniform_stress * x[1]),
+        }
+        matrices = {kind: dense(assemble_matrix(form)) for kind, form in forms.items()}
+        for kind, matrix in matrices.items():
+            values[f"{name}_{kind}_unsymmetry"] = relative_difference(matrix, matrix.T)
+        rank = np.linalg.matrix_rank(matrices["stiffness"], tol=1e-10)
+        values[f"{name}_rigid_motions"] = 12 - rank
+        row_sums = matrices["mass"].sum(axis=1)[::2] / (DENSITY * _triangle_area(CORNERS))
+        values[f"{name}_mass_row_vertex"] = row_sums[0]
+        values[f"{name}_mass_row_midside"] = row_sums[3]
+        if name == "pw":
+            by_hand = _sum_stiffness_over_subelements(body.spaces.trial)
+            values["eq23_difference"] = relative_difference(matrices["stiffness"], by_hand)
+    scalars = {name: float(value) for name, value in values.items()}
+    return Result(scalars, dimensionless(scalars), dofs=12)
+
+
+def _mesh_one_triangle(corners: Points) -> Mesh:
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
     return create_mesh(MPI.COMM_SELF, cells=np.array([[0, 1, 2]]), x=corners, e=element)
 
 
-def _mesh_nodes_in_paper_order(U: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-    return U.dofmap.list[0][PAPER_NODES]
+def _sum_stiffness_over_subelements(U: fem.FunctionSpace) -> Points:
+    """Return Eq. (21) as Eq. (23), (12, 12) in the numbering of the space.
 
-
-def _stiffness_by_subelements(U: fem.FunctionSpace, order: npt.NDArray[np.int32]) -> Points:
-    """Eq. (21) as Eq. (23) without quadrature: B is linear, centroids of sub-elements do."""
-    nodes = U.tabulate_dof_coordinates()[order, :2]
+    One point, the centroid of each sub-element, integrates exactly: there the gradients of the
+    weights are constant and those of the shape functions linear.
+    """
+    mesh_nodes = U.dofmap.list[0][PAPER_NODES]
+    nodes = U.tabulate_dof_coordinates()[mesh_nodes, :2]
+    # Eq. (22)
     D = (
         YOUNGS_MODULUS
         / (1 - POISSONS_RATIO**2)
@@ -197,31 +276,68 @@ def _stiffness_by_subelements(U: fem.FunctionSpace, order: npt.NDArray[np.int32]
     K = np.zeros((12, 12))
     for subelement in np.array(SUBELEMENTS) - 1:
         centroid = reference_nodes[subelement].mean(axis=0, keepdims=True)
-        dN, dW = (
-            to_physical @ e.tabulate(1, centroid)[1:, 0, :][:, PAPER_NODES]
-            for e in (shapes, weights)
+        shape_gradients, weight_gradients = (
+            to_physical @ element.tabulate(1, centroid)[1:, 0, :][:, PAPER_NODES]
+            for element in (shapes, weights)
         )
-        K += _area(nodes[subelement]) * _strain_matrix(dW).T @ D @ _strain_matrix(dN)
-    numbering = (2 * order[:, None] + np.arange(2)).ravel()
-    result = np.empty_like(K)
-    result[np.ix_(numbering, numbering)] = K
-    return result
+        B, B_bar = _strain_matrix(shape_gradients), _strain_matrix(weight_gradients)
+        K += _triangle_area(nodes[subelement]) * B_bar.T @ D @ B
+    dofs = (2 * mesh_nodes[:, None] + np.arange(2)).ravel()
+    renumbered = np.empty_like(K)
+    renumbered[np.ix_(dofs, dofs)] = K
+    return renumbered
 
 
 def _strain_matrix(gradients: Points) -> Points:
-    """B of Eq. (6), (3, 12), from gradients (2, 6)."""
+    """Return B of Eq. (6), (3, 12), from gradients (2, 6)."""
     B = np.zeros((3, 12))
     B[0, 0::2] = B[2, 1::2] = gradients[0]
     B[1, 1::2] = B[2, 0::2] = gradients[1]
     return B
 
 
-def _area(corners: Points) -> float:
+def _triangle_area(corners: Points) -> float:
     (a, b), (c, d) = corners[1] - corners[0], corners[2] - corners[0]
     return float(abs(a * d - b * c) / 2)
 
+
+# Cases
 
 CASES = [
     Case("3", "weights", weight_functions, implied={"element": "pw-T6"}),
     Case("3", "matrices", element_matrices, implied={"compared": ["pw-T6", "galerkin-T6"]}),
 ]
+
+# Results
+
+DETAILS = r"""
+{% call table("3-checks-of-the-weight-functions", "Checks of the weight functions.") %}
+| Quantity | Piecewise linear | Galerkin |
+|---|---:|---:|
+| largest difference from Eqs (15)–(20) | {{ num(s("3/weights", "printed_difference"), 2) }} | – |
+| largest difference from Basix's macro element | {{ num(s("3/weights", "builtin_difference"), 2) }} | – |
+| error of the partition of unity | {{ num(s("3/weights", "partition_of_unity_error"), 2) }} | – |
+| stiffness against Eq. (23) by hand, relative | {{ num(s("3/matrices", "eq23_difference"), 2) }} | – |
+{% for kind, words in [("stiffness", "stiffness $K$"), ("mass", "mass $M$"), ("initial_stress_uniform", "initial stress matrix, uniform stress"), ("initial_stress_linear", "initial stress matrix, linear stress")] %}
+| $\|A - A^\mathrm{T}\| / \|A\|$ of the {{ words }} | {{ num(s("3/matrices", "pw_" ~ kind ~ "_unsymmetry"), 3) }} | {{ num(s("3/matrices", "galerkin_" ~ kind ~ "_unsymmetry"), 2) }} |
+{% endfor %}
+| rigid motions of $K$ | {{ fixed(s("3/matrices", "pw_rigid_motions"), 0) }} | {{ fixed(s("3/matrices", "galerkin_rigid_motions"), 0) }} |
+| row sum of $M$ over element mass: vertex | {{ num(s("3/matrices", "pw_mass_row_vertex"), 5) }} | {{ num(s("3/matrices", "galerkin_mass_row_vertex"), 2) }} |
+| row sum of $M$ over element mass: mid-side | {{ num(s("3/matrices", "pw_mass_row_midside"), 5) }} | {{ num(s("3/matrices", "galerkin_mass_row_midside"), 5) }} |
+{% endcall %}
+"""
+
+# Findings
+
+FINDINGS = r"""
+**A mass that can be lumped.** The row sums of the new mass matrix are positive: at each corner
+{{ num(s("3/matrices", "pw_mass_row_vertex"), 3) }} (one twelfth) of a triangle's mass, where the standard element has
+zero. Which stiffness may be combined with it is discussed in {{ ref("V12") }}.
+"""
+
+# Limits
+
+LIMITS = r"""
+Equality with the printed equations says nothing about the accuracy of the element, which is the subject of sections C,
+V2 and V8.
+"""

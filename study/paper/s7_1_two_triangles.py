@@ -8,6 +8,8 @@ from dolfinx.mesh import Mesh
 from pw_elements import Material, forces_along, prescribe, reactions, solve
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern, quadrilaterals, triangles
+from study.judge.checks import check
+from study.judge.measures.two_triangles import reaction_spread
 from study.model.discretisation import discretise, mesh_curves
 from study.model.units import UNSTATED
 from study.run.cases import Case
@@ -15,17 +17,43 @@ from study.run.store import Result
 
 SECTION = "7.1"
 TITLE = "Simple structure with two elements"
-
-# Printed: unit square, unit thickness, unit load. Not printed: E and nu, on which the reactions
-# do not depend; MATERIALS shows it.
-YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
-MATERIALS: dict[str, dict[str, float | str]] = {
-    "E1e9": {"youngs_modulus": 1e9},
-    "nu0": {"poissons_ratio": 0.0},
-    "nu0.45": {"poissons_ratio": 0.45},
-    "strain": {"state": "plane strain"},
-    "strain-nu0.45": {"state": "plane strain", "poissons_ratio": 0.45},
+FACTS = {
+    "geometry": "a unit square; a row of six such squares",
+    "mesh": "each square cut into two triangles, along either diagonal",
+    "material": "linear elastic, plane stress; E = 1, ν = 0.3; other moduli, Poisson's ratios and "
+    "plane strain change nothing",
+    "supports": "vertically along the lower side, horizontally at one node",
+    "load": "uniform unit load on the upper side",
+    "reference": "integrals of the test functions; the paper's statements",
+    "uncertainty": "none but round-off; the paper prints neither modulus nor Poisson's ratio",
 }
+SHORT_FACTS = {"uncertainty": "modulus and Poisson's ratio are not printed"}
+
+# Problem
+
+PROBLEM = r"""
+**Printed.** A unit square of two 6-node triangles stands on a smooth base under a unit load. With the Galerkin method the
+reaction at the middle node is four times those at the corners; with the new method the distribution is even.
+**Reconstructed.** Young's modulus and Poisson's ratio, which have no influence: with other moduli, $\nu$ from 0 to 0.45,
+plane strain and the other diagonal the reactions change by at most
+{{ num([measure("reaction_spread", element="pw-T6"), measure("reaction_spread", element="galerkin-T6")] | max, 1) }}.
+
+<div class="pair">
+{{ figure("fig04") }}
+{{ figure("fig05") }}
+</div>
+"""
+
+YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
+"""Not printed, and without influence, as `MATERIALS` shows."""
+
+# Method
+
+METHOD = r"""
+Plane stress with $E = 1$ and $\nu = 0.3$; the reactions are $r = K a - f$ at the three lower nodes. The exact stress is
+uniform and both elements represent it, so the reactions are integrals of the test functions and cannot depend on the
+material. A row of six such squares is used to check what the paper says about more than two elements.
+"""
 
 
 def structure(
@@ -36,49 +64,64 @@ def structure(
     poissons_ratio: float = POISSONS_RATIO,
     state: str = "plane stress",
 ) -> Result:
-    """Vertical reactions at the lower nodes of a row of unit squares, two triangles each."""
+    """Compute the vertical reactions below a row of unit squares, cut into two triangles each.
+
+    Args:
+        element: its name.
+        squares: their number.
+        pattern: diagonals of the squares.
+        youngs_modulus: E, in force per area.
+        poissons_ratio: nu.
+        state: "plane stress" or "plane strain".
+    """
 
     def build(cell: str) -> Mesh:
-        lower, upper, divisions = (0.0, 0.0), (float(squares), 1.0), (squares, 1)
+        corners, divisions = ((0.0, 0.0), (float(squares), 1.0)), (squares, 1)
         if cell == "quadrilateral":
-            return quadrilaterals(MPI.COMM_SELF, lower, upper, divisions)
-        return triangles(MPI.COMM_SELF, lower, upper, divisions, pattern)
+            return quadrilaterals(MPI.COMM_SELF, *corners, divisions)
+        return triangles(MPI.COMM_SELF, *corners, divisions, pattern)
 
     material = Material(youngs_modulus, poissons_ratio)
     body = discretise(element, build, material, StressState(state))
     K, U = body.K, body.space
-    f = body.surface_load((0.0, -1.0), _upper_side)
-    held = [prescribe(U, 1, _lower_side), prescribe(U, 0, _lower_left)]
-    a = solve(K, f, body.supports(held))
+    f = body.surface_load((0.0, -1.0), _on_upper_side)
+    supports = [prescribe(U, 1, _on_lower_side), prescribe(U, 0, _at_lower_left_corner)]
+    a = solve(K, f, body.supports(supports))
 
-    lower = forces_along(U, reactions(K, a, f), _lower_side)
-    vertical = lower.force[:, 1]
-    scalars = {f"reaction_{i}": float(r) for i, r in enumerate(vertical)}
+    base = forces_along(U, reactions(K, a, f), _on_lower_side)
+    vertical = base.force[:, 1]
+    scalars = {f"reaction_{i}": float(reaction) for i, reaction in enumerate(vertical)}
     scalars["sum"] = float(vertical.sum())
-    return Result(
-        scalars,
-        dict.fromkeys(scalars, UNSTATED.force),
-        {"x": lower.position[:, 0], "reaction": vertical, **mesh_curves(U)},
-        dofs=K.getSize()[0],
-    )
+    units = dict.fromkeys(scalars, UNSTATED.force)
+    curves = {"x": base.position[:, 0], "reaction": vertical, **mesh_curves(U)}
+    return Result(scalars, units, curves, dofs=K.getSize()[0])
 
 
-def _upper_side(x: np.ndarray) -> np.ndarray:
+def _on_upper_side(x: np.ndarray) -> np.ndarray:
     return np.isclose(x[1], 1.0)
 
 
-def _lower_side(x: np.ndarray) -> np.ndarray:
+def _on_lower_side(x: np.ndarray) -> np.ndarray:
     return np.isclose(x[1], 0.0)
 
 
-def _lower_left(x: np.ndarray) -> np.ndarray:
+def _at_lower_left_corner(x: np.ndarray) -> np.ndarray:
     return np.isclose(x[1], 0.0) & np.isclose(x[0], 0.0)
 
 
-# "If there are more than two elements located along the boundary surface": a row of six squares
+# Cases
+
+MATERIALS: dict[str, dict[str, float | str]] = {
+    "E1e9": {"youngs_modulus": 1e9},
+    "nu0": {"poissons_ratio": 0.0},
+    "nu0.45": {"poissons_ratio": 0.45},
+    "strain": {"state": "plane strain"},
+    "strain-nu0.45": {"state": "plane strain", "poissons_ratio": 0.45},
+}
 VARIANTS: dict[str, dict[str, float | str]] = {
     "": {},
     "-left": {"pattern": "left"},
+    # Paper: "If there are more than two elements located along the boundary surface"
     "-row": {"squares": 6},
 }
 VARIANTS |= {f"-{name}": material for name, material in MATERIALS.items()}
@@ -87,9 +130,53 @@ CASES = [
     for element in ("galerkin-T6", "pw-T6")
     for suffix, parameters in VARIANTS.items()
 ]
-# The paper has two triangles here; the others show their nodal forces
+# Nodal forces of the elements that the paper does not use here
 CASES += [
     Case("7.1", element + suffix, structure, {"element": element, **VARIANTS[suffix]})
     for element in ("galerkin-Q8", "pw-Q8", "pw-Q9", "composite-T6")
     for suffix in ("", "-row")
 ]
+
+# Results
+
+DETAILS = r"""
+{% call table("7-1-reactions", "Reactions.") %}
+| Element | Left | Centre | Right | Centre over side | Corner over mid-side, row | Spread over materials and diagonals |
+|---|---:|---:|---:|---:|---:|---:|
+{% for element, words in [("galerkin-T6", "Galerkin"), ("pw-T6", "piecewise linear")] %}
+| {{ words }} |{% for i in range(3) %} {{ num(s("7.1/" ~ element, "reaction_" ~ i), 6) }} |{% endfor %} {{ num(measure("middle_over_side", element=element), 6) }} | {{ num(measure("corner_over_midside", element=element), 6) }} | {{ num(measure("reaction_spread", element=element), 2) }} |
+{% endfor %}
+{% endcall %}
+
+{{ figure("s7_1_sawtooth") }}
+"""
+
+# Findings
+
+CHECKS = [
+    check(
+        "71-constants",
+        "The reactions depend on neither E, nu, the stress state nor the diagonal: new element.",
+        lambda results: reaction_spread(results, element="pw-T6"),
+        "=",
+        0.0,
+        tolerance=1e-12,
+        tolerance_why="round-off of a small linear system",
+        why="The exact stress is uniform, both elements represent it, and reactions are then "
+        "integrals of the test functions.",
+    ),
+]
+
+FINDINGS = r"""
+**Computed.** {% for i in range(3) %}{{ fixed(s("7.1/pw-T6", "reaction_" ~ i), 4) }}{{ ", " if i < 2 }}{% endfor %} (new)
+and {% for i in range(3) %}{{ fixed(s("7.1/galerkin-T6", "reaction_" ~ i), 4) }}{{ ", " if i < 2 }}{% endfor %} (standard);
+deviations from 1/4, 1/2, 1/4 and from “four times” are round-off. **Finding.** Both statements are exact. Under uniform
+stress the reactions are integrals of the weights, whatever the displacements are: the example shows what weights do to
+forces, not how well an element solves a problem.
+"""
+
+# Limits
+
+LIMITS = r"""
+The values of Fig. 5 are lost in our copy; only the statements in the text are judged.
+"""

@@ -1,8 +1,8 @@
-"""The stepped column of section 7.5: a synthetic section, and its meshes.
+"""Synthetic cross-sections of the stepped column of section 7.5, and their meshes.
 
-The paper's Fig. 15 is lost. These radii and heights were fitted to its Table 1 and are not the
-only ones that fit; whatever is computed with them is synthetic and labelled so. What two of them
-tell alike may be said of the paper's; what they do not, its numbers alone cannot decide.
+The paper's Fig. 15 is lost. The radii and heights were fitted to its Table 1 and are not the only
+ones that fit; all results for them are synthetic and labelled so. Only properties that both columns
+share can be expected of the paper's column.
 """
 
 from dataclasses import dataclass
@@ -19,11 +19,11 @@ from pw_elements.meshes import DiagonalPattern
 
 Points = npt.NDArray[np.float64]
 
-# Triangles of a quadrilateral with the corners 2 3 above 0 1; "right" goes up to the right. The
-# crossed ones have their centre, 4
+# Corners of the triangles of a quadrilateral whose corners 2 3 lie above 0 1; the diagonal "right"
+# goes up to the right, and crossed diagonals meet in the centre, 4
 _RIGHT, _LEFT = [0, 1, 3, 0, 2, 3], [0, 1, 2, 1, 2, 3]
 _CROSSED = [0, 1, 4, 1, 3, 4, 3, 2, 4, 2, 0, 4]
-_OF_EVEN_AND_ODD = {
+_TRIANGLES_OF_EVEN_AND_ODD_CELLS = {
     "right": (_RIGHT, _RIGHT),
     "left": (_LEFT, _LEFT),
     "left_right": (_LEFT, _RIGHT),
@@ -48,10 +48,10 @@ class Face:
     level: float
     outward: float
 
-    def holds(self, x: Points) -> npt.NDArray[np.bool_]:
-        """Whether points (3, n) lie on it."""
-        radial = (x[0] > self.inner - 1e-9) & (x[0] < self.outer + 1e-9)
-        return np.isclose(x[1], self.level) & radial
+    def contains(self, x: Points) -> npt.NDArray[np.bool_]:
+        """Return whether points (3, n) lie on the face."""
+        is_within_radii = (x[0] > self.inner - 1e-9) & (x[0] < self.outer + 1e-9)
+        return np.isclose(x[1], self.level) & is_within_radii
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,9 @@ class Profile:
 
     Args:
         radii: of the cylinders from the base upwards, in m.
-        heights: theirs, in m.
+        heights: of the cylinders, in m.
         ring_divisions: elements over the rings between successive radii, from the axis.
-        height_divisions: elements over the heights.
+        height_divisions: elements over the height of each cylinder.
     """
 
     radii: tuple[float, float, float, float]
@@ -72,12 +72,12 @@ class Profile:
 
     @property
     def levels(self) -> Points:
-        """Heights of base, steps and top (5,) above the base."""
+        """Return the heights of base, steps and top above the base, (5,)."""
         return np.concatenate([[0.0], np.cumsum(self.heights)])
 
     @property
     def faces(self) -> tuple[Face, ...]:
-        """Surfaces 1 to 4: the base, the two shoulders, the top."""
+        """Return surfaces 1 to 4: the base, the two shoulders, the top."""
         radii, levels = self.radii, self.levels
         return (
             Face(0.0, radii[0], levels[0], -1.0),
@@ -91,53 +91,61 @@ PROFILES = {
     "first": Profile((0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)),
     "second": Profile((0.04233, 0.09821, 0.13936, 0.03448), (0.23225, 0.15762, 0.15352, 0.07237)),
 }
-"""Columns found by `study.paper.s7_5_fit`, of 759 quadrilaterals each."""
+"""Columns fitted by `study.paper.s7_5_fit`, of 759 quadrilaterals each."""
 
 
-def axis(x: Points) -> npt.NDArray[np.bool_]:
-    """Whether points (3, n) lie on the axis of rotation."""
+def on_axis(x: Points) -> npt.NDArray[np.bool_]:
+    """Return whether points (3, n) lie on the axis of rotation."""
     return np.isclose(x[0], 0.0)
 
 
-def mesh(section: Profile, cell: str, refined: int = 1, pattern: DiagonalPattern = "right") -> Mesh:
-    """The section in quadrilaterals, or in triangles: each quadrilateral cut in two or four.
+def mesh_column(
+    profile: Profile, cell: str, refined: int = 1, pattern: DiagonalPattern = "right"
+) -> Mesh:
+    """Return a mesh of quadrilaterals, or of triangles: each quadrilateral cut into two or four.
 
-    Mesh lines run through all steps; blocks outside of the section are left out.
+    Mesh lines run through all steps; blocks outside of the cross-section are left out.
 
     Args:
-        section: radii, heights and divisions.
+        profile: radii, heights and divisions.
         cell: "quadrilateral" or "triangle".
         refined: factor of all divisions.
-        pattern: diagonals of the quadrilaterals; of two neighbours, where they alternate.
+        pattern: diagonals of the quadrilaterals; where they alternate, of two neighbours.
     """
-    r = _lines((0.0, *sorted(section.radii)), section.ring_divisions, refined)
-    z = _lines(section.levels, section.height_divisions, refined)
-    below = np.searchsorted(section.levels[1:-1], (z[1:] + z[:-1]) / 2)  # cylinder of each row
-    inside = (r[1:] + r[:-1])[:, None] / 2 < np.array(section.radii)[below]
+    r = _mesh_lines((0.0, *sorted(profile.radii)), profile.ring_divisions, refined)
+    z = _mesh_lines(profile.levels, profile.height_divisions, refined)
+    r_centres, z_centres = (r[1:] + r[:-1]) / 2, (z[1:] + z[:-1]) / 2
+    cylinder_of_row = np.searchsorted(profile.levels[1:-1], z_centres)
+    is_inside = r_centres[:, None] < np.array(profile.radii)[cylinder_of_row]
 
-    number = np.arange(len(r) * len(z)).reshape(len(r), len(z))
-    corners = (number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:])
-    quadrilaterals = np.column_stack([corner[inside] for corner in corners])
-    used, cells = np.unique(quadrilaterals, return_inverse=True)
+    grid_nodes = np.arange(len(r) * len(z)).reshape(len(r), len(z))
+    corners = (
+        grid_nodes[:-1, :-1],
+        grid_nodes[1:, :-1],
+        grid_nodes[:-1, 1:],
+        grid_nodes[1:, 1:],
+    )
+    quadrilaterals = np.column_stack([corner[is_inside] for corner in corners])
+    used_nodes, cells = np.unique(quadrilaterals, return_inverse=True)
     cells = cells.reshape(quadrilaterals.shape)
-    x = np.column_stack([np.repeat(r, len(z)), np.tile(z, len(r))])[used]
+    x = np.column_stack([np.repeat(r, len(z)), np.tile(z, len(r))])[used_nodes]
     if cell == "triangle":
         if pattern == "crossed":
             centres = x[cells].mean(axis=1)
             cells = np.column_stack([cells, len(x) + np.arange(len(cells))])
             x = np.concatenate([x, centres])
-        odd = (np.indices(inside.shape).sum(axis=0) % 2)[inside]
-        of_even, of_odd = (cells[:, corners] for corners in _OF_EVEN_AND_ODD[pattern])
-        cells = np.where(odd[:, None], of_odd, of_even).reshape(-1, 3)
+        is_odd = (np.indices(is_inside.shape).sum(axis=0) % 2)[is_inside]
+        even, odd = _TRIANGLES_OF_EVEN_AND_ODD_CELLS[pattern]
+        cells = np.where(is_odd[:, None], cells[:, odd], cells[:, even]).reshape(-1, 3)
     geometry = basix.ufl.element("Lagrange", cell, 1, shape=(2,))
     return create_mesh(MPI.COMM_SELF, cells=cells.astype(np.int64), x=x, e=geometry)
 
 
-def _lines(borders: npt.ArrayLike, divisions: tuple[int, ...], refined: int) -> Points:
-    """Mesh lines from the first border to the last, evenly spaced between two of them."""
+def _mesh_lines(borders: npt.ArrayLike, divisions: tuple[int, ...], refined: int) -> Points:
+    """Return mesh lines from the first border to the last, evenly spaced between two of them."""
     spans = pairwise(np.asarray(borders, dtype=float))
-    parts = [
-        np.linspace(a, b, refined * n, endpoint=False)
-        for (a, b), n in zip(spans, divisions, strict=True)
+    lines = [
+        np.linspace(start, end, refined * n, endpoint=False)
+        for (start, end), n in zip(spans, divisions, strict=True)
     ]
-    return np.append(np.concatenate(parts), np.asarray(borders)[-1])
+    return np.append(np.concatenate(lines), np.asarray(borders)[-1])

@@ -8,17 +8,19 @@ import numpy as np
 from scipy.optimize import brentq
 
 Form = Literal["G", "J", "deflection"]
-SHEAR_FACTOR = 5 / 6  # rectangular section
+"""Geometric stiffness: see `Strip.elasticity`."""
+SHEAR_FACTOR = 5 / 6
+"""Of a rectangular section."""
 
 
 @dataclass(frozen=True)
 class Strip:
-    """Strip of length L and height h, with v = 0 and no shear on its ends, under uniform stress.
+    """Strip of length L and height h under uniform axial stress, with v = 0 and no shear at its ends.
 
     Args:
         youngs_modulus: E, a stress.
         poissons_ratio: nu.
-        slenderness: L / h; nothing else of the geometry enters.
+        slenderness: L / h, on which alone the stresses depend.
     """
 
     youngs_modulus: float
@@ -27,32 +29,35 @@ class Strip:
 
     @property
     def shear_modulus(self) -> float:
-        """E / (2 (1 + nu))."""
+        """Return E / (2 (1 + nu))."""
         return self.youngs_modulus / (2 * (1 + self.poissons_ratio))
 
     def euler(self, n: int) -> float:
-        """Euler's stress of mode n, Eq. (27)."""
+        """Return Euler's stress of mode n, Eq. (27)."""
         return (n * np.pi / self.slenderness) ** 2 * self.youngs_modulus / 12
 
     def engesser(self, n: int) -> float:
-        """Engesser's stress: shear force normal to the deformed axis."""
+        """Return Engesser's stress: the shear force is normal to the deformed axis."""
         return self.euler(n) / (1 + self.euler(n) / (SHEAR_FACTOR * self.shear_modulus))
 
     def haringx(self, n: int) -> float:
-        """Haringx' stress: shear force in the deformed cross-section."""
+        """Return Haringx' stress: the shear force lies in the deformed cross-section."""
         rigidity = SHEAR_FACTOR * self.shear_modulus
         return rigidity / 2 * (np.sqrt(1 + 4 * self.euler(n) / rigidity) - 1)
 
     def elasticity(self, n: int, form: Form) -> float:
-        """Exact plane-stress value of mode n: smallest root of the free-surface determinant.
+        """Return the exact plane-stress value: the smallest root of the free-surface determinant.
 
-        `form` says which geometric stiffness the continuum has: "G" the gradient form of
-        Eq. (25) and Eq. (26), "J" the objective-rate one, "deflection" the deflection's slope only.
+        Args:
+            n: mode.
+            form: geometric stiffness of the continuum: "G" the gradient form of Eq. (25) and
+                Eq. (26), "J" that of an objective stress rate, "deflection" with the slope of the
+                deflection only.
         """
-        return _smallest_root(lambda s: self._determinant(s, n, form), 1.2 * self.euler(n))
+        return _find_smallest_root(lambda s: self._determinant(s, n, form), 1.2 * self.euler(n))
 
     def rayleigh_lamb(self, n: int) -> float:
-        """The "G" value again by the Rayleigh-Lamb equation with rho omega² -> s k²."""
+        """Return the "G" value by the Rayleigh-Lamb equation, with s k² for rho omega²."""
         E, nu, G = self.youngs_modulus, self.poissons_ratio, self.shear_modulus
         k, b = n * np.pi / self.slenderness, 0.5
 
@@ -60,10 +65,10 @@ class Strip:
             p, q = k * np.sqrt(1 - s * (1 - nu**2) / E), k * np.sqrt(1 - s / G)
             return 4 * k**2 * p * q * np.tanh(q * b) - (k**2 + q**2) ** 2 * np.tanh(p * b)
 
-        return _smallest_root(residual, 1.2 * self.euler(n))
+        return _find_smallest_root(residual, 1.2 * self.euler(n))
 
     def _determinant(self, s: float, n: int, form: Form) -> float:
-        """Free-surface determinant for u = U(y) cos kx, v = V(y) sin kx, U odd and V even.
+        """Return the free-surface determinant for u = U(y) cos kx, v = V(y) sin kx, U odd and V even.
 
         Energy: axial u_x² + lateral v_y² + 2 coupling u_x v_y + shear (u_y + v_x)² - s v_x².
         """
@@ -75,21 +80,26 @@ class Strip:
         k, b = n * np.pi / self.slenderness, 0.5
         # (shear r² - axial k²)(lateral r² - (shear - s) k²) + (coupling + shear)² k² r² = 0
         middle = (coupling + shear) ** 2 - shear * (shear - s) - axial * lateral
-        squares = np.roots([shear * lateral, middle * k**2, axial * (shear - s) * k**4])
-        r = np.sqrt(squares.astype(complex))
+        squared_exponents = np.roots([shear * lateral, middle * k**2, axial * (shear - s) * k**4])
+        r = np.sqrt(squared_exponents.astype(complex))
         ratio = -(shear * r**2 - axial * k**2) / ((coupling + shear) * k * r)  # V over U
-        shear_free = r + k * ratio
-        pull_free = (lateral * ratio * r - coupling * k) * np.tanh(r * b)
-        # the roots' order and their coincidence at s = 0 are divided out
-        determinant = shear_free[0] * pull_free[1] - shear_free[1] * pull_free[0]
+        shear_stress = r + k * ratio
+        normal_stress = (lateral * ratio * r - coupling * k) * np.tanh(r * b)
+        determinant = shear_stress[0] * normal_stress[1] - shear_stress[1] * normal_stress[0]
+        # The division removes the dependence on the order of the two exponents, and the zero where
+        # they coincide at s = 0
         return float((determinant / (r[0] - r[1])).real)
 
 
-def _smallest_root(function: Callable[[float], float], upper: float) -> float:
-    """First sign change above zero, where the function starts from a trivial zero."""
+def _find_smallest_root(function: Callable[[float], float], upper: float) -> float:
+    """Return the first sign change above zero, where the function has a trivial root.
+
+    Raises:
+        ValueError: if there is none below the upper bound.
+    """
     grid = np.linspace(upper / 500, upper, 500)
     values = [function(s) for s in grid]
-    for low, high, before, after in zip(grid, grid[1:], values, values[1:], strict=False):
-        if before * after < 0:
+    for low, high, low_value, high_value in zip(grid, grid[1:], values, values[1:], strict=False):
+        if low_value * high_value < 0:
             return float(brentq(function, low, high, xtol=1e-12 * high, rtol=1e-14))
-    raise ValueError(f"no root below {upper:g}")
+    raise ValueError(f"no sign change between 0 and {upper:g}; raise the upper bound")

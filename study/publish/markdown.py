@@ -56,9 +56,8 @@ def _render_display(_: object, tokens: list[Token], i: int, *__: object) -> str:
 @cache
 def _formula(latex: str, *_: object) -> str:
     html = str(math2html(latex.strip())).strip()
-    html = html.replace("\N{THIN SPACE}\N{FRACTION SLASH}\N{THIN SPACE}", "/")
-    sign_in_script = "(<su[pb][^>]*>)\N{THIN SPACE}\N{MINUS SIGN}\N{THIN SPACE}"
-    return re.sub(sign_in_script, "\\1\N{MINUS SIGN}", html)
+    html = re.sub(r"\s?\N{FRACTION SLASH}\s?", "/", html)  # with thin spaces
+    return re.sub(r"(<su[pb][^>]*>)\s?\N{MINUS SIGN}\s?", "\\1\N{MINUS SIGN}", html)
 
 
 def _mark_table_heads(tokens: list[Token]) -> None:

@@ -33,7 +33,8 @@ def measure(divisions: int, runs: int) -> dict[str, list[float]]:
         "factorisation": lambda: factorise(held),
     }
     for name, loads in _loads(body).items():
-        parts[name] = partial(s7_2_block.on_foundation, body, loads, s7_2_block.FRICTION, True)
+        arguments = (body, loads, s7_2_block.FRICTION, True)
+        parts[name] = partial(s7_2_block.solve_on_foundation, *arguments)
     times: dict[str, list[float]] = {}
     for _ in range(runs):
         for name, part in parts.items():
@@ -75,18 +76,18 @@ def main() -> None:
 
 def _block(divisions: int) -> Discretisation:
     material = Material(s7_2_block.YOUNGS_MODULUS, s7_2_block.POISSONS_RATIO)
-    build = partial(s7_2_block.mesh, (divisions, divisions // 2))
+    build = partial(s7_2_block.mesh_block, (divisions, divisions // 2))
     return discretise("pw-T6", build, material, StressState.PLANE_STRESS)
 
 
 def _loads(body: Discretisation) -> dict[str, list[PETSc.Vec]]:
-    both = s7_2_block.press_and_pull(body, s7_2_block.PULL)
+    both = s7_2_block.assemble_load_history(body, s7_2_block.PULL)
     return {"contact": [both[-1]], "history": [both[0], both[-1]]}
 
 
 def _held(body: Discretisation) -> Reduction:
     """The block glued to its foundation: a regular stiffness to factorise."""
-    return body.supports([prescribe(body.space, i, s7_2_block.lower_side) for i in (0, 1)])
+    return body.supports([prescribe(body.space, i, s7_2_block.on_lower_side) for i in (0, 1)])
 
 
 def _seconds(values: list[float]) -> str:

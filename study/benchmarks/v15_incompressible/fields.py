@@ -41,13 +41,13 @@ from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import SubSpace
 from study.meshes.distorted_meshes import CELLS, moved_mesh, unit_mesh
+from study.meshes.distortion import smooth_distortion
 from study.meshes.mesh_families import cell_size
 from study.model.discretisation import displacement_space, held_nodes, spaces
 from study.model.elements import taylor_hood
 from study.model.units import dimensionless
 from study.run.store import Result
 from study.solutions.manufactured import plane, plane_pressure, solid, solid_pressure
-from study.meshes.distortion import smooth_distortion
 
 Array = npt.NDArray[np.float64]
 

@@ -41,6 +41,7 @@ from pw_elements.contact import (
 from pw_elements.contact.model import Friction, PairState
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
+from study.benchmarks.v12_impact.schemes import Scheme
 from study.benchmarks.w_engineering.pressures import pressure_matrix
 from study.meshes import mesh_lines
 from study.meshes.line_mesh import on_lines
@@ -50,7 +51,6 @@ from study.rivals.problem import NU, OUTER, RADIUS, ZONE, E, direct
 from study.solutions.half_space import Elastic, HertzLine, HertzSphere
 from study.solutions.half_space_shear import hertz_force
 from study.solutions.indentation import growing
-from study.benchmarks.v12_impact.schemes import Scheme
 
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from study.model.vocabulary import STICK
-from study.paper.bands import DIAGONALS, members
+from study.paper.bands import OTHER_DIAGONALS, list_case_family
 from study.run.store import Results
 
 Array = npt.NDArray[np.float64]
@@ -78,7 +78,7 @@ def _test_functions(nodes: Array, x: Array, standard: bool) -> Array:
 
 def shear_band(results: Results, end: Literal["least", "largest"]) -> float:
     """The same of the new element on that of all diagonals where it is least, or largest."""
-    keys = members("7.3/pw-T6", DIAGONALS)
+    keys = list_case_family("7.3/pw-T6", OTHER_DIAGONALS)
     return (min if end == "least" else max)(shear_off_fine(results, k, STUCK) for k in keys)
 
 
