@@ -17,6 +17,7 @@ from pw_elements import Material, SurfaceNodes, prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Parabola, solve_contact
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
+from study.benchmarks.v10_space.page import sphere as pressed_sphere
 from study.meshes.line_mesh import on_lines
 from study.meshes.mesh_lines import growing
 from study.model.discretisation import discretise, displacement_space, held_nodes
@@ -24,7 +25,6 @@ from study.model.units import dimensionless
 from study.run.store import Result
 from study.solutions.half_space import Elastic, HertzLine
 from study.solutions.indentation import INNER, OUTER, graded_square
-from study.verification.v10_space import sphere as pressed_sphere
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
