@@ -145,10 +145,10 @@ def _integrate_weights_beyond(
     return np.concatenate(nodes), np.concatenate(integrals)
 
 
-def _cut_simplex(corner: Array, end: float, dim: int) -> list[Array]:
+def _cut_simplex(corner: Array, end: float, dim: int) -> list[Doubles]:
     """Return the pieces of an edge or triangle with x > end, each as barycentric corners."""
-    kept: list[Array] = []
-    vertices: list[Array] = [np.eye(dim)[k] for k in range(dim)]
+    kept: list[Doubles] = []
+    vertices: list[Doubles] = [np.eye(dim)[k] for k in range(dim)]
     for a, b in zip(vertices, vertices[1:] + vertices[:1], strict=True):
         xa, xb = (float(vertex @ corner[:, 0]) for vertex in (a, b))
         if xa > end:
@@ -321,9 +321,10 @@ def _two_cylinders(
 
     x_lower, depth, zone = mesh_lines(edges)
     x_upper, height, _ = mesh_lines(max(1, round(ratio * edges)))
-    comm, diagonal = MPI.COMM_SELF, "left_right"
-    lower = curved_mesh(on_lines(comm, x_lower, -depth[::-1], "triangle", diagonal), lambda x: x)
-    upper = curved_mesh(on_lines(comm, x_upper, height, "triangle", diagonal), curve)
+    comm = MPI.COMM_SELF
+    flat_lower = on_lines(comm, x_lower, -depth[::-1], "triangle", "left_right")
+    flat_upper = on_lines(comm, x_upper, height, "triangle", "left_right")
+    lower, upper = curved_mesh(flat_lower, lambda x: x), curved_mesh(flat_upper, curve)
     mesh, is_lower_cell = joined(lower, upper)
 
     def near_contact(x: Array) -> Mask:
@@ -471,7 +472,7 @@ def calculix(case: str, tracked: str) -> Result:
     pressure, displacement = peer_pressure[peer_node[node]], displacement[peer_node]
     solution = Solution(node, pressure, area, force, opposite, displacement, 0, True, [])
     if isinstance(problem, Blocks):
-        exact_pressure = np.full(len(node), problem.pressure)
+        exact_pressure: Array = np.full(len(node), problem.pressure)
         result = compare(two, solution, exact_pressure, problem.pressure, np.inf)
     else:
         sphere = exact[0]
