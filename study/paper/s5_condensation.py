@@ -115,15 +115,6 @@ class _CondensedQuadrilateral:
         return cls(nodes, body.space.dofmap.list.copy(), inner, stiffness)
 
 
-def _distorted_body(element: str) -> Discretisation:
-    return discretise(
-        element,
-        lambda cell: move_nodes(_square(cell, DIVISIONS, "right"), smooth_distortion),
-        MATERIAL,
-        StressState.PLANE_STRESS,
-    )
-
-
 def element_matrix(element: str) -> Result:
     """Examine the stiffness of one condensed quadrilateral: symmetry, rank, effect of the diagonal.
 
@@ -191,7 +182,7 @@ def identity() -> Result:
 
 def _discretise_distorted_square(element: str) -> Discretisation:
     def build(cell: str) -> Mesh:
-        return move_nodes(_mesh_square(cell, DIVISIONS, "right"), distorted)
+        return move_nodes(_mesh_square(cell, DIVISIONS, "right"), smooth_distortion)
 
     return discretise(element, build, MATERIAL, StressState.PLANE_STRESS)
 

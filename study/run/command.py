@@ -170,14 +170,14 @@ def study(
 
 def _recomputed(cases: list[Case], out: Path) -> list[Case]:
     """Replace recorded cases by those that compute them; measure the cost of section K anew."""
-    from study.cost import k_cost, measure
+    from study.benchmarks.k_cost import measure, page
 
     costs = {case.key: case for case in cases if case.section == "K"}
     if costs:
         print("study: measuring times and memory of section K, one row at a time", file=sys.stderr)
         record = out / "cost.json"
         measure.write_record(record, {case.name for case in costs.values()})
-        costs = {case.key: case for case in k_cost.cases(record)}
+        costs = {case.key: case for case in page.load_cases(record)}
     return [costs.get(case.key) or case.recomputed or case for case in cases]
 
 

@@ -50,7 +50,7 @@ from pw_elements.contact.nodes import (
 from pw_elements.contact.system.krylov import KrylovTangent
 from pw_elements.meshes import triangles
 from pw_elements.solvers import Multigrid
-from study.cost.measure import Row, alone
+from study.benchmarks.k_cost.measure import Row, run_alone
 from study.model.matrices import dense
 from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
 from tests.library import vtx
@@ -308,7 +308,7 @@ def test_half_a_million_unknowns_take_less_than_four_gigabytes(request):
     """
     if not request.config.getoption("--nightly"):
         pytest.skip("takes a quarter of an hour, with --nightly")
-    small, large = (alone(Row("sliding", "pw-T10", n, "Iterative")) for n in (8, 17))
+    small, large = (run_alone(Row("sliding", "pw-T10", n, "Iterative")) for n in (8, 17))
     assert round(large["dofs"], -3) == 500_000
     assert large["megabytes"] * 2**20 < 4e9
     assert large["pressed"] == pytest.approx(small["pressed"], rel=0.03)

@@ -20,7 +20,7 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from study.cost.measure import RECORD, Row, machine
+from study.benchmarks.k_cost.measure import RECORD, Row, describe_machine
 from study.solutions.calculix.calculix import PeerError, executable, version
 from study.solutions.calculix.grids import Grid
 from study.solutions.calculix.standard_decks import RoughBlock
@@ -79,7 +79,9 @@ def _record(cells: int, dofs: int, cost: Cost) -> None:
     content["rows"] = [one for one in content["rows"] if Row(**one["row"]) != row]
     measured = {"dofs": dofs, "iterations": cost.iterations, "megabytes": cost.megabytes}
     measured |= {"whole_seconds": cost.cpu, "wall_seconds": cost.wall}
-    content["rows"].append({"row": asdict(row), "machine": machine(), "measured": measured})
+    content["rows"].append(
+        {"row": asdict(row), "machine": describe_machine(), "measured": measured}
+    )
     RECORD.write_text(json.dumps(content, indent=1) + "\n")
 
 

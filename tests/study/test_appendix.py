@@ -27,13 +27,13 @@ def test_unknowns_are_the_fewest_and_the_most_and_mesh_sizes_are_listed_once(one
     one({"divisions": [80, 40]}, dofs=40)
     one({"dofs": 900, "divisions": [20, 10]})  # a recorded case keeps them among its parameters
     assert one({"divisions": [20, 10]}, dofs=120)[:4] == (3, 0, (40, 900), ["20 × 10", "80 × 40"])
-    assert one({"measured": {}}, dofs=120, record="study/cost/record.json")[:2] == (4, 1)
+    assert one({"measured": {}}, dofs=120, record="study/run/records.json")[:2] == (4, 1)
 
 
 def test_results_that_were_computed_and_that_were_read_are_counted(one, tmp_path):
     one({}, dofs=1)
     one({}, dofs=1)
-    one({}, dofs=1, record="study/cost/record.json")
+    one({}, dofs=1, record="study/run/records.json")
     assert appendix.computed_and_recorded(Results(tmp_path)) == (2, 1)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import study.run.command
-from study.cost import measure
+from study.benchmarks.k_cost import measure
 from study.run.cases import load_section
 from study.verification import longer, recorded
 
@@ -62,34 +62,9 @@ def test_the_documents_say_how_long_the_recorded_results_take():
         for entry in json.loads(measure.RECORD.read_text())["rows"]
         if entry["row"]["method"] != "CalculiX"
     ]
-    repeats = [1 if seconds > measure.ONCE else measure.REPEATS for seconds in whole]
+    repeats = [1 if seconds > measure.LONG_RUN else measure.N_RUNS for seconds in whole]
     cost_minutes = round(sum(map(operator.mul, whole, repeats)) / 60)
     page = (Path(__file__).parents[2] / "docs" / "study.md").read_text()
     for text in (page, study.run.command.USAGE):
         assert f"{longer_minutes} CPU minutes more" in text
         assert re.search(rf"\b{cost_minutes} minutes (more|for the times of section K)", text)
-
-
-def test_costs_are_measured_anew_on_demand(tmp_path, monkeypatch):
-    """Each row once; those of CalculiX stay read from the record."""
-    record = json.loads(measure.RECORD.read_text())["rows"]
-    known = {measure.Row(**entry["row"]): entry["measured"] for entry in record}
-    measured = []
-
-    def median(row):
-        measured.append(row.name)
-        return {**known[row], "whole_seconds": 2 * known[row]["whole_seconds"]}
-
-    monkeypatch.setattr(measure, "_median", median)
-    monkeypatch.setattr(measure, "rows", lambda: [row for row in known if row.method != "CalculiX"])
-    tracked = load_section("K").cases
-    again = study.run.command._recomputed(tracked, tmp_path)
-    assert [case.name for case in again] == [case.name for case in tracked]
-    assert len(measured) == len({*measured}) > 100
-    for case, before in zip(again, tracked, strict=True):
-        assert before.record == "study/cost/record.json"
-        ours = case.name in measured
-        assert bool(case.record) is not ours
-        assert case.run(**case.parameters).dofs == before.run(**before.parameters).dofs
-        seconds = [one.parameters["measured"]["whole_seconds"] for one in (case, before)]
-        assert seconds[0] == (2 if ours else 1) * seconds[1]

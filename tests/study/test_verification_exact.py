@@ -10,6 +10,7 @@ from pw_elements import Material
 from pw_elements.elasticity import StressState
 from study.benchmarks import v4_spence
 from study.benchmarks.v8_vibration.exact_eigenvalues import Rod, wave_speeds_squared
+from study.benchmarks.v10_space import partial_slip
 from study.meshes.mesh_lines import graded
 from study.meshes.solid_meshes import box, quarter_disc, with_mirror_image
 from study.solutions import stick_slip as friction
@@ -22,7 +23,6 @@ from study.solutions.half_space import (
     HertzSphere,
 )
 from study.solutions.half_space_shear import MindlinSphere, _cerruti, hertz_force
-from study.verification import v10_partial_slip as v10
 
 BODY = Elastic(1000.0, 0.3)
 KNOWN = [
@@ -154,14 +154,13 @@ def test_mindlin_holds_what_it_says():
 
 def test_stick_radius_of_mindlins_tractions_is_that_of_its_disc():
     """At any nodes that stick, without those that have no traction."""
-    known = MindlinSphere(
-        HertzSphere(HALF_SPACE, 1e3, hertz_force(HALF_SPACE, 1e3)), v10.SLIDING, v10.SHARE
-    )
+    sphere = HertzSphere(HALF_SPACE, 1e3, hertz_force(HALF_SPACE, 1e3))
+    exact = MindlinSphere(sphere, partial_slip.FRICTION, partial_slip.FRICTION_FRACTION)
     r = np.random.default_rng(3).uniform(0, 1, 200)
-    tractions = np.column_stack([known.shear(r), 0 * r, known.pressure(r)])
+    tractions = np.column_stack([exact.shear(r), 0 * r, exact.pressure(r)])
     tractions[::7] = np.nan
-    sticks = r < known.stick
-    assert v10._vanishing(r, tractions, sticks) == pytest.approx(known.stick, rel=1e-9)
+    radius = partial_slip.fit_stick_radius(r, tractions, r < exact.stick)
+    assert radius == pytest.approx(exact.stick, rel=1e-9)
 
 
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])

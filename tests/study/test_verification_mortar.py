@@ -1,10 +1,11 @@
-"""Section V11: the ways that two bodies are compared by."""
+"""Section V11: the methods that are compared for two bodies."""
 
 import numpy as np
 import pytest
 
 from pw_elements.contact.interface import Overlap, gather_trace
-from study.verification import mortar_ways, v11_two_bodies
+from study.benchmarks.v11_two_bodies.methods import couple_by_multipliers, dual_functions
+from study.benchmarks.v11_two_bodies.problems import hertz
 from tests.contact.two_bodies import StackedBlocks
 
 
@@ -15,7 +16,7 @@ def test_duals_of_quadratics_are_biorthogonal(cell):
     one, other = (gather_trace(stack.space, stack.sides[side]) for side in ("upper", "lower"))
     overlap = Overlap.from_traces(one, other, one.nodes, revolved=False)
     at, N = overlap.functions[0]
-    psi = mortar_ways._duals(at, N, overlap.measure, one.dim)
+    psi = dual_functions(at, N, overlap.measure, one.dim)
     assert psi.sum(axis=1) == pytest.approx(np.ones(len(psi)))
     tested = N.copy()
     if one.dim == 3:
@@ -35,7 +36,7 @@ def test_with_gaps_by_duals_a_multiplier_presses_its_own_node_alone(cell):
     """By the integral of its weight; and the master as much."""
     stack = StackedBlocks((2, 3), cell)
     one, other = (gather_trace(stack.space, stack.sides[side]) for side in ("upper", "lower"))
-    found = mortar_ways._of_multipliers("pw-dual-gap", one, other, len(stack.x), 1.0)
+    found = couple_by_multipliers("pw-dual-gap", one, other, len(stack.x), 1.0)
     forces = found.forces.toarray()
     assert forces[:, one.nodes] == pytest.approx(np.diag(found.weight), abs=1e-12)
     assert found.weight.sum() == pytest.approx(1.0)
@@ -49,7 +50,6 @@ def test_with_gaps_by_duals_a_multiplier_presses_its_own_node_alone(cell):
 def test_on_matching_meshes_duals_are_node_to_segment():
     """A dual's node then faces one of the master's."""
     found = [
-        v11_two_bodies.hertz(way, 4, 1.0).scalars["pressure_l2"]
-        for way in ("p2-dual", "node-to-segment")
+        hertz(method, 4, 1.0).scalars["pressure_l2"] for method in ("p2-dual", "node-to-segment")
     ]
     assert found[0] == pytest.approx(found[1], rel=1e-6)

@@ -24,6 +24,7 @@ from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Parabola, solv
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import SubSpace
+from study.benchmarks.v10_space.page import sphere as pressed_sphere
 from study.meshes.line_mesh import on_lines
 from study.meshes.mesh_families import meshed
 from study.meshes.mesh_lines import growing
@@ -38,7 +39,6 @@ from study.model.units import NONE, dimensionless
 from study.run.store import Result
 from study.solutions.half_space import Elastic, HertzLine
 from study.solutions.indentation import INNER, OUTER, Indenter, graded_square, indented
-from study.verification.v10_space import sphere as pressed_sphere
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -1,0 +1,1 @@
+"""Time and memory of assembly, solvers and contact: section K."""

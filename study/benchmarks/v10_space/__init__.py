@@ -1,0 +1,1 @@
+"""Contact and friction in space, on tetrahedra and hexahedra: section V10."""

@@ -1,0 +1,129 @@
+"""Partial slip of two equal spheres with matching nodes: Mindlin's problem."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements import Material, prescribe
+from pw_elements.contact import STICK, ContactPair, Motion, Parabola, solve_contact
+from pw_elements.contact.model import MatchingNodes
+from study.meshes.mesh_lines import OUTER, graded
+from study.meshes.solid_meshes import box, cell_of, with_mirror_image
+from study.run.store import Result
+from study.solutions.half_space import Elastic, HertzSphere
+from study.solutions.half_space_shear import MindlinSphere, hertz_force
+from study.solutions.solids import INNER, Solid, errors_beside, face_result
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+# Lengths are divided by the contact radius, stresses by E
+YOUNGS_MODULUS = 1.0
+RELATIVE_RADIUS = 1e3
+"""Radius of the relative curvature; each sphere has twice this radius."""
+FRICTION = 0.4
+FRICTION_FRACTION = 0.5
+"""Tangential force over what friction can carry, Q/(mu P)."""
+MESH_DISTANCE = 1.0
+"""Distance between the two meshes, so that no nodes coincide."""
+BORDER_DISTANCE = 0.15
+"""Shear is compared farther than this from the border of the stick zone."""
+
+
+def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
+    """Solve two equal bodies that are pressed and then pushed along x; one half is modelled.
+
+    The outer sides have the displacements of half spaces under the exact tractions. Errors of the
+    shear are relative to mu p0, away from the border of the stick zone. `sticking_area_own` is the
+    sum of the sticking nodes' weights over that of the nodes inside the exact disc; `stick_radius`
+    is the radius of `fit_stick_radius` over the exact one.
+
+    Args:
+        element: its name.
+        elements: number along the contact radius.
+        poissons_ratio: of both bodies; Mindlin's solution is exact for 0.
+    """
+    body = Elastic(YOUNGS_MODULUS, poissons_ratio)
+    sphere = HertzSphere(body, 2 * RELATIVE_RADIUS, hertz_force(body, 2 * RELATIVE_RADIUS))
+    exact = MindlinSphere(sphere, FRICTION, FRICTION_FRACTION)
+    lines = graded(elements)
+    x_lines = np.concatenate([-lines.beside[:0:-1], lines.beside])
+    lower = box(cell_of(element), x_lines, lines.beside, lines.below)
+    mesh = with_mirror_image(lower, MESH_DISTANCE)
+    solid = Solid.of(element, mesh, Material(YOUNGS_MODULUS, poissons_ratio))
+
+    def contact_face(height: float) -> Callable[[Array], Mask]:
+        def marker(p: Array) -> Mask:
+            is_near = np.maximum(np.abs(p[0]), p[1]) < lines.zone + 1e-9
+            return np.isclose(p[2], height) & is_near
+
+        return marker
+
+    def outer_sides(p: Array) -> Mask:
+        ends = np.isclose(np.abs(p[2] - MESH_DISTANCE / 2), OUTER + MESH_DISTANCE / 2)
+        return ends | np.isclose(np.abs(p[0]), OUTER) | np.isclose(p[1], OUTER)
+
+    def far_field(pushed: bool) -> Callable[[Array], Array]:
+        def displacement(x: Array) -> Array:
+            is_upper = (x[:, 2] > MESH_DISTANCE / 2)[:, None]
+            mirrored = [0.0, 0.0, MESH_DISTANCE] + x * [-1.0, 1.0, -1.0]
+            u = exact.displacement(np.where(is_upper, mirrored, x), pushed)
+            return np.where(is_upper, u * [-1.0, 1.0, -1.0], u)
+
+        return displacement
+
+    symmetry = prescribe(solid.space, 1, lambda p: np.isclose(p[1], 0.0))
+    shape = Parabola((0.0, 0.0, 0.0), RELATIVE_RADIUS)
+    upper = MatchingNodes(contact_face(MESH_DISTANCE), shape, offset=(0.0, 0.0, MESH_DISTANCE))
+    # the far field differs between the increments: loads stand for its prescribed values
+    loads = [solid.held_by_load(outer_sides, far_field(pushed)) for pushed in (False, True)]
+    sides = [prescribe(solid.space, i, outer_sides) for i in range(3)]
+    supports = solid.supports([symmetry, *sides])
+    depth = -2 * exact.normal.approach
+    motions = [Motion((0.0, 0.0, depth)), Motion((2 * exact.shift, 0.0, depth))]
+    pair = ContactPair(contact_face(0.0), upper, FRICTION, motions)
+    states = solve_contact(solid.K, loads, supports, [pair], solid.space)
+
+    surface, standard = faces = solid.faces(contact_face(0.0))
+    forces = solid.nodal_forces(states[-1], loads[-1], contact_face(0.0))
+    forces = forces * [1.0, 1.0, -1.0]  # normal components are positive in compression
+    r = np.linalg.norm(surface.position[:, :2], axis=1)
+    is_compared = (r < INNER) & (np.abs(r - exact.stick) > BORDER_DISTANCE)
+    tractions = surface.pressure(forces)
+    shear_error = np.abs(tractions[:, 0] - exact.shear(r)) / (FRICTION * exact.normal.peak)
+    scalars = errors_beside("shear_error", np.where(is_compared, shear_error, np.nan), standard)
+    if solid.T is None:  # with T the stick zone is that of the standard element
+        sticks = states[-1].pairs[0].status == STICK
+        exact_area = surface.weight_area[r < exact.stick].sum()
+        scalars["sticking_area_own"] = surface.weight_area[sticks].sum() / exact_area
+        scalars["stick_radius"] = fit_stick_radius(r, tractions, sticks) / exact.stick
+    return face_result(
+        states,
+        solid,
+        faces,
+        forces,
+        exact.pressure(r),
+        exact.normal.peak,
+        INNER,
+        force_error=abs(2 * forces[:, 2].sum() / exact.normal.force - 1),
+        shear_force_error=abs(2 * forces[:, 0].sum() / exact.force - 1),
+        **scalars,
+    )
+
+
+def fit_stick_radius(r: Array, tractions: Array, sticks: Mask) -> float:
+    """Return the radius at which the unused friction of the sticking nodes would vanish.
+
+    In Mindlin's solution (mu p - |t|)² is a straight line over r²; one is fitted through the
+    sticking nodes. Interpolation would reach zero at the first slipping node, and count nodes.
+
+    Args:
+        r: (m,), distances of the nodes from the axis.
+        tractions: (m, 3), the last component is the pressure; NaN where there is no reading.
+        sticks: (m,), whether a node sticks.
+    """
+    unused = FRICTION * tractions[:, 2] - np.linalg.norm(tractions[:, :2], axis=1)
+    is_fitted = sticks & np.isfinite(unused)
+    slope, intercept = np.polyfit(r[is_fitted] ** 2, unused[is_fitted] ** 2, 1)
+    return float(np.sqrt(intercept / -slope))

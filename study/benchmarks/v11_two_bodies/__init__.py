@@ -1,0 +1,1 @@
+"""Contact of two deformable bodies whose meshes do not match: section V11."""

@@ -1,1 +1,0 @@
-"""Problems whose answer is known, and identities that the paper lacks."""
