@@ -1,7 +1,7 @@
 """Indenters of the fourth order: contact pressures with their peak away from the middle."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -20,7 +20,8 @@ from study.run.store import Result, Results
 from study.solutions.half_space import Elastic
 from study.solutions.indentation import Indenter, series
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[np.floating[Any]]
+Points = npt.NDArray[np.float64]
 
 SECTION = "V18"
 TITLE = "Indenters of the fourth order"
@@ -84,12 +85,12 @@ class QuarticPunch:
 
     coefficient: float
 
-    def gap(self, x: Array) -> Array:
+    def gap(self, x: Points) -> Points:
         """Return gaps (n,) of points x (n, 2)."""
-        gap: Array = self.coefficient * x[:, 0] ** 4 - x[:, 1]
+        gap: Points = self.coefficient * x[:, 0] ** 4 - x[:, 1]
         return gap
 
-    def normal(self, x: Array) -> Array:
+    def normal(self, x: Points) -> Points:
         """Return the direction (n, 2) in which the punch pushes: downwards."""
         return np.tile([0.0, -1.0], (len(x), 1))
 
