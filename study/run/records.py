@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 RECORD = Path(__file__).with_name("records.json")
 RECORD_NAME = RECORD.relative_to(Path(__file__).parents[2]).as_posix()
 
+COSTLY_SECONDS = 3.0
+"""CPU seconds from which on a case is worth a record."""
+
 Row = dict[str, Any]
 """Section, case, parameters, scalars, units other than 1, dofs, and CPU seconds."""
 

@@ -5,9 +5,7 @@ import os
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -105,27 +103,22 @@ def test_changed_and_corrupt_cases_are_computed_again(run_study, toy_study, resu
 
 
 def test_recorded_results_are_counted_separately_and_computed_on_demand(
-    run_study, toy_study, results_folder, monkeypatch, capsys
+    run_study, toy_study, results_folder, capsys
 ):
     """Recorded results are counted separately, and they are computed only on demand.
 
-    The second case of the section is read from a record, like the cases of the longer series.
+    The second case of the section is read from a record, like costly cases.
     """
-    cases_with_record = 'CASES = [case("a"), replace(case("b", 9.0), record="toy/record.json")]'
+    cases_with_record = (
+        'CASES = [case("a"), replace(case("b", 9.0), record="toy/record.json", '
+        'recomputed=case("b", 2.5))]'
+    )
     replace_in_file(
         toy_study / "toy" / "one.py", 'CASES = [case("a"), case("b", 2.5)]', cases_with_record
     )
     replace_in_file(
         toy_study / "toy" / "one.py", "import os", "import os\nfrom dataclasses import replace"
     )
-    longer_series = ModuleType("study.verification.longer")
-    monkeypatch.setitem(sys.modules, "study.verification.longer", longer_series)
-    longer_series.CASES = {}
-    (section,) = study.run.command._load(["1"])
-    longer_series.CASES["1/b"] = replace(
-        section.cases[0], name="b", parameters={"value": 2.5, "log": ""}
-    )
-    longer_series.CASES["1/b"].parameters["log"] = str(toy_study / "log")
 
     def read_messages():
         return [re.sub(r"\d\.\d s", "# s", line) for line in capsys.readouterr().err.splitlines()]

@@ -68,7 +68,20 @@ def test_fingerprint_is_the_same_in_another_process(toy):
     assert done.stdout.strip() == fingerprint(case)
 
 
-@pytest.mark.parametrize("name", ["one.py", "common.py", "__init__.py"])
+def test_change_of_a_definition_that_the_case_uses_invalidates_and_of_others_does_not(toy):
+    case, path = load_section("1").cases[0], toy / "one.py"
+    before = fingerprint(case)
+    add(path, 'TEXT = "Text of the page."\n\n\ndef draw():\n    return TEXT\n')
+    assert fingerprint(case) == before
+    path.write_text(path.read_text().replace("FACTOR * value", "FACTOR * value * SCALE"))
+    add(path, "SCALE = 1.0\n")
+    with_scale = fingerprint(case)
+    assert with_scale != before
+    path.write_text(path.read_text().replace("SCALE = 1.0", "SCALE = 2.0"))
+    assert fingerprint(case) not in (before, with_scale)
+
+
+@pytest.mark.parametrize("name", ["common.py", "__init__.py"])
 def test_change_of_a_source_that_the_section_uses_invalidates_and_a_comment_does_not(toy, name):
     case, path = load_section("1").cases[0], toy / name
     add(path, "class Own:\n    pass\n")

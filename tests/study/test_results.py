@@ -121,7 +121,7 @@ def test_measures_select_by_parameters_or_by_names(results):
 
 TEXTS = sorted(Path(texts.__file__).parent.glob("*.[hm][td]*"))
 TEXTS += [page_source(section) for section in SECTIONS]
-LITERAL = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"]*)"( *~)?')
+LITERAL = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"{{}}]*)"( *~)?')
 
 
 @pytest.mark.parametrize("name", scripts())

@@ -1,6 +1,5 @@
 """The structure of the study: a page for each section, few entries, few modules in a folder."""
 
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -17,20 +16,24 @@ MAX_PAGE_CHARACTERS = 35_000
 MAX_FILES_OF_A_PAGE = 4
 
 
-def tracked(folder):
-    command = ["git", "ls-files", folder.relative_to(ROOT).as_posix()]
-    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout
-    return [ROOT / name for name in listed.splitlines() if (ROOT / name).is_file()]
+def files_of(folder):
+    """Return the files of a folder without what Python and editors leave there."""
+    return [
+        path
+        for path in folder.rglob("*")
+        if path.is_file()
+        and not {part for part in path.relative_to(ROOT).parts if part.startswith((".", "__p"))}
+    ]
 
 
 def test_the_study_has_few_entries_at_its_top():
-    entries = {path.relative_to(STUDY).parts[0] for path in tracked(STUDY)}
+    entries = {path.relative_to(STUDY).parts[0] for path in files_of(STUDY)}
     assert len(entries) <= MAX_ENTRIES, sorted(entries)
 
 
 def test_folders_have_few_modules():
     counts = {}
-    for path in tracked(STUDY):
+    for path in files_of(STUDY):
         if path.suffix == ".py" and path.name != "__init__.py":
             counts[path.parent] = counts.get(path.parent, 0) + 1
     allowed = dict.fromkeys(counts, MAX_MODULES)
@@ -44,7 +47,7 @@ def test_a_section_has_a_page_that_can_be_read_in_one_go(section):
     page = page_source(section)
     assert len(page.read_text(encoding="utf-8")) <= MAX_PAGE_CHARACTERS
     if page.name == "page.py":
-        assert len(tracked(page.parent)) <= MAX_FILES_OF_A_PAGE
+        assert len(files_of(page.parent)) <= MAX_FILES_OF_A_PAGE
     else:
         assert page.parent in (STUDY / "benchmarks", STUDY / "paper")
 
