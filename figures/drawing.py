@@ -392,8 +392,8 @@ def _digest(name: str, digests: dict[str, str], names: dict[str, list[str]]) -> 
     if (section := page_figures().get(name)) is not None:
         digest.update(json.dumps(reached_sources(SECTIONS[section], "FIGURES")).encode())
     else:
-        path = Path(__file__).with_name(f"{name}.py")
-        digest.update(path.read_bytes() if path.is_file() else b"missing")
+        for path in (Path(part, f"{name}.py") for part in figures.__path__):
+            digest.update(path.name.encode() + (path.read_bytes() if path.is_file() else b"missing"))
     digest.update(json.dumps([sorted(digests.items()), sorted(names.items())]).encode())
     return digest.hexdigest()
 

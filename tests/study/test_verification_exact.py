@@ -13,7 +13,6 @@ from study.benchmarks.v8_vibration.exact_eigenvalues import Rod, wave_speeds_squ
 from study.benchmarks.v10_space import partial_slip
 from study.meshes.mesh_lines import graded
 from study.meshes.solid_meshes import box, quarter_disc, with_mirror_image
-from study.solutions import stick_slip as friction
 from study.solutions.half_space import (
     BondedLine,
     Elastic,
@@ -23,6 +22,12 @@ from study.solutions.half_space import (
     HertzSphere,
 )
 from study.solutions.half_space_shear import MindlinSphere, _cerruti, hertz_force
+<<<<<<< HEAD
+=======
+from study.solutions.stick_slip import Cattaneo
+from study.verification import v10_partial_slip as v10
+from study.verification.v8_exact import Rod, wave_speeds_squared
+>>>>>>> c7d3aa382fd736fb82f288f156c9f7329923e797
 
 BODY = Elastic(1000.0, 0.3)
 KNOWN = [
@@ -181,7 +186,7 @@ def volume(mesh):
 
 
 def test_partial_slip_formulas_balance_the_forces():
-    known = friction.Cattaneo(half_width=2.0, force=3.0, friction=0.3, share=0.6)
+    known = Cattaneo(half_width=2.0, force=3.0, friction=0.3, share=0.6)
     x = np.linspace(-2, 2, 200_001)
     assert np.trapezoid(known.pressure(x), x) == pytest.approx(3.0, rel=1e-6)
     assert np.trapezoid(known.shear(x), x) == pytest.approx(0.6 * 0.3 * 3.0, rel=1e-6)
