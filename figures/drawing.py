@@ -393,7 +393,8 @@ def _digest(name: str, digests: dict[str, str], names: dict[str, list[str]]) -> 
         digest.update(json.dumps(reached_sources(SECTIONS[section], "FIGURES")).encode())
     else:
         for path in (Path(part, f"{name}.py") for part in figures.__path__):
-            digest.update(path.name.encode() + (path.read_bytes() if path.is_file() else b"missing"))
+            digest.update(path.name.encode())
+            digest.update(path.read_bytes() if path.is_file() else b"missing")
     digest.update(json.dumps([sorted(digests.items()), sorted(names.items())]).encode())
     return digest.hexdigest()
 

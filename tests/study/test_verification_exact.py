@@ -22,12 +22,7 @@ from study.solutions.half_space import (
     HertzSphere,
 )
 from study.solutions.half_space_shear import MindlinSphere, _cerruti, hertz_force
-<<<<<<< HEAD
-=======
 from study.solutions.stick_slip import Cattaneo
-from study.verification import v10_partial_slip as v10
-from study.verification.v8_exact import Rod, wave_speeds_squared
->>>>>>> c7d3aa382fd736fb82f288f156c9f7329923e797
 
 BODY = Elastic(1000.0, 0.3)
 KNOWN = [
