@@ -66,10 +66,10 @@ FACTS = {
 # Problem and proof
 
 PROBLEM = r"""
-**The matrix $T$: where the new element is the standard one with its forces redistributed.** Let $\boldsymbol{T}$ keep
-three quarters of each mid-side node's equation in its place and add one eighth to the equation at either end of the
-side. (A transformation of the same form, with another factor, makes dual multipliers possible for quadratic mortar
-methods {{ cite("popp") }}.) On straight-sided triangles with constant data,
+**The matrix $\boldsymbol{T}$: where the new element is the standard one with its forces redistributed.** Let
+$\boldsymbol{T}$ keep three quarters of each mid-side node's equation in its place and add one eighth to the equation at
+either end of the side. (A transformation of the same form, with another factor, makes dual multipliers possible for
+quadratic mortar methods {{ cite("popp") }}.) On straight-sided triangles with constant data,
 
 $$\boldsymbol{K}_\mathrm{new} = \boldsymbol{T} \boldsymbol{K}_\mathrm{standard}.$$
 
