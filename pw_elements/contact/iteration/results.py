@@ -73,13 +73,14 @@ def make_contact_state(
 def make_undeformed_state(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
     """Return the state of the undeformed body; `unknowns` is a zero vector (n,)."""
     no_vector = np.zeros_like(interface.position)
+    gap, normal = interface.evaluate_surfaces(None)
     pairs = make_pair_states(
         interface,
         np.zeros((interface.pairs, no_vector.shape[1])),
         no_vector,
         interface.force,
-        normal=interface.evaluate_normals(None),
-        gap=interface.evaluate_gaps(None),
+        normal=normal,
+        gap=gap,
         friction=interface.cone.max_coefficient,
     )
     return ContactState(interface.field.extract(unknowns), pairs, unknowns=unknowns)

@@ -539,9 +539,8 @@ class _TimeIntegration:
     def _evaluate_surfaces(self) -> tuple[Array, Array]:
         """Return gaps (m,) and normals (m, dim) of the undeformed nodes to the moved surfaces."""
         translations = self.translations[-1]
-        normal = self._interface.evaluate_normals(translations)
-        gap = self._interface.evaluate_gaps(translations)
-        self._interface.check_supports(normal, gap)
+        gap, normal = self._interface.evaluate_surfaces(translations)
+        self._interface.check_supports(gap, normal)
         return gap, normal
 
     def _evaluate_load(self, time: float) -> Array:

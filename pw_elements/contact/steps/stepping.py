@@ -352,7 +352,7 @@ class SmallStrainStepping:
             cost_before: cost at the start of the increment.
         """
         frame, gap = end.kinematics.frame, end.kinematics.gap
-        self.interface.check_supports(frame[:, 0], gap)
+        self.interface.check_supports(gap, frame[:, 0])
         offset, is_pressed = increment.equilibrium.offset, end.nodes.trial_pressure > 0
         self.interface.check_supports_between(offset, target.q, is_pressed)
         rigid = self._system_for(target.free_motions)[1]
@@ -508,9 +508,7 @@ class SmallStrainStepping:
         q = np.where(unloaded, 0.0, increment.start.q)
         q = np.where(np.isnan(target.q), q, target.q)
         increment.system.set_initial_iterate(lambda: state.unknowns, q)
-        self.interface.check_supports(
-            self.interface.evaluate_normals(q), self.interface.evaluate_gaps(q)
-        )
+        self.interface.check_supports(*self.interface.evaluate_surfaces(q))
         self._smallness_check.refuse_prescribed_passing(increment)
         return kinematics.linearise(q, increment.start.displacement, increment.start.force)
 

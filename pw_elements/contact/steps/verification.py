@@ -96,9 +96,9 @@ def measure_undeformed(
     pair, translations = interface.pair, state.translations
     motions = [_node_motions(interface, end.unknowns) for end in (before, state)]
     shifts = [end.translations[pair] for end in (before, state)]
-    normal = interface.evaluate_normals(translations)
+    gap, normal = interface.evaluate_surfaces(translations)
     with np.errstate(invalid="ignore"):  # gaps may be infinite
-        gap = interface.evaluate_gaps(translations) + np.sum(normal * motions[1], axis=1)
+        gap = gap + np.sum(normal * motions[1], axis=1)
     relative_motion = (motions[1] - shifts[1]) - (motions[0] - shifts[0])
     slip = relative_motion - np.sum(relative_motion * normal, axis=1)[:, None] * normal
     shift = _NOISE_SHIFT * (interface.extent or 1.0)
