@@ -10,7 +10,6 @@ from pw_elements.contact.iteration.increment import (
 )
 from pw_elements.contact.iteration.newton import solve_increment
 from pw_elements.contact.iteration.results import (
-    compute_reference_sizes,
     make_contact_state,
     make_pair_states,
     make_undeformed_state,

@@ -89,13 +89,13 @@ class IncrementTarget:
             (int(pair), int(component)) for pair, component in np.argwhere(np.isnan(self.q))
         )
 
-    @property
+    @cached_property
     def unloaded_free_surfaces(self) -> Mask:
         """Mask (pairs,) of surfaces that are free to move and have no prescribed force."""
         is_free = np.isnan(self.q)
         return is_free.any(axis=1) & ~(is_free & (self.forces != 0)).any(axis=1)
 
-    @property
+    @cached_property
     def totals(self) -> Array:
         """Prescribed forces and torques (free,) of the free motions."""
         return np.array([self.forces[index] for index in self.free_motions])

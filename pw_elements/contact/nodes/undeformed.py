@@ -76,8 +76,8 @@ class Kinematics(Protocol):
         """Return kinematics that are linearised at a solution.
 
         The arguments are those of `kinematics_at_iterate`. At small strains the kinematics are
-        linearised anew. At large strains `previous` is returned, which has already been linearised
-        at the solution.
+        linearised anew if a surface is free to move, or if there is support friction. Otherwise,
+        and at large strains, `previous` is returned, which is already valid at the solution.
         """
 
     def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
@@ -93,7 +93,8 @@ class Kinematics(Protocol):
 class UndeformedKinematics:
     """Kinematics at small strains.
 
-    They are linearised again only when an iterate satisfies the contact law.
+    They are linearised again only when an iterate satisfies the contact law and may have changed
+    them.
 
     Args:
         interface: contact points (m) of all pairs.
@@ -119,11 +120,13 @@ class UndeformedKinematics:
 
     def kinematics_at_solution(
         self,
-        previous: LinearisedKinematics,  # noqa: ARG002
+        previous: LinearisedKinematics,
         q: Array,
         displacement: Array,
         force: Array,
     ) -> LinearisedKinematics:
+        if not (self._free.any() or self._interface.holds_friction):
+            return previous
         return self.linearise(q, displacement, force)
 
     def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:

@@ -47,7 +47,6 @@ from pw_elements.contact.iteration import (
     IncrementTarget,
     NewtonState,
     SlidingEquilibrium,
-    compute_reference_sizes,
     interpolate_targets,
     make_contact_state,
     solve_increment,
@@ -91,7 +90,7 @@ from pw_elements.contact.rescue import (
     solve_in_substeps,
 )
 from pw_elements.contact.steps.sensitivity import HistoryPart, LinearisedEnd
-from pw_elements.contact.steps.smallness import SlipCheck
+from pw_elements.contact.steps.smallness import log_slip_differences
 from pw_elements.contact.steps.verification import (
     ReferenceSizes,
     check_stiffness_sign,
@@ -99,7 +98,7 @@ from pw_elements.contact.steps.verification import (
     measure_deformed,
     verify_state,
 )
-from pw_elements.contact.system import ContactSystem
+from pw_elements.contact.system import ContactSystem, measure_cost
 from pw_elements.elasticity import HYBRID_SPACES_REMEDY, TangentRatioMonitor
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
@@ -172,7 +171,7 @@ class LargeStrainStepping:
         self._surfaces = RigidSurfaceMotion(self.interface, pairs)
         self._pairs = list(pairs)
         self._cell_guard = CellGuard(problem.u, problem.form)
-        self._slip_check = SlipCheck(self.interface)
+        self._pairs_with_slip_warning: set[int] = set()
         self.history, self._history_update = list(history), update
         self.coefficients = ResidualCoefficients.from_form(self.form, self.u, self.history)
         self._system: ContactSystem | None = None
@@ -197,7 +196,7 @@ class LargeStrainStepping:
         with report_activity(interface.comm, f"contact increment {state.increment}"):
             reporter = ProgressReporter(interface.comm, state.increment, self._callback)
             system = self._system_for(end.free_motions)
-            cost_before = system.n_solves, system.report
+            cost_before = measure_cost([system])
             # for later states, the tangent has been checked at the end of the increment before
             if self._ratio_monitor is not None and not state.increment:
                 self._restore_state(state)
@@ -265,9 +264,9 @@ class LargeStrainStepping:
                 not_found = NotFound(message)
                 not_found.last_substate = (reached_fraction, current) if substeps else None
                 raise not_found from error
-        n_solves, report = system.n_solves - cost_before[0], system.report.since(cost_before[1])
+        n_solves, report = measure_cost([system], cost_before)
         solution = replace(combine_substeps(substeps), iterations=n_solves, report=report)
-        self._slip_check.log_differences(solution)
+        log_slip_differences(solution, self.interface, self._pairs_with_slip_warning)
         reporter.report_increment(solution, perf_counter() - start_time)
         return solution
 
@@ -460,9 +459,15 @@ class LargeStrainStepping:
             increment, kinematics, end, target, starts_clear=start_unknowns is not None
         )
         signs = self._check_stability(system, n_signs, state)
-        sizes = compute_reference_sizes(increment, end, state.scale)
+        sizes = increment.reference_sizes(end, state.scale)
         solution = make_contact_state(
-            increment, end, state, sizes=sizes, iterations=0, report=system.report, smallness=None
+            increment,
+            end,
+            state,
+            scale=sizes[0],
+            iterations=0,
+            report=system.tangent.solver.report,
+            smallness=None,
         )
         solution = self._verify_state(solution, state, target, sizes)
         return replace(solution, unique=None, determinant_signs=frozenset(signs[-1:]))
@@ -558,10 +563,10 @@ class LargeStrainStepping:
             measure_deformed(self.interface, self._pairs, start_state, solution),
             unbalanced,
             self.interface,
-            self._reduction,
-            ReferenceSizes(force, length, law_scale, round_off),
-            target.totals,
-            make_torque_function(self.interface, self._pairs, solution),
+            reduction=self._reduction,
+            sizes=ReferenceSizes(force, length, law_scale, round_off),
+            totals=target.totals,
+            torque=make_torque_function(self.interface, self._pairs, solution),
         )
 
     def _start_increment(
