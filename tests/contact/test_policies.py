@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import OPEN, SLIP, STICK, Coulomb, NotFound
-from pw_elements.contact.iteration.updates import ActiveSetHistory, ActiveSetUpdate
+from pw_elements.contact.iteration.updates import (
+    ActiveSetHistory,
+    ActiveSetUpdate,
+    report_no_free_motions,
+)
 from pw_elements.contact.model import FrictionCone
 from pw_elements.contact.nodes import ActiveSet, ContactNodes
 
@@ -52,7 +56,7 @@ def make_contact_nodes(force, gap=None, slip=None, friction=0.3):
 
 
 def test_nodes_that_cycle_change_one_at_a_time():
-    update = ActiveSetUpdate(lambda *_: [], SimpleNamespace(comm=SELF))
+    update = ActiveSetUpdate(report_no_free_motions, SimpleNamespace(comm=SELF))
     first_set, second_set = (
         make_active_set(STICK, STICK, OPEN, OPEN),
         make_active_set(OPEN, OPEN, STICK, STICK),

@@ -23,5 +23,6 @@ from pw_elements.contact.iteration.updates import (
     ActiveSetUpdate,
     DeformedSetUpdate,
     choose_first_set,
+    report_no_free_motions,
     resume_active_set,
 )

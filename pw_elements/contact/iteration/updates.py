@@ -287,7 +287,7 @@ class DeformedSetUpdate(ActiveSetUpdate):
     """
 
     def __init__(self, interface: Interface, keep_cycling_sets: bool) -> None:
-        super().__init__(_report_no_free_motions, interface)
+        super().__init__(report_no_free_motions, interface)
         self._keeps_cycling_sets = keep_cycling_sets
 
     def start(self, active: ActiveSet, increment: Increment) -> None:
@@ -315,8 +315,11 @@ class DeformedSetUpdate(ActiveSetUpdate):
         return float(self._comm.allreduce(values.max(initial=0.0), MPI.MAX))
 
 
-def _report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
-    """Return an empty list, because free rigid motions are not determined at large strains."""
+def report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
+    """Return an empty list.
+
+    Free rigid motions are not determined at large strains, and springs hold all rigid motions.
+    """
     return []
 
 

@@ -32,6 +32,7 @@ from pw_elements.contact.iteration import (
     LinearIncrement,
     NewtonState,
     make_contact_state,
+    report_no_free_motions,
     solve_increment,
 )
 from pw_elements.contact.model import (
@@ -537,7 +538,7 @@ def solve_with_springs(
     log_on_root(comm, logging.INFO, words, ".contact")
     while stiffness > _MIN_STIFFNESS and n_failures < _MAX_FAILURES and remaining_systems() > 0:
         spring_increment = with_springs(stiffness, unknowns, q)
-        update = ActiveSetUpdate(_no_free_motions, increment.interface)
+        update = ActiveSetUpdate(report_no_free_motions, increment.interface)
         try:
             spring_state = solve_increment(
                 spring_increment,
@@ -590,11 +591,6 @@ def solve_with_springs(
                     return state  # the iteration has left this solution because of round-off
         previous, stiffness = active, stiffness / softening
     return None
-
-
-def _no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
-    """Return an empty list, because springs hold all rigid motions."""
-    return []
 
 
 def _ignore_iteration(iteration: int, active: ActiveSet, violation: float) -> None:
