@@ -273,7 +273,13 @@ class DualQuadraticProblem:
         problem.system.assemble_tangent()
         reduction = Reduction.dirichlet(u.function_space, conditions)
         self._steps = LargeStrainStepping(
-            problem, conditions, reduction, [pair], 25, told, Direct()
+            problem,
+            conditions,
+            reduction,
+            [pair],
+            max_iterations=25,
+            callback=told,
+            solver=Direct(),
         )
         interface = self._steps.interface
         interface.mortars = {0: DualQuadratic(*sides)}

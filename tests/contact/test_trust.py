@@ -115,7 +115,7 @@ def converged_increment():
     problem = punch.contact_problem(punch.punch_pair(0.6), punch.base_supports)
     stepping, motion = problem._small_strain_stepping, Motion((0.02, None), (0, -217.3))
     start = problem.undeformed
-    target = IncrementTarget.from_motions(punch.zero_load, [motion], stepping.interface)
+    target = IncrementTarget.from_motions(punch.zero_load, [motion], n_motions=2)
     increment, kinematics = stepping._start_increment(start, target)
     linearised = stepping._linearise_start(increment, kinematics, start, target)
     rigid = stepping._system_for(target.free_motions)[1]

@@ -21,6 +21,7 @@ from pw_elements.contact.iteration.target import (
 )
 from pw_elements.contact.iteration.updates import (
     ActiveSetUpdate,
+    CycleKeepingSetUpdate,
     DeformedSetUpdate,
     choose_first_set,
     report_no_free_motions,

@@ -283,12 +283,12 @@ class DeformedSetUpdate(ActiveSetUpdate):
 
     Args:
         interface: contact points of all pairs.
-        keep_cycling_sets: whether an active set of a cycle is kept until its equations are solved.
     """
 
-    def __init__(self, interface: Interface, keep_cycling_sets: bool) -> None:
+    keeps_cycling_sets = False
+
+    def __init__(self, interface: Interface) -> None:
         super().__init__(report_no_free_motions, interface)
-        self._keeps_cycling_sets = keep_cycling_sets
 
     def start(self, active: ActiveSet, increment: Increment) -> None:
         """Clear the record of visited sets and record the first active set of an increment."""
@@ -307,12 +307,18 @@ class DeformedSetUpdate(ActiveSetUpdate):
         self._displacement = state.displacement
         relative_change = change / (self._max_over_ranks(np.abs(state.displacement)) or 1.0)
         is_kept = self._history.record_and_decide_to_keep(active, relative_change)
-        if self._keeps_cycling_sets and is_kept:
+        if self.keeps_cycling_sets and is_kept:
             return active, self.accuracy
         return super()._propose_next_set(active, state)
 
     def _max_over_ranks(self, values: Array) -> float:
         return float(self._comm.allreduce(values.max(initial=0.0), MPI.MAX))
+
+
+class CycleKeepingSetUpdate(DeformedSetUpdate):
+    """Rule that keeps an active set of a cycle until the equations of the set are solved."""
+
+    keeps_cycling_sets = True
 
 
 def report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001

@@ -31,6 +31,7 @@ from pw_elements.contact.output import (
     read_state,
     write_state,
 )
+from pw_elements.contact.rescue import LoadFunction
 from pw_elements.contact.steps.checks import (
     Remedies,
     check_constants,
@@ -48,7 +49,7 @@ from pw_elements.contact.steps.checks import (
     list_remedy_cost_ratios,
     list_successive_states,
 )
-from pw_elements.contact.steps.finite import LargeStrainStepping, LoadFunction
+from pw_elements.contact.steps.finite import LargeStrainStepping
 from pw_elements.contact.steps.sensitivity import (
     Derivatives,
     Output,
@@ -496,11 +497,11 @@ class _ResidualProblem(ContactProblem):
             conditions,
             reduction,
             self.pairs,
-            max_iterations,
-            callback,
-            chosen_solver,
-            functions,
-            update,
+            max_iterations=max_iterations,
+            callback=callback,
+            solver=chosen_solver,
+            history=functions,
+            update=update,
         )
         start = make_undeformed_state(self._large_strain_stepping.interface, K.createVecRight())
         values = tuple(function.x.array.copy() for function in functions)

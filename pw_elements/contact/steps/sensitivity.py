@@ -62,7 +62,7 @@ class HistoryPart:
         increment_start: state at the start of the increment.
         part_start: state at the start of the part.
         part_end: state at the end of the part.
-        load_factor: fraction of the increment's loads and motions that is applied at the end of the
+        fraction: fraction of the increment's loads and motions that is applied at the end of the
             part.
         load: load of the increment, as it was given to `step`.
     """
@@ -71,7 +71,7 @@ class HistoryPart:
     increment_start: ContactState
     part_start: ContactState
     part_end: ContactState
-    load_factor: float
+    fraction: float
     load: Any
 
 
@@ -91,8 +91,8 @@ def iterate_history_parts(
                 "rates of its motion in the parts are not known. Make smaller increments"
             )
         part_start = start
-        for load_factor, state in (*end.substates, (1.0, end)):
-            yield HistoryPart(k, start, part_start, state, load_factor, load)
+        for fraction, state in (*end.substates, (1.0, end)):
+            yield HistoryPart(k, start, part_start, state, fraction, load)
             part_start = state
 
 
@@ -364,7 +364,7 @@ class Derivatives:
                 linearised.propagate_change(rate, start_change)
                 for rate, start_change in zip(rates, changes, strict=True)
             ]
-            for i, output in enumerate(self.outputs if part.load_factor == 1 else ()):
+            for i, output in enumerate(self.outputs if part.fraction == 1 else ()):
                 weights = self._output_weights(output)
                 derivatives[part.increment, i] = [
                     weights.weighted_sum(change) for change in changes
@@ -384,7 +384,7 @@ class Derivatives:
         gradient, adjoint_weights = np.zeros(len(self.parameters)), self._zero_change()
         for part in reversed(self.parts):
             linearised, rates = self._linearise(part), self._evaluate_rates(part)
-            for i, output in enumerate(self.outputs if part.load_factor == 1 else ()):
+            for i, output in enumerate(self.outputs if part.fraction == 1 else ()):
                 weight = weights[part.increment, i]
                 adjoint_weights = adjoint_weights.add_multiple(weight, self._output_weights(output))
                 gradient += weight * self._explicit_derivatives(output, part)
@@ -396,9 +396,7 @@ class Derivatives:
         try:
             return self.linearise_end(part)
         except ValueError as error:
-            location = (
-                "" if part.load_factor == 1 else f", at {part.load_factor:.4g} of its increment,"
-            )
+            location = "" if part.fraction == 1 else f", at {part.fraction:.4g} of its increment,"
             raise ValueError(f"state {part.increment + 1}{location} {error}") from error
 
     def _zero_vector(self) -> PETSc.Vec:
@@ -414,9 +412,9 @@ class Derivatives:
 
     def _evaluate_rates(self, part: HistoryPart) -> list[DataRates]:
         """Return derivatives of the data at the end of a part with respect to each parameter."""
-        rates_of_parameters, number, load_factor = [], part.increment, part.load_factor
+        rates_of_parameters, number, fraction = [], part.increment, part.fraction
         for parameter, rates in self.parameters:
-            rate = (1 - load_factor) * rates[number] + load_factor * rates[number + 1]
+            rate = (1 - fraction) * rates[number] + fraction * rates[number + 1]
             load, offset = self._zero_vector(), self._zero_vector()
             motions = np.zeros_like(part.part_end.translations)
             friction = np.zeros(len(motions))

@@ -159,7 +159,9 @@ class SmallStrainStepping:
         Arguments and errors are the same as those of `ContactProblem.step`.
         """
         start_time = perf_counter()
-        end = IncrementTarget.from_motions(load, motions, self.interface)
+        end = IncrementTarget.from_motions(
+            load, motions, n_motions=self.interface.position.shape[1]
+        )
         free_motions = end.free_motions
         comm = self.interface.comm
         with report_activity(comm, f"contact increment {state.increment}"):
@@ -459,7 +461,7 @@ class SmallStrainStepping:
         target = make_balanced_target(state, self._K, interface).with_free_motions(
             state.free_motions
         )
-        load_factor = 1.0 if part.increment_start.increment else part.load_factor
+        load_factor = 1.0 if part.increment_start.increment else part.fraction
         target = replace(target, load_factor=load_factor)
         increment, kinematics = self._start_increment(part.part_start, target)
         end = make_increment_start(state, interface, state.translations)
