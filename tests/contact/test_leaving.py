@@ -106,11 +106,11 @@ def separates_along(problem, ends, unknowns):
             for fraction in fractions
         ]
     )
-    displacements = np.zeros((len(fractions), *stepping._node_positions.shape))
+    displacements = np.zeros((len(fractions), *stepping._supports.node_positions.shape))
     pieces = SupportedPieces.fit(
-        stepping._node_positions,
-        stepping._is_supported,
-        stepping._node_component,
+        stepping._supports.node_positions,
+        stepping._supports.is_supported,
+        stepping._supports.node_component,
         displacements,
         stepping.interface.comm,
     )
@@ -169,9 +169,9 @@ def test_supports_behind_a_gap_may_be_reached():
     problem = ContactProblem.of_residual(bodies.residual, bodies.u, bodies.conditions, pair)
     stepping = problem._large_strain_stepping
     node_data = (
-        stepping._node_positions,
-        stepping._is_supported,
-        0 * stepping._node_component,
+        stepping._supports.node_positions,
+        stepping._supports.is_supported,
+        0 * stepping._supports.node_component,
     )  # positions and supports of one connected body
     motions, displacements = np.zeros((65, 1, 3)), np.zeros((65, *node_data[0].shape))
     motions[:, 0, 1] = np.linspace(0.0, -1.1, 65)

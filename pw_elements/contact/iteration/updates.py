@@ -58,66 +58,6 @@ _WORST_NODE_FRACTION = 1 - 1e-6
 _MAX_RELATIVE_TOUCHING_GAP = 1e-9
 
 
-class CycleGuard:
-    """Record of visited active sets, which detects cycles and ends them.
-
-    Of the nodes that have taken part in a cycle, only one changes its status in each iteration.
-    These nodes are called limited.
-    """
-
-    def __init__(self, comm: MPI.Comm) -> None:
-        self._comm = comm
-        self._visited: list[tuple[bytes, ActiveSet]] = []
-        self._limited: Mask | None = None
-
-    def record_and_detect_cycle(self, active: ActiveSet) -> bool:
-        """Record an active set; return whether it was visited before.
-
-        If it was, the nodes that change in the cycle are limited to one change per iteration.
-
-        Raises:
-            NotFound: if all nodes of the cycle are limited already.
-        """
-        vectors = [
-            np.round(v, _COMPARED_DECIMALS)
-            for v in (active.direction, active.friction_ratio, active.limit_slope)
-        ]
-        key = _digest_arrays(self._comm, active.status, *vectors, active.support_friction)
-        keys = [visited_key for visited_key, _ in self._visited]
-        self._visited.append((key, active))
-        if key not in keys:
-            return False
-        cycle = [visited_set for _, visited_set in self._visited[keys.index(key) :]]
-        cycling = np.zeros(len(active.status), dtype=bool)
-        for visited in cycle:
-            cycling |= find_differing_nodes(visited, active)
-        if self._limited is None:
-            self._limited = np.zeros_like(cycling)
-        n_new = self._comm.allreduce(int(np.sum(cycling & ~self._limited)), MPI.SUM)
-        if n_new == 0:
-            raise NotFound(
-                f"the iteration runs through the same {len(cycle) - 1} active sets again, even "
-                "though only one of the cycling nodes changes in each iteration"
-            )
-        self._limited |= cycling
-        self._visited.clear()
-        return True
-
-    def propose_active_set(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
-        """Return the next active set; of the limited nodes, only one changes.
-
-        It is the node that violates the law most.
-        """
-        proposed = nodes.next_active_set(active)
-        if self._limited is None:
-            return proposed
-        violation = np.where(self._limited, np.linalg.norm(nodes.law_violation(), axis=1), 0.0)
-        worst = self._comm.allreduce(violation.max(initial=0.0), MPI.MAX)
-        return combine_active_sets(
-            self._limited & (violation < worst * _WORST_NODE_FRACTION), active, proposed
-        )
-
-
 class ActiveSetHistory:
     """Record of active sets at large strains, for the detection of cycles.
 
@@ -175,7 +115,8 @@ class ActiveSetHistory:
 class ActiveSetUpdate:
     """Rule that chooses the next active set from the contact law.
 
-    The rule prevents cycles and singular tangents.
+    The rule prevents singular tangents, and detects and ends cycles. Of the nodes that have taken
+    part in a cycle, only one changes its status in each iteration. These nodes are called limited.
 
     Args:
         free_motions: function that returns the names of the rigid motions that remain free for an
@@ -189,12 +130,60 @@ class ActiveSetUpdate:
     ) -> None:
         self._interface, self._comm = interface, interface.comm
         self._free_motions, self.accuracy = free_motions, accuracy
-        self._cycles = CycleGuard(self._comm)
+        self._visited: list[tuple[bytes, ActiveSet]] = []
+        self._limited: Mask | None = None
 
     def start(self, active: ActiveSet, increment: Increment) -> None:  # noqa: ARG002
         """Clear the record of visited sets and record the first active set of an increment."""
-        self._cycles = CycleGuard(self._comm)
-        self._cycles.record_and_detect_cycle(active)
+        self._visited, self._limited = [], None
+        self.record_and_detect_cycle(active)
+
+    def record_and_detect_cycle(self, active: ActiveSet) -> bool:
+        """Record an active set; return whether it was visited before.
+
+        If it was, the nodes that change in the cycle are limited to one change per iteration.
+
+        Raises:
+            NotFound: if all nodes of the cycle are limited already.
+        """
+        vectors = [
+            np.round(v, _COMPARED_DECIMALS)
+            for v in (active.direction, active.friction_ratio, active.limit_slope)
+        ]
+        key = _digest_arrays(self._comm, active.status, *vectors, active.support_friction)
+        keys = [visited_key for visited_key, _ in self._visited]
+        self._visited.append((key, active))
+        if key not in keys:
+            return False
+        cycle = [visited_set for _, visited_set in self._visited[keys.index(key) :]]
+        cycling = np.zeros(len(active.status), dtype=bool)
+        for visited in cycle:
+            cycling |= find_differing_nodes(visited, active)
+        if self._limited is None:
+            self._limited = np.zeros_like(cycling)
+        n_new = self._comm.allreduce(int(np.sum(cycling & ~self._limited)), MPI.SUM)
+        if n_new == 0:
+            raise NotFound(
+                f"the iteration runs through the same {len(cycle) - 1} active sets again, even "
+                "though only one of the cycling nodes changes in each iteration"
+            )
+        self._limited |= cycling
+        self._visited.clear()
+        return True
+
+    def propose_active_set(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
+        """Return the next active set; of the limited nodes, only one changes.
+
+        It is the node that violates the law most.
+        """
+        proposed = nodes.next_active_set(active)
+        if self._limited is None:
+            return proposed
+        violation = np.where(self._limited, np.linalg.norm(nodes.law_violation(), axis=1), 0.0)
+        worst = self._comm.allreduce(violation.max(initial=0.0), MPI.MAX)
+        return combine_active_sets(
+            self._limited & (violation < worst * _WORST_NODE_FRACTION), active, proposed
+        )
 
     def choose_next_set(
         self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonState
@@ -228,7 +217,7 @@ class ActiveSetUpdate:
         """
         if state.kinematics is kinematics:
             return active
-        self._cycles = CycleGuard(self._comm)
+        self._visited, self._limited = [], None
         return rotate_active_set(active, kinematics.frame, state.kinematics.frame)
 
     def _propose_next_set(
@@ -237,12 +226,12 @@ class ActiveSetUpdate:
         proposed = self._propose_holding_set(active, state.nodes)
         if not state.is_exact and is_same_set(proposed, active, self._comm):
             return active, "tightened"  # corrected factors may leave small gaps
-        if self._cycles.record_and_detect_cycle(proposed):
+        if self.record_and_detect_cycle(proposed):
             proposed = self._propose_holding_set(active, state.nodes)
         return proposed, self.accuracy
 
     def _propose_holding_set(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
-        return self._prevent_release(self._cycles.propose_active_set(active, nodes), active, nodes)
+        return self._prevent_release(self.propose_active_set(active, nodes), active, nodes)
 
     def _prevent_release(
         self, proposed: ActiveSet, active: ActiveSet, nodes: ContactNodes
@@ -294,12 +283,12 @@ class DeformedSetUpdate(ActiveSetUpdate):
 
     Args:
         interface: contact points of all pairs.
-        keep_cycling_sets: whether an active set of a cycle is kept until its equations are solved.
     """
 
-    def __init__(self, interface: Interface, keep_cycling_sets: bool) -> None:
-        super().__init__(_report_no_free_motions, interface)
-        self._keeps_cycling_sets = keep_cycling_sets
+    keeps_cycling_sets = False
+
+    def __init__(self, interface: Interface) -> None:
+        super().__init__(report_no_free_motions, interface)
 
     def start(self, active: ActiveSet, increment: Increment) -> None:
         """Clear the record of visited sets and record the first active set of an increment."""
@@ -318,7 +307,7 @@ class DeformedSetUpdate(ActiveSetUpdate):
         self._displacement = state.displacement
         relative_change = change / (self._max_over_ranks(np.abs(state.displacement)) or 1.0)
         is_kept = self._history.record_and_decide_to_keep(active, relative_change)
-        if self._keeps_cycling_sets and is_kept:
+        if self.keeps_cycling_sets and is_kept:
             return active, self.accuracy
         return super()._propose_next_set(active, state)
 
@@ -326,8 +315,17 @@ class DeformedSetUpdate(ActiveSetUpdate):
         return float(self._comm.allreduce(values.max(initial=0.0), MPI.MAX))
 
 
-def _report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
-    """Return an empty list, because free rigid motions are not determined at large strains."""
+class CycleKeepingSetUpdate(DeformedSetUpdate):
+    """Rule that keeps an active set of a cycle until the equations of the set are solved."""
+
+    keeps_cycling_sets = True
+
+
+def report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
+    """Return an empty list.
+
+    Free rigid motions are not determined at large strains, and springs hold all rigid motions.
+    """
     return []
 
 
@@ -373,11 +371,13 @@ def choose_first_set(
     Raises:
         FreeBody: if the body is not held even if all nodes that face a surface stick.
     """
-    touching = _find_touching_set(interface, kinematics)
-    candidates = [touching]
     if before.increment:
-        resumed = resume_active_set(interface, kinematics, before)
-        is_unloaded = unloaded[interface.pair]
+        candidates = [resume_active_set(interface, kinematics, before)]
+    else:
+        candidates = [_find_touching_set(interface, kinematics)]
+    if before.increment and unloaded.any():
+        (resumed,), is_unloaded = candidates, unloaded[interface.pair]
+        touching = _find_touching_set(interface, kinematics)
         slipping_status = np.where(touching.status == STICK, SLIP, touching.status)
         slipping = replace(touching, status=slipping_status.astype(np.int8))
         candidates = [
