@@ -179,6 +179,7 @@ class NewtonState:
             accuracy.
         is_exact: whether solving the linear system again would not improve the accuracy.
         is_final: whether the linear system was solved to the final accuracy.
+        step_length: fraction of the step to the linear solution that led to this iterate.
     """
 
     reduced: PETSc.Vec
@@ -196,6 +197,7 @@ class NewtonState:
     is_solution: bool
     is_exact: bool
     is_final: bool
+    step_length: float = 1.0
 
 
 class Increment:
@@ -284,7 +286,7 @@ class Increment:
             system.set_initial_iterate(
                 lambda: equilibrium.displacements(solution.reduced_unknowns), q
             )
-        return self.evaluate(
+        state = self.evaluate(
             solution.reduced_unknowns,
             q,
             kinematics,
@@ -292,6 +294,7 @@ class Increment:
             is_exact=solution.is_exact,
             is_final=solution.is_final or not equilibrium.needs_final_solution,
         )
+        return replace(state, step_length=step_length)
 
     def evaluate(
         self,

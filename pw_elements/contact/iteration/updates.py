@@ -49,8 +49,11 @@ _COMPARED_DECIMALS = 10
 _MIN_RETURNS_OF_CYCLE = 4
 _MAX_CHANGE_OF_SOLVED_SET = 1e-6
 _MAX_ITERATIONS_PER_SET = 6
+# Number of shortened Newton steps after which an iteration between two bodies ends
+_MAX_SHORTENED_STEPS = 3
 # Number of recent active sets that are searched for a cycle
 _N_RECENT_SETS = 8
+_NO_SET_MESSAGE = "no active set satisfies the contact conditions"
 # Fraction of the largest violation above which the violation of a node counts as the largest
 _WORST_NODE_FRACTION = 1 - 1e-6
 # Largest gap that counts as closed in the first active set, relative to the extent of the contact
@@ -88,15 +91,16 @@ class ActiveSetHistory:
             self._last_key, self._n_kept = key, 0
         self._n_kept += 1
         is_solved = change <= _MAX_CHANGE_OF_SOLVED_SET
-        return self._is_cycle and not is_solved and self._n_kept < _MAX_ITERATIONS_PER_SET
+        return self.is_cycle and not is_solved and self._n_kept < _MAX_ITERATIONS_PER_SET
 
     @property
-    def _is_cycle(self) -> bool:
+    def is_cycle(self) -> bool:
+        """Whether visited active sets have come back often enough to count as a cycle."""
         return self._n_returns >= _MIN_RETURNS_OF_CYCLE
 
     def make_error(self, message: str, interface: Interface) -> NotFound:
         """Return the error; if the iteration cycles, the message gives the cycling nodes."""
-        if not self._is_cycle:
+        if not self.is_cycle:
             return NotFound(message)
         changing = np.zeros(len(interface.pair), dtype=bool)
         latest = self._recent[-1][1]
@@ -279,7 +283,9 @@ class ActiveSetUpdate:
 class DeformedSetUpdate(ActiveSetUpdate):
     """Rule that chooses the next active set at large strains.
 
-    Each iteration has new linearised kinematics.
+    Each iteration has new linearised kinematics. For two bodies, an iteration ends early if its
+    active sets cycle, or if several Newton steps had to be shortened because they inverted cells:
+    smaller substeps then cost less than further iterations.
 
     Args:
         interface: contact points of all pairs.
@@ -289,11 +295,12 @@ class DeformedSetUpdate(ActiveSetUpdate):
 
     def __init__(self, interface: Interface) -> None:
         super().__init__(report_no_free_motions, interface)
+        self._ends_early = bool(interface.mortars)
 
     def start(self, active: ActiveSet, increment: Increment) -> None:
         """Clear the record of visited sets and record the first active set of an increment."""
         super().start(active, increment)
-        self._history = ActiveSetHistory(self._comm)
+        self._history, self._n_shortened_steps = ActiveSetHistory(self._comm), 0
         self._displacement = increment.start.displacement
 
     def make_error(self, max_iterations: int) -> NotFound:
@@ -307,9 +314,22 @@ class DeformedSetUpdate(ActiveSetUpdate):
         self._displacement = state.displacement
         relative_change = change / (self._max_over_ranks(np.abs(state.displacement)) or 1.0)
         is_kept = self._history.record_and_decide_to_keep(active, relative_change)
+        if self._ends_early:
+            self._refuse_hopeless_iteration(state)
         if self.keeps_cycling_sets and is_kept:
             return active, self.accuracy
         return super()._propose_next_set(active, state)
+
+    def _refuse_hopeless_iteration(self, state: NewtonState) -> None:
+        """Raise NotFound if active sets cycle or too many Newton steps have been shortened."""
+        self._n_shortened_steps += state.step_length < 1
+        if self._n_shortened_steps >= _MAX_SHORTENED_STEPS:
+            raise NotFound(
+                f"{self._n_shortened_steps} Newton steps would have inverted cells and were "
+                "shortened"
+            )
+        if self._history.is_cycle and not self.keeps_cycling_sets:
+            raise self._history.make_error(_NO_SET_MESSAGE, self._interface)
 
     def _max_over_ranks(self, values: Array) -> float:
         return float(self._comm.allreduce(values.max(initial=0.0), MPI.MAX))
@@ -330,10 +350,7 @@ def report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noq
 
 
 def _format_not_found_message(max_iterations: int) -> str:
-    return (
-        f"no active set satisfies the contact conditions after {max_iterations} iterations "
-        "(max_iterations)"
-    )
+    return f"{_NO_SET_MESSAGE} after {max_iterations} iterations (max_iterations)"
 
 
 def _digest_arrays(comm: MPI.Comm, *arrays: npt.NDArray) -> bytes:

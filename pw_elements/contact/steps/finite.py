@@ -245,7 +245,7 @@ class LargeStrainStepping:
             sizes = (1 / n_initial_substeps, _MIN_SUBSTEP / n_initial_substeps, 2.0)
             if not substeps:
                 substeps, failure = solve_in_substeps(solve_substep, state, sizes)
-            if failure is not None and isinstance(failure[1], Cycling):
+            if failure is not None and isinstance(failure[1], Cycling) and not interface.mortars:
                 # repeat from the start: a state after a snap-through may require large substeps
                 solve_with_kept_sets = partial(solve_substep, make_update=CycleKeepingSetUpdate)
                 retried_substeps, retry_failure = solve_in_substeps(
