@@ -77,7 +77,8 @@ def test_ids_stand_in_names_of_modules_and_figures():
     for section, module in SECTIONS.items():
         name = section.replace(".", "_").lower()
         prefix = f"s{name}_" if section[0].isdigit() else f"{name}_"
-        assert module.rpartition(".")[2].startswith(prefix), module
+        page = module.removesuffix(".page").rpartition(".")[2]  # of a folder, its name
+        assert page.startswith(prefix), module
         for path in PROJECT.glob("figures/*.py"):
             own = f'SECTION = "{section}"' in path.read_text()
             if own and not re.fullmatch(r"(fig|tab)\d\d(_\d\d)?", path.stem):
