@@ -175,9 +175,8 @@ def test_commit_of_the_entry_script_is_taken_over(monkeypatch, tmp_path, commit,
 
 
 def test_texts_of_a_page_that_lends_a_definition_do_not_invalidate(toy):
-    (toy / "lender.py").write_text(
-        'SECTION = "3"\nPROBLEM = "old"\n\n\ndef shared():\n    return 1\n'
-    )
+    lender = toy / "lender.py"
+    lender.write_text('SECTION = "3"\nPROBLEM = "old"\n\n\ndef shared():\n    return 1\n')
     add(toy / "two.py", "from toy.lender import shared\n")
     path = toy / "two.py"
     path.write_text(path.read_text().replace('{"z": 7.0}', '{"z": 7.0 * shared()}'))
