@@ -96,9 +96,10 @@ def reached_sources(
     top = f"{module.partition('.')[0]}."
     starts: set[str] = set()
     for node in (one.node for one in statements):
-        if isinstance(node, ast.ImportFrom) and node.module and _is_page(node.module):
+        named = node.module or "" if isinstance(node, ast.ImportFrom) else ""
+        if isinstance(node, ast.ImportFrom) and named.startswith(top) and _is_page(named):
             for alias in node.names:
-                part = reached_sources(node.module, alias.name, without | {module})
+                part = reached_sources(named, alias.name, without | {module})
                 digests |= {f"{one}:{alias.name}": value for one, value in part.items()}
         elif isinstance(node, ast.Import | ast.ImportFrom):
             starts |= set(_named(node, package))

@@ -6,7 +6,8 @@ import pytest
 
 import study.publish.command
 from study.benchmarks.k_cost import measure
-from study.benchmarks.k_cost.measure import RECORD, TASKS, Row, list_rows
+from study.benchmarks.k_cost.measure import RECORD, Row, list_rows
+from study.benchmarks.k_cost.tasks import TASKS
 from study.run.cases import load_section
 
 OF_PROCESS = {"wall_seconds", "whole_seconds", "megabytes"}
@@ -59,7 +60,7 @@ def test_costs_are_measured_anew_on_demand(tmp_path, monkeypatch):
     assert [case.name for case in anew] == [case.name for case in tracked]
     assert len(measured_names) == len({*measured_names}) > 100
     for case, before in zip(anew, tracked, strict=True):
-        assert before.record == "study/benchmarks/k_cost/record.json"
+        assert before.record == "study/run/cost_record.json"
         is_measured = case.name in measured_names
         assert bool(case.record) is not is_measured
         assert case.run(**case.parameters).dofs == before.run(**before.parameters).dofs

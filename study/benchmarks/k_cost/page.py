@@ -15,7 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from study.benchmarks.k_cost.measure import EXACT_DIGITS, FORCING, RECORD, Row
+from study.benchmarks.k_cost.measure import RECORD, Row
+from study.benchmarks.k_cost.tasks import EXACT_DIGITS, FORCING
 from study.judge.checks import check
 from study.judge.measures.general import ratio
 from study.model.units import units_of

@@ -1,0 +1,554 @@
+"""Tasks whose time and memory section K measures.
+
+Each task takes a row and returns numbers of it: unknowns `dofs`, CPU seconds of the task and, where
+there are any, counts and norms of the solution. Tasks import what they need, because imports are
+part of the measured memory and of the time of a process.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from study.benchmarks.k_cost.measure import Row
+from study.model.vocabulary import SLIP, STICK
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+    from dolfinx import fem
+    from dolfinx.mesh import Mesh
+
+    from pw_elements import Body, Direct, Iterative, Reduction
+    from pw_elements.contact import ContactPair
+    from pw_elements.contact.model import ContactState
+
+T = TypeVar("T")
+Mask = npt.NDArray[np.bool_]
+IsUpper = Callable[[int, npt.NDArray[np.int32]], Mask]
+"""Whether entities (m,) of a dimension belong to the upper block."""
+
+# Tasks
+
+# The block 2 x 1 (x 1): material, loads, friction
+YOUNGS_MODULUS, POISSONS_RATIO = 1000.0, 0.3
+PRESSURE, PUSH, FRICTION = 100.0, 20.0, 0.3
+N_MODES = 6
+
+# Two blocks: the lower one is a unit cube
+STIFFNESS_RATIO, CELL_RATIO = 3.0, 0.8
+"""Modulus and number of cells of the upper block, over those of the lower one."""
+UPPER_ENDS = (0.13, 0.83)
+"""Where the upper block begins and ends, across."""
+FRICTION_BETWEEN = 0.2
+RIM = 6.0
+"""Width of the wide cells around the lower block where the search is measured."""
+
+CELLS_OF_PIECE = {2: 4, 3: 6}
+"""Cells along the side of a loose piece, by dimension."""
+BALL_MOTIONS = ((0.0, 0.0, -0.15), (0.1, 0.0, -0.15))
+"""Translations of a ball of radius 1 on a block of rubber 2 x 2 x 1: pressed in, and on along it."""
+
+FORCING = 0.02
+"""Residual of a linear solution at an iterate of contact, relative to the right-hand side."""
+EXACT_DIGITS = 11
+"""Decimal digits by which `Iterative` reduces the residual of a linear problem."""
+
+
+def time_cpu(work: Callable[[], T]) -> tuple[T, float]:
+    """Return the result of a function, and its CPU seconds on all processes."""
+    from mpi4py import MPI
+
+    start = time.process_time()
+    result = work()
+    return result, MPI.COMM_WORLD.allreduce(time.process_time() - start)
+
+
+def _create_solver(method: str) -> "Direct | Iterative":
+    from pw_elements import Direct, Iterative
+
+    return Direct() if method == "Direct" else Iterative()
+
+
+# The clamped block
+
+
+def measure_assembly(row: Row) -> dict[str, float]:
+    """Measure the assembly of the stiffness."""
+    from pw_elements import assemble_matrix
+
+    form = _block(row.element, row.cells).stiffness()
+    assemble_matrix(form)  # compiles the form
+    K, seconds = time_cpu(lambda: assemble_matrix(form))
+    return {"dofs": K.getSize()[0], "seconds": seconds, "entries": K.getInfo()["nz_used"]}
+
+
+def measure_factors(row: Row) -> dict[str, float]:
+    """Measure MUMPS' factorisation: LDL^T of the standard element, LU of the new one."""
+    from pw_elements import assemble_matrix
+    from pw_elements.algebra import factorise
+
+    body, supports = _clamped_block(row)
+    matrix = supports.matrix(assemble_matrix(body.stiffness()))
+    symmetric = row.element.startswith("galerkin")
+    prepared, seconds = time_cpu(lambda: factorise(matrix, symmetric))
+    entries = prepared.ksp.getPC().getFactorMatrix().getMumpsInfog(29)
+    entries = entries if entries >= 0 else -1e6 * entries  # MUMPS returns large numbers in millions
+    return {"dofs": matrix.getSize()[0], "seconds": seconds, "entries": float(entries)}
+
+
+def measure_frequencies(row: Row) -> dict[str, float]:
+    """Measure the computation of the lowest frequencies."""
+    from pw_elements import assemble_matrix, vibration_modes
+
+    body, supports = _clamped_block(row)
+    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
+    _, seconds = time_cpu(lambda: vibration_modes(K, M, supports, N_MODES))
+    return {"dofs": K.getSize()[0], "seconds": seconds}
+
+
+def measure_incompressible(row: Row) -> dict[str, float]:
+    """Measure a solution of the block at nu = 1/2, pressed and pushed from above."""
+    from pw_elements import assemble_matrix, assemble_vector, boundary_measure, solve, split
+
+    body, supports = _clamped_block(row)
+    K = assemble_matrix(body.stiffness())
+    top = boundary_measure(body.spaces.mesh, lambda x: np.isclose(x[2], 1.0))
+    load = assemble_vector(body.surface_load((PUSH, PUSH / 2, -PRESSURE), top))
+    solver = _create_solver(row.method)
+    a, seconds = time_cpu(lambda: solve(K, load, supports, solver))
+    report = a.getAttr("report")
+    displacement, pressure = split(body.spaces.trial, a)
+    return {
+        "dofs": K.getSize()[0],
+        "seconds": seconds,
+        "krylov_iterations": report.krylov_iterations,
+        "moved": float(displacement.x.petsc_vec.norm()),
+        "pressure": float(pressure.x.petsc_vec.norm()),
+    }
+
+
+def measure_linear(row: Row) -> dict[str, float]:
+    """Measure assembly, set-up of the multigrid levels, and two solutions.
+
+    The residual is reduced to `FORCING` of the load, and by `EXACT_DIGITS`.
+    """
+    from pw_elements import Iterative, assemble_matrix
+    from pw_elements.algebra import full_size_reduction
+
+    body, supports = _clamped_block(row)
+    K, assembly = time_cpu(lambda: assemble_matrix(body.stiffness(), blocked=True))
+    load = full_size_reduction(supports).load(K, _load_block(body))
+
+    def set_up_levels() -> Any:  # noqa: ANN401
+        prepared = Iterative().prepare(K, supports=supports.supports)
+        prepared.set_up()
+        return prepared
+
+    prepared, set_up = time_cpu(set_up_levels)
+    solution, exact_tolerance = load.duplicate(), prepared.ksp.getTolerances()[0]
+    prepared.ksp.setTolerances(rtol=FORCING)
+    _, seconds = time_cpu(lambda: prepared.ksp.solve(load, solution))
+    iterations = prepared.ksp.getIterationNumber()
+    prepared.ksp.setTolerances(rtol=exact_tolerance)
+    _, exact_seconds = time_cpu(lambda: prepared.ksp.solve(load, solution))
+    return {
+        "dofs": K.getSize()[0],
+        "seconds": seconds,
+        "exact_seconds": exact_seconds,
+        "assembly_seconds": assembly,
+        "set_up_seconds": set_up,
+        "iterations": iterations,
+        "krylov_iterations": prepared.report.krylov_iterations - iterations,
+    }
+
+
+def _block(element: str, cells: int) -> "Body":
+    """Return the block, without anything assembled."""
+    from mpi4py import MPI
+
+    from dolfinx.mesh import CellType, create_box, create_rectangle
+
+    from pw_elements import Body, Material
+    from pw_elements.elasticity import StressState
+    from study.model.discretisation import spaces
+
+    comm = MPI.COMM_WORLD
+    if element.endswith("T10"):
+        corners = [(0.0, 0.0, 0.0), (2.0, 1.0, 1.0)]
+        mesh = create_box(comm, corners, (2 * cells, cells, cells), CellType.tetrahedron)
+        state = StressState.SOLID
+    else:
+        mesh = create_rectangle(comm, [(0.0, 0.0), (2.0, 1.0)], (2 * cells, cells))
+        state = StressState.PLANE_STRAIN
+    material = Material(YOUNGS_MODULUS, 0.5 if "hybrid" in element else POISSONS_RATIO)
+    return Body(spaces(element, mesh), material, state)
+
+
+def _clamped_block(row: Row) -> "tuple[Body, Reduction]":
+    """Return the block, and the supports of its base."""
+    from pw_elements import Reduction, prescribe
+
+    body = _block(row.element, row.cells)
+    space, dim = body.spaces.trial, body.spaces.mesh.geometry.dim
+    base = [prescribe(space, i, lambda x: np.isclose(x[dim - 1], 0.0)) for i in range(dim)]
+    return body, Reduction.dirichlet(space, base)
+
+
+def _load_block(body: "Body") -> "PETSc.Vec":
+    """Return the load of a pressure from above and a push at one side."""
+    from pw_elements import assemble_vector, boundary_measure
+
+    mesh = body.spaces.mesh
+    top = boundary_measure(mesh, lambda x: np.isclose(x[2], 1.0))
+    side = boundary_measure(mesh, lambda x: np.isclose(x[0], 0.0))
+    load = assemble_vector(body.surface_load((0.0, 0.0, -PRESSURE), top))
+    load.axpy(1.0, assemble_vector(body.surface_load((PUSH, PUSH / 2, 0.0), side)))
+    return load
+
+
+# The block on a rough plane
+
+
+def measure_contact(row: Row) -> dict[str, float]:
+    """Measure the block on a rough plane, pressed and pushed, held by contact alone."""
+    from pw_elements import Direct
+
+    digits: list[float] = []
+    solver = Direct() if row.method == "Direct" else _create_digit_counter(digits)
+    state, seconds = time_cpu(lambda: _solve_block_on_plane(row.element, row.cells, solver))
+    (pair,) = state.pairs
+    return ({} if row.method == "Direct" else {"digits": sum(digits)}) | {
+        "dofs": state.unknowns.getSize(),
+        "seconds": seconds,
+        "iterations": state.iterations,
+        "factorisations": state.report.factorisations,
+        "krylov_iterations": state.report.krylov_iterations,
+        "sticking": float((pair.status == STICK).sum()),
+        "slipping": float((pair.status == SLIP).sum()),
+    }
+
+
+def _solve_block_on_plane(element: str, cells: int, solver: "Direct | Iterative") -> "ContactState":
+    """Assemble and solve."""
+    from pw_elements import Iterative, Reduction, assemble_matrix
+    from pw_elements.contact import ContactPair, Plane, solve_contact
+
+    body = _block(element, cells)
+    space = body.spaces.trial
+    K = assemble_matrix(body.stiffness(), blocked=isinstance(solver, Iterative))
+    load = _load_block(body)
+    floor = ContactPair(lambda x: np.isclose(x[2], 0.0), Plane((0, 0, 0), (0, 0, 1)), FRICTION)
+    no_supports = Reduction.dirichlet(space, [])
+    (state,) = solve_contact(K, load, no_supports, floor, space, solver=solver)
+    return state
+
+
+def _create_digit_counter(digits: list[float]) -> "Iterative":
+    """Return `Iterative()`, which records by how many digits contact reduces each linear residual.
+
+    Args:
+        digits: list that gets the decimal logarithm of each reduction.
+    """
+    from pw_elements import Iterative
+
+    def record(ksp: "PETSc.KSP", iteration: int, residual: float) -> None:
+        if iteration == 0:
+            digits.append(math.log10(residual / ksp.getTolerances()[1]))
+
+    class DigitCounter(Iterative):
+        def prepare(self, *arguments: Any, **options: Any) -> Any:  # noqa: ANN401
+            prepared: Any = super().prepare(*arguments, **options)
+            create_ksp = prepared.create_flexible_ksp
+
+            def create_monitored_ksp(*arguments: Any) -> "PETSc.KSP":  # noqa: ANN401
+                ksp = create_ksp(*arguments)
+                ksp.setMonitor(record)
+                return ksp
+
+            prepared.create_flexible_ksp = create_monitored_ksp
+            return prepared
+
+    return DigitCounter()
+
+
+# Two blocks
+
+
+def measure_bodies(row: Row) -> dict[str, float]:
+    """Measure a block on a coarser one, which alone holds it: pressed and pushed, with friction."""
+    from petsc4py import PETSc
+
+    from pw_elements import Direct, Iterative
+
+    if row.method == "compared":
+        states, seconds = time_cpu(
+            lambda: [_solve_two_blocks(row, solver) for solver in (Direct(), Iterative())]
+        )
+        a, b = (state.displacement for state in states)
+        statuses = [state.pairs[0].status for state in states]
+        largest = PETSc.NormType.INFINITY
+        return {
+            "dofs": a.getSize(),
+            "seconds": seconds,
+            "difference": (b - a).norm(largest) / a.norm(largest),
+            "other_statuses": float(np.sum(statuses[0] != statuses[1])),
+        }
+    solver = _create_solver(row.method)
+    state, seconds = time_cpu(lambda: _solve_two_blocks(row, solver))
+    (pair,) = state.pairs
+    return {
+        "dofs": state.displacement.getSize(),
+        "seconds": seconds,
+        "iterations": state.iterations,
+        "factorisations": state.report.factorisations,
+        "krylov_iterations": state.report.krylov_iterations,
+        "sticking": float((pair.status == STICK).sum()),
+        "slipping": float((pair.status == SLIP).sum()),
+        "displacement": state.displacement.norm(),
+    }
+
+
+def measure_search(row: Row) -> dict[str, float]:
+    """Measure the mortar integrals of two layers whose meshes do not match.
+
+    With the method "graded" wide cells surround the lower one.
+    """
+    from pw_elements import Reduction
+    from pw_elements.contact.interface import build_interface
+    from pw_elements.spaces import AssemblyRecord
+    from study.model.discretisation import spaces
+
+    rim = RIM if row.method == "graded" else 0.0
+    mesh, is_upper = _two_blocks((row.cells, round(CELL_RATIO * row.cells)), (1, 1), rim)
+    space = spaces(row.element, mesh).trial
+    pair, no_supports = _pair_of_blocks(space, is_upper), Reduction.dirichlet(space, [])
+    record = AssemblyRecord(stress_states=frozenset({"solid"}))
+    _, seconds = time_cpu(lambda: build_interface([pair], space, no_supports, record))
+    return {"dofs": space.dofmap.index_map.size_global * 3, "seconds": seconds}
+
+
+def _solve_two_blocks(row: Row, solver: "Direct | Iterative") -> "ContactState":
+    """Assemble and solve."""
+    from dolfinx.mesh import meshtags
+
+    import pw_elements as pw
+    from pw_elements.contact import solve_contact
+    from pw_elements.elasticity import StressState
+    from study.model.discretisation import spaces
+
+    sizes = (row.cells, round(CELL_RATIO * row.cells))
+    mesh, is_upper = _two_blocks(sizes, sizes)
+    cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    tags = meshtags(mesh, 3, cells, is_upper(3, cells).astype(np.int32))
+    materials = {
+        tag: pw.Material(ratio * YOUNGS_MODULUS, POISSONS_RATIO)
+        for tag, ratio in ((0, 1), (1, STIFFNESS_RATIO))
+    }
+    material = pw.Material.by_tag(mesh, tags, materials)
+    body = pw.Body(spaces(row.element, mesh), material, StressState.SOLID)
+    space = body.spaces.trial
+    top = pw.boundary_measure(mesh, lambda x: np.isclose(x[2], 2.0))
+    load = pw.assemble_vector(body.surface_load((PUSH / 2, PUSH / 4, -PRESSURE), top))
+    base = [pw.prescribe(space, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
+    K = pw.assemble_matrix(body.stiffness(), blocked=isinstance(solver, pw.Iterative))
+    supports = pw.Reduction.dirichlet(space, base)
+    pair = _pair_of_blocks(space, is_upper)
+    (state,) = solve_contact(K, load, supports, pair, space, solver=solver)
+    return state
+
+
+def _two_blocks(
+    sizes: tuple[int, int], layers: tuple[int, int], rim: float = 0.0
+) -> "tuple[Mesh, IsUpper]":
+    """Return a mesh of a block on a coarser one, and which entities belong to the upper one.
+
+    Args:
+        sizes: cells along the sides of the lower and of the upper block.
+        layers: cells along their heights.
+        rim: width of the lower one's outermost cells; zero for that of the others.
+    """
+    from mpi4py import MPI
+
+    from dolfinx.mesh import CellType, compute_midpoints, create_box, create_mesh
+
+    from pw_elements._compat import cell_nodes
+
+    comm = MPI.COMM_WORLD
+    low, high = UPPER_ENDS
+    corners = ([(0, 0, 0), (1, 1, 1)], [(low, low, 1), (high, high, 2)])
+    lower, upper = (
+        create_box(MPI.COMM_SELF, ends, (n, n, depth), CellType.tetrahedron)
+        for ends, n, depth in zip(corners, sizes, layers, strict=True)
+    )
+    if rim:
+        regular, widened = [0, 1 / sizes[0], 1 - 1 / sizes[0], 1], [-rim, 0, 1, 1 + rim]
+        lower.geometry.x[:, :2] = np.interp(lower.geometry.x[:, :2], regular, widened)
+    x = np.concatenate([lower.geometry.x, upper.geometry.x])
+    cells = np.concatenate([cell_nodes(lower), cell_nodes(upper) + len(lower.geometry.x)])
+    if comm.rank:
+        cells, x = cells[:0], x[:0]
+    element = lower.ufl_domain().ufl_coordinate_element()
+    mesh = create_mesh(comm, cells=cells.astype(np.int64), x=x, e=element)
+
+    def is_upper(dim: int, entities: npt.NDArray[np.int32]) -> Mask:
+        mesh.topology.create_connectivity(dim, 3)
+        to_cells = mesh.topology.connectivity(dim, 3)
+        if dim < 3:
+            entities = np.array([to_cells.links(facet)[0] for facet in entities])
+        return np.asarray(compute_midpoints(mesh, 3, entities.astype(np.int32))[:, 2] > 1)
+
+    return mesh, is_upper
+
+
+def _pair_of_blocks(space: "fem.FunctionSpace", is_upper: IsUpper) -> "ContactPair":
+    """Return the pair of the upper block's nodes and the lower one's facets."""
+    from dolfinx import fem
+    from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
+
+    from pw_elements.contact import ContactPair, DeformableSurface
+
+    mesh = space.mesh
+    facets = locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 1.0))
+    facets = np.intersect1d(facets, exterior_facet_indices(mesh.topology))
+    is_slave = is_upper(2, facets)
+    nodes = fem.locate_dofs_topological(space, 2, facets[is_slave])
+    return ContactPair(nodes, DeformableSurface(facets[~is_slave]), FRICTION_BETWEEN)
+
+
+# Loose pieces
+
+
+def measure_pieces(row: Row) -> dict[str, float]:
+    """Measure loose squares or cubes on a rough plane, each pressed and pushed."""
+    from mpi4py import MPI
+
+    from dolfinx.mesh import CellType, create_box, create_mesh, create_rectangle
+
+    import pw_elements as pw
+    from pw_elements._compat import cell_nodes
+    from pw_elements.contact import ContactPair, Plane, solve_contact
+    from pw_elements.elasticity import StressState
+    from study.model.discretisation import spaces
+
+    comm, dim = MPI.COMM_WORLD, 3 if row.element.endswith("T10") else 2
+    n = CELLS_OF_PIECE[dim]
+    if dim == 3:
+        corners = [(0, 0, 0), (1, 1, 1)]
+        piece = create_box(MPI.COMM_SELF, corners, (n, n, n), CellType.tetrahedron)
+    else:
+        piece = create_rectangle(MPI.COMM_SELF, [(0, 0), (1, 1)], (n, n))
+    n_nodes, numbers = len(piece.geometry.x), np.arange(row.cells)
+    shifts = np.column_stack([2.0 * numbers, *np.zeros((dim - 1, row.cells))])
+    x = (piece.geometry.x[:, :dim] + shifts[:, None]).reshape(-1, dim)
+    cells = cell_nodes(piece) + n_nodes * numbers[:, None, None]
+    cells = cells.reshape(-1, dim + 1).astype(np.int64)
+    if comm.rank:
+        cells, x = cells[:0], x[:0]
+    mesh = create_mesh(comm, cells=cells, x=x, e=piece.ufl_domain().ufl_coordinate_element())
+    state = StressState.SOLID if dim == 3 else StressState.PLANE_STRAIN
+    material = pw.Material(YOUNGS_MODULUS, POISSONS_RATIO)
+    body = pw.Body(spaces(row.element, mesh), material, state)
+    space, solver = body.spaces.trial, _create_solver(row.method)
+
+    def assemble_and_solve() -> "ContactState":
+        K = pw.assemble_matrix(body.stiffness(), blocked=row.method == "Iterative")
+        top = pw.boundary_measure(mesh, lambda x: np.isclose(x[dim - 1], 1.0))
+        traction = (PUSH / 10, *[0.0] * (dim - 2), -PRESSURE / 10)
+        load = pw.assemble_vector(body.surface_load(traction, top))
+        up = np.eye(dim)[dim - 1]
+        floor = ContactPair(lambda x: np.isclose(x[dim - 1], 0.0), Plane(0 * up, up), FRICTION)
+        no_supports = pw.Reduction.dirichlet(space, [])
+        (state,) = solve_contact(K, load, no_supports, floor, space, solver=solver)
+        return state
+
+    solution, seconds = time_cpu(assemble_and_solve)
+    return {
+        "dofs": solution.displacement.getSize(),
+        "seconds": seconds,
+        "iterations": solution.iterations,
+        "krylov_iterations": solution.report.krylov_iterations,
+        "displacement": solution.displacement.norm(),
+    }
+
+
+# A ball on rubber
+
+
+def measure_sliding(row: Row) -> dict[str, float]:
+    """Measure two increments of neo-Hookean rubber, and one of the linear body on its mesh."""
+    from mpi4py import MPI
+
+    import ufl
+    from dolfinx import fem
+    from dolfinx.mesh import CellType, create_box
+
+    import pw_elements as pw
+    from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere, solve_contact
+    from study.model.discretisation import spaces
+
+    n = (2 * row.cells, 2 * row.cells, row.cells)
+    corners = [(-1.0, -1.0, -1.0), (1.0, 1.0, 0.0)]
+    mesh = create_box(MPI.COMM_WORLD, corners, n, CellType.tetrahedron)
+    pair_of_spaces = spaces(row.element, mesh)
+    space = pair_of_spaces.trial
+    u = fem.Function(space)
+    F = ufl.Identity(3) + ufl.grad(u)
+    F_inverse = ufl.inv(F).T
+    stress = F - F_inverse + 1.5 * ufl.ln(ufl.det(F)) * F_inverse
+    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 2})
+    residual = ufl.inner(stress, ufl.grad(ufl.TestFunction(pair_of_spaces.test))) * dx
+    tangent = ufl.derivative(residual, u, ufl.TrialFunction(space))
+    base = [pw.prescribe(space, k, lambda x: np.isclose(x[2], -1.0)) for k in range(3)]
+    supports = pw.Reduction.dirichlet(space, base)
+    motions = [Motion(translation) for translation in BALL_MOTIONS]
+    sphere = Sphere((0.0, 0.0, 1.0), 1.0)
+    pair = ContactPair(lambda x: np.isclose(x[2], 0.0), sphere, FRICTION, motions[:1])
+    pw.assemble_matrix(tangent, blocked=True)  # compiles the form
+
+    def solve_linear() -> "list[ContactState]":
+        K = pw.assemble_matrix(tangent, blocked=True)
+        no_load = K.createVecLeft()
+        return solve_contact(K, no_load, supports, pair, space, solver=pw.Iterative())
+
+    _, linear_seconds = time_cpu(solve_linear)
+    problem = ContactProblem.of_residual(residual, u, base, pair, solver=pw.Iterative())
+    state, seconds, iterations, krylov_iterations = problem.undeformed, 0.0, 0, 0
+    for motion in motions:
+        state, step_seconds = time_cpu(partial(problem.step, state, None, motion))
+        seconds += step_seconds
+        iterations += state.iterations
+        krylov_iterations += state.report.krylov_iterations
+    (ball,) = state.pairs
+    return {
+        "dofs": space.dofmap.index_map.size_global * 3,
+        "seconds": seconds,
+        "linear_seconds": linear_seconds,
+        "over_linear": seconds / len(motions) / linear_seconds,
+        "iterations": iterations,
+        "krylov_iterations": krylov_iterations,
+        "sticking": float((ball.status == STICK).sum()),
+        "slipping": float((ball.status == SLIP).sum()),
+        "displacement": state.displacement.norm(),
+        "pressed": float(-ball.force[2]),
+        "pushed": float(ball.force[0]),
+    }
+
+
+TASKS: dict[str, Callable[[Row], dict[str, float]]] = {
+    "assembly": measure_assembly,
+    "factors": measure_factors,
+    "frequencies": measure_frequencies,
+    "contact": measure_contact,
+    "bodies": measure_bodies,
+    "search": measure_search,
+    "pieces": measure_pieces,
+    "sliding": measure_sliding,
+    "incompressible": measure_incompressible,
+    "linear": measure_linear,
+}
+"""Functions of the tasks by the names that rows have."""
